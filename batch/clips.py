@@ -10,11 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any
 
 from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import list_formats
+from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern, sequences_in
 from pdecodec.system.storage import RemoteFile, is_address
@@ -31,7 +32,7 @@ _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClipOptions:
+class ClipOptions(InputOptions):
     """How a clip is read, placed and coded; the names are those of the options of ``pdecodec encode``.
 
     Attributes
@@ -41,30 +42,11 @@ class ClipOptions:
         Root mean square error to encode to, over the diagonal, instead of a tolerance.
     size : int or None
         Largest file [bytes], instead of a tolerance.
-    frames : str or None
-        Frames to take, in the notation of ``--frames``.
-    objects : tuple of str
-        Objects to take; all where it is empty.
-    fps, mesh, clip, transforms, skip_unsupported, isolate
-        As :func:`pdecodec.open_sequence` takes them.
-    up_axis, scale, unit
-        As :func:`pdecodec.formats.base.scene_space.place` takes them.
     """
 
     settings: EncodeSettings = field(default_factory=EncodeSettings)
     rms: float | None = None
     size: int | None = None
-    frames: str | None = None
-    objects: tuple[str, ...] = ()
-    fps: float | None = None
-    mesh: str | None = None
-    clip: str | None = None
-    transforms: Literal["bake", "keep"] = "bake"
-    skip_unsupported: bool = False
-    isolate: bool = False
-    up_axis: str | None = None
-    scale: float = 1.0
-    unit: str | None = None
 
     def __post_init__(self) -> None:
         check_one_target(self.settings, rms=self.rms, size=self.size)

@@ -30,10 +30,8 @@ from pdecodec.codec.encode.coded_order import CodedOrderSequence
 from pdecodec.codec.encode.memory import encoding_bytes
 from pdecodec.codec.encode.report import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
-from pdecodec.formats import open_sequence
-from pdecodec.formats.base.choosing import select_frames, select_objects
+from pdecodec.formats.base.choosing import open_clip
 from pdecodec.formats.base.companions import input_files
-from pdecodec.formats.base.scene_space import place
 from pdecodec.mesh.metrics import measure_distortion
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence
@@ -134,7 +132,7 @@ def look_at(clip: Clip, work: Work) -> Result | Look:
         settings = clip.options.settings
         if is_address(clip.source):
             return Look(encoding_bytes_of_file(RemoteFile(clip.source).size(), settings))
-        with _opened(clip) as sequence:
+        with open_clip(clip.source, clip.options) as sequence:
             return Look(encoding_bytes(sequence.frame_count, sequence.most_vertices, settings))
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
@@ -179,7 +177,7 @@ def plan_clip(clip: Clip, work: Work) -> Result:
         if is_address(clip.source):
             figures: dict[str, Any] = {"source_bytes": _bytes_of(_files(clip))}
         else:
-            with _opened(clip) as sequence:
+            with open_clip(clip.source, clip.options) as sequence:
                 figures = _extent(sequence, _bytes_of(_files(clip)))
         return Result(source=clip.source, output=clip.output, state="planned", figures=figures)
     except Exception as error:  # whatever one clip meets, the others go on
@@ -222,25 +220,6 @@ def _here(clip: Clip) -> Iterator[Clip]:
         yield replace(clip, source=fetched(clip.source, "source"), options=options)
 
 
-def _opened(clip: Clip) -> MeshSequence:
-    options = clip.options
-    whole = open_sequence(
-        clip.source,
-        fps=options.fps,
-        mesh=options.mesh,
-        clip=options.clip,
-        transforms=options.transforms,
-        skip_unsupported=options.skip_unsupported,
-        isolate=options.isolate,
-    )
-    try:
-        chosen = select_objects(select_frames(whole, options.frames), options.objects, clip.source)
-        return place(chosen, up_axis=options.up_axis, scale=options.scale, unit=options.unit)
-    except BaseException:
-        whole.close()
-        raise
-
-
 def _kept(clip: Clip, work: Work) -> Result | None:
     """The result of a clip that is done; None where it has to be coded.
 
@@ -270,7 +249,7 @@ def _kept(clip: Clip, work: Work) -> Result | None:
         record = replace(record, source_stamp=stamp)
         write_record(folder, clip.output, record)
     if work.verify and record.result.get("verified_error") is None:
-        with _here(clip) as here, _opened(here) as sequence:
+        with _here(clip) as here, open_clip(here.source, here.options) as sequence:
             figures = {**record.result, "verified_error": _verified(path, sequence, clip.options, record.result)}
         record = replace(record, result=figures)
         write_record(folder, clip.output, record)
@@ -281,7 +260,7 @@ def _made(clip: Clip, work: Work) -> Result:
     began = time.perf_counter()
     path, files = place_of(work.folder, clip.output), _files(clip)
     stamp = stamp_of(files)
-    with _here(clip) as here, _opened(here) as sequence, _room(path, work.folder) as room:
+    with _here(clip) as here, open_clip(here.source, here.options) as sequence, _room(path, work.folder) as room:
         written = room / "clip.pdeanim"
         try:
             report = _encoded(sequence, written, clip.options)

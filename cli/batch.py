@@ -14,8 +14,14 @@ import click
 
 from pdecodec.cli.console import PartlyDoneError, byte_size, counted, print_json, progress_bar, put, ratio, say, visible
 from pdecodec.cli.encode import encode
-from pdecodec.cli.options import json_option, loudness_options, naming_options, parse_bytes
-from pdecodec.cli.report import parse_share
+from pdecodec.cli.options import (
+    check_growth,
+    growth_options,
+    json_option,
+    loudness_options,
+    naming_options,
+    parse_bytes,
+)
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.system.storage import is_address
 
@@ -75,12 +81,9 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
     "--thorough", is_flag=True, help="Read every source to learn whether it is as it was, though its times say so."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done with each clip; write nothing.")
-@click.option("--compare", metavar="OLD.json", help="The summary.json of an earlier batch, for --fail-if-larger.")
-@click.option(
-    "--fail-if-larger",
-    callback=parse_share,
-    metavar="P%",
-    help="With --compare: exit with 1 where a file grew by more than this.",
+@growth_options(
+    "The summary.json of an earlier batch, for --fail-if-larger.",
+    "With --compare: exit with 1 where a file grew by more than this.",
 )
 @click.option("-y", "--overwrite", is_flag=True, help="Replace files in DIR that are not of this batch.")
 @loudness_options
@@ -122,8 +125,7 @@ def batch(
     from pdecodec.batch.summary import grown, totals_of, write_summary
     from pdecodec.batch.work import Work
 
-    if fail_if_larger is not None and compare is None:
-        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+    check_growth(compare, fail_if_larger)
     if scheduler is not None and jobs is not None:
         raise SettingsError("--jobs is for this machine; with --dask the workers' threads say how many clips at once")
     chosen = clips_of(clips, _clip_options(options))

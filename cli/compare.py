@@ -47,7 +47,7 @@ def compare(
     space and time (a spatio-temporal edge difference after Vasa and Skala 2011) and normals are compared as well. The
     exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
     """
-    from pdecodec.formats import open_sequence
+    from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
     from pdecodec.formats.base.scene_space import bake_transforms
     from pdecodec.mesh.rounding import rounding_noticed
     from pdecodec.mesh.runs import changed
@@ -55,10 +55,8 @@ def compare(
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:
             raise SettingsError(f"{name} must be zero or more, not {value}")
-    with (
-        open_sequence(reference, fps=_rate_for(reference, fps)) as first,
-        open_sequence(other, fps=_rate_for(other, fps)) as second,
-    ):
+    asked = [InputOptions(fps=rate_to_assume(source, fps)) for source in (reference, other)]
+    with open_clip(reference, asked[0]) as first, open_clip(other, asked[1]) as second:
         say_notices(first)
         say_notices(second)
         other_frames = _at_times_of(first, second) if at_frames else second
@@ -76,11 +74,6 @@ def compare(
         say(f"failed: {failure}")
     if failures:
         context.exit(1)
-
-
-def _rate_for(path: str, fps: float | None) -> float | None:
-    """The frame rate to open a path with: a .pdeanim keeps its own."""
-    return None if path.lower().endswith(".pdeanim") else fps
 
 
 def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:

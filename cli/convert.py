@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices, say_rounding
-from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, opened_input, say_plan, say_start, streamed
+from pdecodec.cli.jobs import Job, do_jobs, job_options, say_plan, say_start
 from pdecodec.cli.options import (
     bytes_of,
-    frames_option,
+    input_options,
     json_option,
     loudness_options,
-    objects_option,
     overwrite_option,
-    place_options,
-    read_options,
     rigid_bound,
     within_limits,
     write_options,
 )
-from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
@@ -30,10 +27,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @job_options
-@frames_option
-@objects_option
-@read_options
-@place_options
+@input_options
 @write_options
 @within_limits
 @overwrite_option
@@ -45,7 +39,6 @@ def convert(
     output: str | None,
     extension: str | None,
     dry_run: bool,
-    overwrite: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -56,11 +49,8 @@ def convert(
     -o folder/ --to glb. Frames that a shell lists (walk.*.obj) are one sequence. Velocities are a .pdeanim file's own,
     else central differences.
     """
-    if output == STREAM and as_json:
-        raise SettingsError("-o - and --json both want standard output; leave out one")
-    for job in jobs(paths, output, extension=extension, dry_run=dry_run):
-        with streamed(job, extension=extension or "", dry_run=dry_run) as one:
-            _convert(one, dry_run=dry_run, overwrite=overwrite, as_json=as_json, **options)
+    work = partial(_convert, dry_run=dry_run, as_json=as_json, **options)
+    do_jobs(work, paths=paths, output=output, extension=extension, dry_run=dry_run, as_json=as_json)
 
 
 def _convert(
@@ -75,8 +65,9 @@ def _convert(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Do one job; `options` are what :func:`opened_input` takes."""
+    """Do one job; `options` are fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
     from pdecodec.formats import write_sequence
+    from pdecodec.formats.base.choosing import InputOptions, choose, open_whole
     from pdecodec.formats.base.companions import input_files
     from pdecodec.formats.base.scene_space import velocities_of
     from pdecodec.mesh.metrics import frame_scale
@@ -84,9 +75,11 @@ def _convert(
 
     started = time.perf_counter()
     source, written = job.source, job.output
-    job.check([written], [options["mesh"]], overwrite=overwrite, dry_run=dry_run)
-    with opened_input(job, **options) as (whole, sequence):
-        bound = rigid_bound(whole, options["scale"]) if rigid else None
+    asked = InputOptions(**options)
+    job.check([written], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
+    with open_whole(source, asked) as whole:
+        sequence = choose(whole, asked, job.source_name)
+        bound = rigid_bound(whole, asked.scale) if rigid else None
         say_notices(sequence)
         say_start(job, sequence)
 

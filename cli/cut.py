@@ -11,8 +11,10 @@ import click
 from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import (
     check_apart,
+    effort_option,
     json_option,
     loudness_options,
+    option_group,
     output_option,
     overwrite_option,
     read_options,
@@ -29,13 +31,9 @@ if TYPE_CHECKING:
 SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
 """``A:B``, each part optional."""
 
-effort_option = click.option(
-    "--effort",
-    type=click.Choice(["fast", "default", "best"]),
-    default="default",
-    show_default=True,
-    help="Of frames that are coded.",
-)
+coded_effort_option = effort_option("Of frames that are coded.")
+
+part_options = option_group(within_limits, overwrite_option, loudness_options, json_option)
 
 
 @click.command()
@@ -48,11 +46,8 @@ effort_option = click.option(
     is_flag=True,
     help="Where a group of frames is cut through, code its frames again; the bounds add up for them.",
 )
-@effort_option
-@within_limits
-@overwrite_option
-@loudness_options
-@json_option
+@coded_effort_option
+@part_options
 def cut(
     *,
     source: str,
@@ -95,12 +90,9 @@ def cut(
 @click.option(
     "--recode", is_flag=True, help="Code frames of a .pdeanim of another model again; the bounds add up for them."
 )
-@effort_option
+@coded_effort_option
 @read_options
-@within_limits
-@overwrite_option
-@loudness_options
-@json_option
+@part_options
 def join(
     *,
     source: str,
@@ -122,7 +114,7 @@ def join(
     from contextlib import ExitStack
 
     from pdecodec.codec.editing import join_animations
-    from pdecodec.formats import open_sequence
+    from pdecodec.formats.base.choosing import InputOptions, open_clip
 
     _check_output(output, [source, *others])
     with ExitStack() as stack:
@@ -131,7 +123,7 @@ def join(
             if other.lower().endswith(".pdeanim"):
                 coming.append(other)
                 continue
-            sequence = stack.enter_context(open_sequence(other, **reading))
+            sequence = stack.enter_context(open_clip(other, InputOptions(**reading)))
             say_notices(sequence)
             coming.append(sequence)
         with progress_bar() as progress:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from pdecodec.cli.console import byte_size, counted, extent, print_json, progress_bar, say, say_notices
-from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
+from pdecodec.cli.jobs import STREAM, Job, do_jobs, job_options, say_plan, say_start
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.salvaging import Salvage
     from pdecodec.codec.source import DecodeLimits
+    from pdecodec.formats.base.choosing import InputOptions
     from pdecodec.mesh.sequence import MeshSequence
     from pdecodec.mesh.times import Outside
 
@@ -83,6 +84,7 @@ def decode(
     paths: tuple[str, ...],
     output: str | None,
     extension: str | None,
+    dry_run: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -96,13 +98,8 @@ def decode(
     With --salvage the exit code is 1 where a file was decoded and something of it is missing, 4 where nothing could be
     saved. Frames come at their own times; files numbered by frame count up from the first.
     """
-    if output == STREAM and as_json:
-        raise SettingsError("-o - and --json both want standard output; leave out one")
-    whole = True
-    for job in jobs(paths, output, extension=extension, dry_run=options["dry_run"]):
-        with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
-            whole &= _decode(one, as_json=as_json, **options)
-    if not whole:
+    work = partial(_decode, dry_run=dry_run, as_json=as_json, **options)
+    if not do_jobs(work, paths=paths, output=output, extension=extension, dry_run=dry_run, as_json=as_json):
         context.exit(PdecodecError.exit_code)
 
 
@@ -117,10 +114,13 @@ def _decode(
     as_json: bool,
     **options: Any,
 ) -> bool:
-    """Do one job; returns whether nothing is missing. `options` are fields of the three classes below."""
+    """Do one job; returns whether nothing is missing. `options` are fields of InputOptions and the classes below."""
+    from pdecodec.formats.base.choosing import InputOptions
+
     started = time.perf_counter()
     source = job.source
-    times, place, writing = (_Times.taken(options), _Place.taken(options), _Writing.taken(options))
+    times, writing = _Times.taken(options), _Writing.taken(options)
+    place = InputOptions(**{name: options[name] for name in ("objects", "up_axis", "scale", "unit")})
     times.check()
     refuse_pdeanim(job.output, "decode writes meshes; name another format")
     writing.check()
@@ -222,23 +222,6 @@ class _Times(_Part):
 
 
 @dataclass(frozen=True)
-class _Place(_Part):
-    """Which objects are decoded, and into which space."""
-
-    objects: tuple[str, ...]
-    up_axis: str | None
-    scale: float
-    unit: str | None
-
-    def of(self, sequence: MeshSequence, name: str) -> MeshSequence:
-        from pdecodec.formats.base.choosing import select_objects
-        from pdecodec.formats.base.scene_space import place
-
-        chosen = select_objects(sequence, self.objects, name)
-        return place(chosen, up_axis=self.up_axis, scale=self.scale, unit=self.unit)
-
-
-@dataclass(frozen=True)
 class _Writing(_Part):
     """How what is decoded is written."""
 
@@ -277,19 +260,20 @@ class _Writing(_Part):
 
 
 def _decoded(
-    animation: MeshSequence, times: _Times, place: _Place, name: str, *, with_speeds: bool
+    animation: MeshSequence, times: _Times, place: InputOptions, name: str, *, with_speeds: bool
 ) -> tuple[MeshSequence, MeshSequence | None]:
     """What is written: positions, and velocities where they are wanted. What was salvaged has the frames it has."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.resampling import sampled
+    from pdecodec.formats.base.choosing import choose
 
     chosen = times.of(animation) if isinstance(animation, Animation) else animation
-    positions = place.of(chosen, name)
+    positions = choose(chosen, place, name)
     if not with_speeds:
         return positions, None
     assert isinstance(animation, Animation)
     speeds = sampled(animation, chosen.times, quantity="velocities", outside=times.outside)
-    return positions, place.of(speeds, name)
+    return positions, choose(speeds, place, name)
 
 
 def _say_written(job: Job, result: Mapping[str, Any], size: str, *, with_speeds: bool) -> None:

@@ -3,44 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import (
-    byte_size,
-    print_json,
-    progress_bar,
-    ratio,
-    say,
-    say_alternatives,
-    say_notices,
-)
-from pdecodec.cli.jobs import (
-    SAMPLES,
-    STREAM,
-    Job,
-    job_options,
-    jobs,
-    opened_input,
-    say_plan,
-    say_sizes,
-    say_start,
-    streamed,
-)
+from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
+from pdecodec.cli.jobs import SAMPLES, Job, do_jobs, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
-    frames_option,
+    effort_option,
+    input_options,
     json_option,
     loudness_options,
     max_output_option,
     naming_options,
-    objects_option,
     overwrite_option,
     parse_bytes,
-    place_options,
-    read_options,
 )
 from pdecodec.errors import SettingsError, naming_file
 
@@ -114,13 +94,7 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
     show_default=True,
     help="keep: vertices and faces come back in the order they have. free: in one that costs no bytes.",
 )
-@click.option(
-    "--effort",
-    type=click.Choice(["fast", "default", "best"]),
-    default="default",
-    show_default=True,
-    help="fast: no search on large clips, for previews. best: all bases, for archives. Profile auto.",
-)
+@effort_option("fast: no search on large clips, for previews. best: all bases, for archives. Profile auto.")
 @click.option(
     "--why",
     is_flag=True,
@@ -135,10 +109,7 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
     ".pdeanim IN may ask for.",
 )
 @max_output_option
-@frames_option
-@objects_option
-@read_options
-@place_options
+@input_options
 @overwrite_option
 @loudness_options
 @json_option
@@ -147,6 +118,7 @@ def encode(
     paths: tuple[str, ...],
     output: str | None,
     extension: str | None,
+    dry_run: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -156,17 +128,22 @@ def encode(
     float64 positions those that they are rounded to count, and a warning says where that moves them beyond the bound.
     Several IN go to a folder: -o folder/.
     """
-    if output == STREAM and as_json:
-        raise SettingsError("-o - and --json both want standard output; leave out one")
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
     from pdecodec.codec.source import usual_limits
 
     limits = decode_limits(options["max_memory"], options.pop("max_output"))
-    dry_run = options["dry_run"]
-    for job in jobs(paths, output, extension=extension, default="pdeanim", dry_run=dry_run):
-        with usual_limits(limits), streamed(job, extension="pdeanim", dry_run=dry_run) as one:
-            _encode(one, as_json=as_json, **options)
+    work = partial(_encode, dry_run=dry_run, as_json=as_json, **options)
+    with usual_limits(limits):
+        do_jobs(
+            work,
+            paths=paths,
+            output=output,
+            extension=extension,
+            dry_run=dry_run,
+            as_json=as_json,
+            default="pdeanim",
+        )
 
 
 def _encode(
@@ -179,9 +156,10 @@ def _encode(
     size: int | None,
     **options: Any,
 ) -> None:
-    """Do one job; `options` are fields of the two classes of settings, and what :func:`opened_input` takes."""
+    """Do one job; `options` are fields of the two classes of settings and of InputOptions."""
     from pdecodec.codec.encode.encoder import encode as encode_sequence
     from pdecodec.codec.settings import EncodeSettings, PaperSettings
+    from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
 
     source, output = job.source, job.output
@@ -196,8 +174,9 @@ def _encode(
         checked = EncodeSettings(**settings, paper=PaperSettings(**given))
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
-    job.check([output], [options["mesh"]], overwrite=overwrite, dry_run=dry_run)
-    with opened_input(job, **options) as (_, sequence):
+    asked = InputOptions(**options)
+    job.check([output], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
+    with open_clip(source, asked, name=job.source_name) as sequence:
         say_notices(sequence)
         say_start(job, sequence)
         files = input_files(source)

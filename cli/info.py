@@ -51,14 +51,12 @@ def info(
     of the first run. Of a .pdeanim file its sections, settings and model too; its positions and attributes are decoded
     for --all-frames alone.
     """
-    from pdecodec.formats import open_sequence
+    from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
 
     # What cannot be read is a fact to tell here, no reason to stop.
-    with (
-        standard_input(source) as path,
-        open_sequence(path, skip_unsupported=True, **reading) as sequence,
-    ):
+    asked = InputOptions(skip_unsupported=True, **reading)
+    with standard_input(source) as path, open_clip(path, asked) as sequence:
         say_notices(sequence)
         files = input_files(path)
         facts = {

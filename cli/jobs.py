@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from pdecodec.cli.console import byte_size, extent, put, say, standard_output, visible
-from pdecodec.cli.options import check_apart, check_output
+from pdecodec.cli.options import check_apart, check_output, option_group
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 from pdecodec.system.storage import is_address
 
@@ -51,25 +51,38 @@ class Job:
         check_apart([self.source, *sources], outputs)
 
 
-def job_options(command: Callable[..., None]) -> Callable[..., None]:
-    """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
-    for option in (
-        click.option(
-            "--dry-run",
-            is_flag=True,
-            help="Say what would be read and written, and how large about; write nothing. Without OUT where the format "
-            "is known.",
-        ),
-        click.option(
-            "--to", "extension", metavar="EXT", help="Format of OUT where it is a folder or -: glb, abc, npz."
-        ),
-        click.option(
-            "-o", "--output", metavar="OUT", help="File, folder/ or pattern to write, or - for standard output."
-        ),
-        click.argument("paths", metavar="IN... [OUT]", nargs=-1),
-    ):
-        command = option(command)
-    return command
+job_options = option_group(
+    click.argument("paths", metavar="IN... [OUT]", nargs=-1),
+    click.option("-o", "--output", metavar="OUT", help="File, folder/ or pattern to write, or - for standard output."),
+    click.option("--to", "extension", metavar="EXT", help="Format of OUT where it is a folder or -: glb, abc, npz."),
+    click.option(
+        "--dry-run",
+        is_flag=True,
+        help="Say what would be read and written, and how large about; write nothing. Without OUT where the format is "
+        "known.",
+    ),
+)
+"""``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
+
+
+def do_jobs(
+    work: Callable[[Job], bool | None],
+    *,
+    paths: Sequence[str],
+    output: str | None,
+    extension: str | None,
+    dry_run: bool,
+    as_json: bool,
+    default: str = "",
+) -> bool:
+    """Call `work` for each job of :func:`jobs`, with files in place of streams; return whether none returned False."""
+    if output == STREAM and as_json:
+        raise SettingsError("-o - and --json both want standard output; leave out one")
+    is_whole = True
+    for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
+        with streamed(job, extension=extension or default, dry_run=dry_run) as one:
+            is_whole &= work(one) is not False
+    return is_whole
 
 
 def jobs(
@@ -159,31 +172,6 @@ def _stem(source: str) -> str:
     if is_frame_pattern(path) and not path.exists():
         return str(parse_pattern(path).basename()).rstrip("._- ") or "frames"
     return path.resolve().name if path.is_dir() else path.stem
-
-
-@contextmanager
-def opened_input(
-    job: Job,
-    *,
-    frames: str | None,
-    objects: Sequence[str],
-    up_axis: str | None,
-    scale: float,
-    unit: str | None,
-    **reading: Any,
-) -> Iterator[tuple[MeshSequence, MeshSequence]]:
-    """Open the input of a job, by the `read_options`; beside all of it what is chosen of it, as it is to be placed.
-
-    `frames` and `objects` are those of `frames_option` and `objects_option`, the axis, scale and unit of
-    `place_options`.
-    """
-    from pdecodec.formats import open_sequence
-    from pdecodec.formats.base.choosing import select_frames, select_objects
-    from pdecodec.formats.base.scene_space import place
-
-    with open_sequence(job.source, **reading) as whole:
-        chosen = select_objects(select_frames(whole, frames), objects, job.source_name)
-        yield whole, place(chosen, up_axis=up_axis, scale=scale, unit=unit)
 
 
 @contextmanager

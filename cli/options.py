@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from pdecodec.codec.source import DecodeLimits
     from pdecodec.mesh.sequence import MeshSequence
 
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]
+"""What gives a command an option, or several."""
+
 
 def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
     """Click callback: parse a number of bytes with :func:`pdecodec.codec.settings.parse_byte_count`."""
@@ -32,6 +36,27 @@ def parse_bytes(context: click.Context, parameter: click.Parameter, value: str |
         raise click.BadParameter(str(error), context, parameter) from error
 
 
+def option_group(*options: Decorator) -> Decorator:
+    """Return a decorator that gives a command several options, shown in this order."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def parse_share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    """Click callback: ``5%`` or ``5``, as 0.05."""
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*%?", value.strip())
+    if found is None:
+        raise click.BadParameter(f"{value!r} is not a share such as 5%", context, parameter)
+    return float(found[1]) / 100.0
+
+
 output_option = click.option(
     "-o", "--output", required=True, metavar="OUT", help="File, folder or pattern to write; format by extension."
 )
@@ -43,17 +68,34 @@ def _set_loudness(context: click.Context, parameter: click.Parameter, value: boo
         set_loudness(-1 if parameter.name == "quiet" else 1)
 
 
-def loudness_options(command: Callable[..., None]) -> Callable[..., None]:
-    """``-q`` and ``-v``."""
-    for name, text in (("verbose", "Say what is done as well."), ("quiet", "Say nothing but errors.")):
-        option = click.option(
-            f"-{name[0]}", f"--{name}", is_flag=True, expose_value=False, callback=_set_loudness, help=text
-        )
-        command = option(command)
-    return command
-
+loudness_options = option_group(
+    *(
+        click.option(f"-{name[0]}", f"--{name}", is_flag=True, expose_value=False, callback=_set_loudness, help=text)
+        for name, text in (("quiet", "Say nothing but errors."), ("verbose", "Say what is done as well."))
+    )
+)
+"""``-q`` and ``-v``."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
+page_option = click.option(
+    "-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures."
+)
+
+
+def effort_option(help_text: str) -> Decorator:
+    """``--effort``, of which each command says what it is for."""
+    efforts = click.Choice(["fast", "default", "best"])
+    return click.option("--effort", type=efforts, default="default", show_default=True, help=help_text)
+
+
+def growth_options(compare: str, fail: str) -> Decorator:
+    """``--compare`` and ``--fail-if-larger``, of which each command says what grows: for :func:`check_growth`."""
+    return option_group(
+        click.option("--compare", metavar="OLD.json", help=compare),
+        click.option("--fail-if-larger", callback=parse_share, metavar="P%", help=fail),
+    )
+
+
 fps_option = click.option(
     "--fps",
     type=float,
@@ -81,7 +123,7 @@ velocities_option = click.option(
     "--velocities", is_flag=True, help="Also write velocities, units a second: in OUT where its format holds them."
 )
 
-_READ_OPTIONS = (
+read_options = option_group(
     fps_option,
     click.option("--mesh", metavar="FILE", help="Where a point cache (MDD, PC2) has its faces and names from."),
     click.option("--clip", metavar="NAME", help="Which animation of IN, where it has several (glTF); the first."),
@@ -100,6 +142,7 @@ _READ_OPTIONS = (
         "--isolate", is_flag=True, help="Read IN in a process of its own, which a file damaged on purpose may end."
     ),
 )
+"""How the input is read: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
 max_output_option = click.option(
     "--max-output",
@@ -108,7 +151,7 @@ max_output_option = click.option(
     help="Refuse .pdeanim files that declare more positions, such as 10GB.",
 )
 
-_LIMIT_OPTIONS = (
+limit_options = option_group(
     click.option(
         "--max-memory",
         callback=parse_bytes,
@@ -117,8 +160,9 @@ _LIMIT_OPTIONS = (
     ),
     max_output_option,
 )
+"""What a file may cost: `max_memory` and `max_output`, for :func:`decode_limits`."""
 
-_PLACE_OPTIONS = (
+place_options = option_group(
     click.option(
         "--up-axis",
         type=click.Choice(["X", "Y", "Z"], case_sensitive=False),
@@ -129,9 +173,12 @@ _PLACE_OPTIONS = (
         "--unit", metavar="UNIT", help="The length of a unit of IN, where it does not say it: cm, m, '2.5 m'."
     ),
 )
+"""How the scene is turned and scaled: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
+input_options = option_group(frames_option, objects_option, read_options, place_options)
+"""All fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
-_WRITE_OPTIONS = (
+write_options = option_group(
     velocities_option,
     click.option(
         "--quantize",
@@ -146,6 +193,13 @@ _WRITE_OPTIONS = (
         "become nodes that move; how far off they are is told.",
     ),
 )
+"""What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
+
+
+def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
+    """Refuse ``--fail-if-larger`` without ``--compare``."""
+    if fail_if_larger is not None and compare is None:
+        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
 
 
 def rigid_bound(source: MeshSequence, scale: float) -> float:
@@ -159,27 +213,6 @@ def rigid_bound(source: MeshSequence, scale: float) -> float:
     if bound is None:
         raise SettingsError("--rigid needs a bound, and the file was encoded without one; leave it out")
     return scale * bound
-
-
-def write_options(command: Callable[..., None]) -> Callable[..., None]:
-    """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
-    for option in reversed(_WRITE_OPTIONS):
-        command = option(command)
-    return command
-
-
-def read_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How the input is read: the options of :func:`pdecodec.formats.open_sequence`."""
-    for option in reversed(_READ_OPTIONS):
-        command = option(command)
-    return command
-
-
-def limit_options(command: Callable[..., None]) -> Callable[..., None]:
-    """What a file may cost: `max_memory` and `max_output`, for :func:`decode_limits`."""
-    for option in reversed(_LIMIT_OPTIONS):
-        command = option(command)
-    return command
 
 
 def within_limits(command: Callable[..., None]) -> Callable[..., None]:
@@ -213,13 +246,6 @@ def naming_options(names: Iterable[str]) -> Iterator[None]:
         if name not in names:
             raise
         raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
-
-
-def place_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How the scene is turned and scaled: the options of :func:`pdecodec.formats.base.scene_space.place`."""
-    for option in reversed(_PLACE_OPTIONS):
-        command = option(command)
-    return command
 
 
 def refuse_pdeanim(output: str, instead: str) -> None:

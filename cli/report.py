@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +9,15 @@ from typing import TYPE_CHECKING
 import click
 
 from pdecodec.cli.console import print_json, progress_bar, put, say, say_notices, visible
-from pdecodec.cli.options import fps_option, json_option, within_limits
-from pdecodec.errors import SettingsError
+from pdecodec.cli.options import (
+    check_growth,
+    effort_option,
+    fps_option,
+    growth_options,
+    json_option,
+    page_option,
+    within_limits,
+)
 
 if TYPE_CHECKING:
     from pdecodec.codec.settings import EffortName
@@ -22,19 +28,9 @@ NAMED_PROFILES = ("auto", "paper")
 """Those of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
 
 
-def parse_share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    """Click callback: ``5%`` or ``5``, as 0.05."""
-    if value is None:
-        return None
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*%?", value.strip())
-    if found is None:
-        raise click.BadParameter(f"{value!r} is not a share such as 5%", context, parameter)
-    return float(found[1]) / 100.0
-
-
 @click.command()
 @click.argument("sources", metavar="IN...", nargs=-1, required=True)
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
+@page_option
 @click.option(
     "--tolerance",
     "tolerances",
@@ -51,13 +47,7 @@ def parse_share(context: click.Context, parameter: click.Parameter, value: str |
     help="Measure this profile; may be given repeatedly.  [default: all]",
 )
 @click.option("--baselines/--no-baselines", default=True, show_default=True, help="Measure other methods beside it.")
-@click.option(
-    "--effort",
-    type=click.Choice(["fast", "default", "best"]),
-    default="default",
-    show_default=True,
-    help="Of profile auto.",
-)
+@effort_option("Of profile auto.")
 @click.option(
     "--jobs",
     type=click.IntRange(1),
@@ -67,12 +57,9 @@ def parse_share(context: click.Context, parameter: click.Parameter, value: str |
     help="Other methods measured at a time; profiles are measured alone.",
 )
 @click.option("--fresh", is_flag=True, help="Measure again what an earlier run into DIR has measured.")
-@click.option("--compare", metavar="OLD.json", help="Tell what got better and worse since this report.json.")
-@click.option(
-    "--fail-if-larger",
-    callback=parse_share,
-    metavar="P%",
-    help="With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
+@growth_options(
+    "Tell what got better and worse since this report.json.",
+    "With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
 )
 @within_limits
 @fps_option
@@ -113,8 +100,7 @@ def report(
     from pdecodec.report.clips.measuring import PROFILES, TOLERANCES, ReportPlan
     from pdecodec.research.baselines import available_baselines, face_baselines
 
-    if fail_if_larger is not None and compare is None:
-        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+    check_growth(compare, fail_if_larger)
     for tolerance in tolerances:
         EncodeSettings(tolerance=tolerance)
     old = None if compare is None else read_measurements(Path(compare))
@@ -164,12 +150,12 @@ def report(
 
 def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence | ChangingSequence]]:
     """Every clip, one after the other: in memory, unless its connectivity changes."""
-    from pdecodec.formats import open_sequence
+    from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
     from pdecodec.formats.base.scene_space import bake_transforms
     from pdecodec.mesh.runs import ChangingSequence, changed
 
     for name, path in clips.items():
-        with open_sequence(path, fps=None if path.suffix.lower() == ".pdeanim" else fps) as sequence:
+        with open_clip(path, InputOptions(fps=rate_to_assume(path, fps))) as sequence:
             say_notices(sequence)
             baked = changed(sequence, bake_transforms)
             if isinstance(baked, ChangingSequence):

@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from pdecodec.cli.console import print_json, print_table, progress_bar, say
-from pdecodec.cli.options import json_option
+from pdecodec.cli.options import json_option, page_option
 
 
 @click.command()
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
+@page_option
 @click.option("--rings", type=int, default=832, show_default=True, metavar="N", help="Points of a curve.")
 @click.option("--sides", type=int, default=24, show_default=True, metavar="N", help="Curves, a multiple of 4.")
 @click.option("--fps", type=float, default=8.0, show_default=True, metavar="F", help="Frames per second.")

@@ -8,14 +8,14 @@ from pathlib import Path
 import click
 
 from pdecodec.cli.console import print_json, progress_bar, put, say
-from pdecodec.cli.options import json_option
+from pdecodec.cli.options import json_option, page_option
 
 SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
 """Those of :data:`pdecodec.research.stability.atlas.SECTIONS`, which a help page should not load."""
 
 
 @click.command()
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
+@page_option
 @click.option("--only", type=click.Choice(SECTIONS), multiple=True, help="Only this section; may be given repeatedly.")
 @click.option("--quick", is_flag=True, help="Coarser axes and smaller clips: a look in seconds.")
 @json_option

@@ -1,20 +1,113 @@
-"""Frames and objects of a sequence as users name them: the notations of ``--frames`` and ``--object``."""
+"""Clips as users ask for them: opened, frames and objects selected in the notations of the command line, placed.
+
+Begin with :func:`open_clip`, which is all of it by the fields of one :class:`InputOptions`.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
 from pdecodec.errors import SettingsError, naming_file
+from pdecodec.formats.base.opening import open_sequence
+from pdecodec.formats.base.registry import Transforms
+from pdecodec.formats.base.scene_space import place
 from pdecodec.mesh.selection import ObjectSelection, select
 from pdecodec.mesh.sequence import MeshSequence
 
 FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 """``A:B:STEP``, each part optional, as Python writes a slice."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputOptions:
+    """How a clip is read, what is selected of it, and how it is placed; the names are those of the options.
+
+    Attributes
+    ----------
+    fps, mesh, clip, transforms, skip_unsupported, isolate
+        As :func:`pdecodec.open_sequence` takes them.
+    frames : str or None
+        Frames to take, as :func:`select_frames` reads them.
+    objects : tuple of str
+        Objects to take, as :func:`select_objects` reads them; all where it is empty.
+    up_axis, scale, unit
+        As :func:`pdecodec.formats.base.scene_space.place` takes them.
+    """
+
+    fps: float | None = None
+    mesh: str | None = None
+    clip: str | None = None
+    transforms: Transforms = "bake"
+    skip_unsupported: bool = False
+    isolate: bool = False
+    frames: str | None = None
+    objects: tuple[str, ...] = ()
+    up_axis: str | None = None
+    scale: float = 1.0
+    unit: str | None = None
+
+
+def open_clip(
+    source: str | os.PathLike[str], options: InputOptions | None = None, *, name: str | None = None
+) -> MeshSequence:
+    """Open a clip, select frames and objects of it, and place it.
+
+    Parameters
+    ----------
+    source : path or address
+    options : InputOptions, optional
+    name : str, optional
+        What errors call the source. Default: its path.
+
+    Raises
+    ------
+    InputError, SettingsError, MissingExtraError
+        As :func:`open_whole` and :func:`choose` do.
+    """
+    options = options or InputOptions()
+    whole = open_whole(source, options)
+    try:
+        return choose(whole, options, name or os.fspath(source))
+    except BaseException:
+        whole.close()
+        raise
+
+
+def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSequence:
+    """Open all of a clip, as :func:`pdecodec.open_sequence` does."""
+    return open_sequence(
+        source,
+        fps=options.fps,
+        mesh=options.mesh,
+        clip=options.clip,
+        transforms=options.transforms,
+        skip_unsupported=options.skip_unsupported,
+        isolate=options.isolate,
+    )
+
+
+def choose(whole: MeshSequence, options: InputOptions, name: str) -> MeshSequence:
+    """Select frames and objects of an open clip, which errors call `name`, and place it.
+
+    Raises
+    ------
+    InputError, SettingsError
+        As :func:`select_frames`, :func:`select_objects` and :func:`pdecodec.formats.base.scene_space.place` do.
+    """
+    chosen = select_objects(select_frames(whole, options.frames), options.objects, name)
+    return place(chosen, up_axis=options.up_axis, scale=options.scale, unit=options.unit)
+
+
+def rate_to_assume(source: str | os.PathLike[str], fps: float | None) -> float | None:
+    """Return the rate to open a source with, among others: None for a .pdeanim file, which stores its times."""
+    return None if os.fspath(source).lower().endswith(".pdeanim") else fps
 
 
 def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:

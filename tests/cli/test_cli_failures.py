@@ -249,10 +249,10 @@ def test_a_small_file_that_declares_much_is_announced(tmp_path: Path, capsys: Ca
 def test_every_failure_has_its_exit_code_and_one_line(
     monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, words: str, capsys: Capture
 ) -> None:
-    def fail(path: str, **options: object) -> NoReturn:
+    def fail(*given: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr("pdecodec.formats.open_sequence", fail)
+    monkeypatch.setattr("pdecodec.formats.base.choosing.open_clip", fail)
     assert words in error_of(capsys, code, "info", "clip.npz")
 
 
@@ -393,8 +393,8 @@ def test_a_reader_that_has_seen_enough_is_neither_a_message_nor_a_failed_check(a
 
 def test_a_bug_is_told_in_one_line_and_traced_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
     code = (
-        "import sys, pdecodec.formats, pdecodec.cli.main as m\n"
-        "pdecodec.formats.open_sequence = lambda path, **options: 1 / 0\n"
+        "import sys, pdecodec.formats.base.choosing as choosing, pdecodec.cli.main as m\n"
+        "choosing.open_clip = lambda path, options: 1 / 0\n"
         "sys.argv = ['pdecodec', 'info', 'clip.npz']\n"
         "m.main()"
     )
