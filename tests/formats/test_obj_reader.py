@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence
 from pdecodec.formats.base.frame_files import KeptPositions
@@ -538,39 +537,3 @@ def test_what_is_not_there_is_refused(tmp_path: Path, name: str, message: str):
         (tmp_path / name).mkdir()
     with pytest.raises(InputError, match=message):
         open_sequence(tmp_path / name)
-
-
-@settings(max_examples=150)
-@given(st.binary(max_size=200))
-def test_random_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, noise: bytes):
-    with pytest.raises(InputError):
-        read(tmp_path_factory.mktemp("noise"), noise)
-
-
-def test_the_core_refuses_text_that_it_would_read_beyond():
-    for make in (_core.ObjScan, _core.ObjStructure, lambda text: _core.ObjStructure(b"").read_positions(text, NOWHERE)):
-        with pytest.raises(ValueError, match="must end with a line feed"):
-            make(b"v 1 2 3")
-
-
-NOWHERE = np.zeros((0, 3), np.float32)
-
-WHOLE = (THREE + "vt 0 0\nvn 0 0 1\no a\ng b\nusemtl c\ns 1\nf 1/1/1 2/1/1 -1/-1/-1\nl 1 2\np 3\n").encode()
-OTHERS = [b"\n", b"/", b"-", b" ", b"v", b"f", b"#", b"\\", b"9", b"e", b".", b"\xff", b"\r", b""]
-
-
-@settings(max_examples=300)
-@given(st.integers(0, len(WHOLE) - 1), st.sampled_from(OTHERS), st.booleans())
-def test_a_file_with_one_byte_changed_or_cut_is_refused_or_read_with_indices_in_range(
-    tmp_path_factory: pytest.TempPathFactory, place: int, byte: bytes, cut: bool
-):
-    try:
-        sequence = read(
-            tmp_path_factory.mktemp("changed"), WHOLE[:place] if cut else WHOLE[:place] + byte + WHOLE[place + 1 :]
-        )
-    except InputError:
-        return
-    points = sequence.read_frames(0, 1)
-    assert points.shape == (1, sequence.vertex_count, 3)
-    used = np.concatenate([sequence.connectivity.face_indices, sequence.connectivity.line_indices])
-    assert ((used >= 0) & (used < points.shape[1])).all()

@@ -12,7 +12,6 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from tests.support.mesh_cases import connectivity_of
-from tests.support.sequence_cases import rich_sequence
 
 
 def square(times: np.ndarray | None = None, frames: int = 5) -> ArraySequence:
@@ -20,17 +19,6 @@ def square(times: np.ndarray | None = None, frames: int = 5) -> ArraySequence:
     points = np.random.default_rng(1).normal(size=(frames, 4, 3)).astype(np.float32)
     item = MeshObject("square", connectivity_of(4, [[0, 1, 2, 3]]))
     return ArraySequence(points, objects=[item], times=times, fps=25)
-
-
-@pytest.mark.parametrize("extension", ["mdd", "pc2"])
-def test_objects_and_attributes_of_the_mesh_come_with_it(tmp_path: Path, extension: str) -> None:
-    clip = rich_sequence()
-    write_sequence(clip, tmp_path / "mesh.h5")
-    write_sequence(clip, tmp_path / f"x.{extension}")
-    with open_sequence(tmp_path / f"x.{extension}", fps=24, mesh=tmp_path / "mesh.h5") as read:
-        assert [item.name for item in read.objects] == ["body", "strand 二"]
-        assert [one.name for one in read.objects[0].attributes] == ["uv", "group", "color", "mass"]
-        assert dict(read.metadata) == {"up_axis": "Y", "unit": "m"}
 
 
 def test_mdd_is_the_bytes_that_the_format_says(tmp_path: Path) -> None:

@@ -5,26 +5,16 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from pdecodec.codec.container import IDENTIFIER
-from pdecodec.errors import CorruptFileError, InputError, MissingExtraError, PdecodecError, SettingsError
-from pdecodec.formats import Format, list_formats, open_sequence, register_format, write_sequence
-from pdecodec.formats.base import registry
+from pdecodec.errors import CorruptFileError, InputError, PdecodecError, SettingsError
+from pdecodec.formats import list_formats, open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence
 
 TWO_FRAMES = ArraySequence(np.arange(18, dtype=np.float32).reshape(2, 3, 3), fps=24)
-
-
-@pytest.fixture
-def own_formats(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Registrations that end with the test."""
-    own = registry._Formats(registry._formats)
-    own.whole()
-    monkeypatch.setattr(registry, "_formats", own)
 
 
 def test_the_list_of_formats_says_what_each_can_do():
@@ -113,27 +103,6 @@ def test_a_frame_rate_must_be_a_positive_number_and_none_is_given_to_a_pdeanim_f
         open_sequence(tmp_path / "x.pdeanim", fps=24)
 
 
-@pytest.mark.usefixtures("own_formats")
-def test_a_new_format_joins_with_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    module = ModuleType("my_format")
-    module.open_mine = lambda path, *, fps: TWO_FRAMES  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "my_format", module)
-    entry = Format(name="mine", title="Mine", extensions=(".mine",), magic=(b"MINE",), reader="my_format:open_mine")
-    register_format(entry)
-    (tmp_path / "x.other").write_bytes(b"MINE and more")
-    assert open_sequence(tmp_path / "x.other") is TWO_FRAMES
-    assert entry in list_formats()
-    with pytest.raises(InputError, match=r"Mine \(mine\) cannot be written here; choose another format"):
-        write_sequence(TWO_FRAMES, tmp_path / "x.mine")
-    register_format(Format(name="new", title="New", extensions=(".new",), reader="not_here:open_new", extra="new"))
-    (tmp_path / "x.new").write_bytes(b"any")
-    with pytest.raises(MissingExtraError, match=r"New needs the package not_here; run: pip install 'pdecodec\[new\]'"):
-        open_sequence(tmp_path / "x.new")
-    for name, extension in (("obj", ".newer"), ("newer", ".npz")):
-        with pytest.raises(SettingsError, match="collides with"):
-            register_format(Format(name=name, title="Newer", extensions=(extension,)))
-
-
 def test_a_folder_of_two_formats_asks_for_a_pattern(tmp_path: Path):
     (tmp_path / "1.obj").write_text("v 0 0 0\n")
     (tmp_path / "1.ply").write_text("ply\n")
@@ -165,16 +134,38 @@ def test_packages_add_formats_by_entry_points_and_a_broken_one_is_named_where_it
         "TAKEN = Format(name='taken', title='Taken', extensions=('.obj',))\n"
     )
     code = (
-        "from pdecodec.formats import list_formats, open_sequence, write_sequence\n"
+        "from pdecodec.formats import Format, list_formats, open_sequence, register_format, write_sequence\n"
         "from pdecodec.cli.main import run\n"
         "print([entry.name for entry in list_formats()][-1])\n"
+        "mine = Format(name='mine', title='Mine', extensions=('.mine',), magic=(b'1.5',), reader='studio:read')\n"
+        "register_format(mine)\n"
+        "register_format(Format(name='new', title='New', extensions=('.new',), reader='gone:read', extra='new'))\n"
+        "print(open_sequence('x.any').read_frames(0, 1)[0, 0].tolist(), mine in list_formats())\n"
+        "for name in ('x.new', 'x.mine', 'obj', 'newer'):\n"
+        "    try:\n"
+        "        if name == 'x.new':\n"
+        "            open_sequence(name)\n"
+        "        elif name == 'x.mine':\n"
+        "            write_sequence(open_sequence('x.any'), name)\n"
+        "        register_format(Format(name=name, title='Newer', extensions=('.npz',)))\n"
+        "    except Exception as error:\n"
+        "        print(type(error).__name__, error)\n"
         "from pdecodec.mesh.sequence import ArraySequence\n"
         "print(write_sequence(ArraySequence([[[7, 7, 7]]]), 'x.studio'))\n"
         "print(open_sequence('x.studio').read_frames(0, 1)[0, 0].tolist())\n"
         "run(['convert', 'x.studio', 'x.other'])\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(package))
+    (tmp_path / "x.any").write_bytes(b"1.5")
+    (tmp_path / "x.new").write_bytes(b"any")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True)
-    assert done.stdout.splitlines() == ["studio", "('one number is kept',)", "[7.0, 7.0, 7.0]"]
+    assert done.stdout.splitlines() == [
+        *("studio", "[1.5, 1.5, 1.5] True"),
+        "MissingExtraError x.new: New needs the package gone; run: pip install 'pdecodec[new]'",
+        "InputError x.mine: Mine (mine) cannot be written here; choose another format",
+        "SettingsError format 'obj' collides with 'obj'; choose another name or extension",
+        "SettingsError format 'newer' collides with 'npz'; choose another name or extension",
+        *("('one number is kept',)", "[7.0, 7.0, 7.0]"),
+    ]
     assert "broken could not be loaded (AttributeError: module 'studio' has no attribute 'NOTHING')" in done.stderr
     assert "taken could not be loaded (SettingsError: format 'taken' collides with 'obj'" in done.stderr

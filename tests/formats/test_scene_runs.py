@@ -11,10 +11,9 @@ import pytest
 from pdecodec import ArraySequence, Attribute, ChangingSequence, MeshObject, MeshSequence, encode, open_sequence
 from pdecodec.cli.main import run
 from pdecodec.formats import write_sequence
-from pdecodec.formats.base.attribute_roles import expanded
 from spec.accepted import connectivity, grid, noise
 from tests.support.blender_tools import seen_by_blender
-from tests.support.scene_cases import SPACE, needed
+from tests.support.scene_cases import SPACE, meaning_of, needed
 
 SCENES = ["abc", "usda", "usdc"]
 
@@ -81,11 +80,7 @@ def assert_same_object(read: MeshObject, item: MeshObject) -> None:
     assert {one.name for one in read.attributes} == {one.name for one in item.attributes}
     for one in item.attributes:
         other = next(other for other in read.attributes if other.name == one.name)
-        mine, theirs = expanded(one), expanded(other)
-        if one.labels:
-            assert [one.labels[k] for k in mine] == [other.labels[k] for k in theirs]
-        else:
-            assert np.array_equal(mine, theirs)
+        assert np.array_equal(meaning_of(one), meaning_of(other))
 
 
 @pytest.mark.parametrize("extension", SCENES)
