@@ -31,8 +31,7 @@ from pdecodec.formats.base.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.base.scene_reading import Extras
-from pdecodec.formats.base.scene_writing import Parameter, named_face_sets, unlike, write_parameters
-from pdecodec.formats.base.shape_writing import Drawn
+from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 

@@ -28,11 +28,11 @@ from pdecodec.formats.alembic.attributes import (
 )
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, time_sampling
-from pdecodec.formats.base.frame_files import not_kept
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import NormalRows, normal_rows
 from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.shape_writing import drawn_as
+from pdecodec.formats.base.scene_writing import drawn_as
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import ReservedRoom, failure_of

@@ -41,8 +41,7 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
-from pdecodec.formats.base.scene_writing import tree_paths
-from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
+from pdecodec.formats.base.scene_writing import ShapeKey, ShapeWriter, shape_keys, tree_paths, write_shapes
 from pdecodec.formats.base.times import regular_rate
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence

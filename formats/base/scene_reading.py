@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups
-from pdecodec.formats.base.frame_files import not_kept, runs_of_frames
+from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
 from pdecodec.formats.base.times import SAME_TIME, Timing

@@ -23,8 +23,7 @@ from pdecodec.formats.gltf.file import (
     flipped,
     noted_integers,
 )
-from pdecodec.formats.gltf.motion import Motion
-from pdecodec.formats.gltf.quantization import Lattice
+from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_files import not_kept
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS

@@ -28,8 +28,7 @@ from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.file import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
-from pdecodec.formats.gltf.motion import Motion, motion_of
-from pdecodec.formats.gltf.quantization import lattice_of, with_rounded_normals
+from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence
 

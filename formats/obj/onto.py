@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_files import find_frames, write_frames
+from pdecodec.formats.base.frame_files import find_frames
+from pdecodec.formats.base.frame_meshes import write_frames
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.registry import Output

@@ -27,7 +27,8 @@ import numpy as np
 
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_files import FrameFiles, KeptPositions, find_frames, runs_of_frames
+from pdecodec.formats.base.frame_files import FrameFiles, find_frames
+from pdecodec.formats.base.frame_meshes import KeptPositions, runs_of_frames
 from pdecodec.formats.base.normals import normal_group, read_normal_group
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME

@@ -18,13 +18,8 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, UV, indexed_rows, left_out, uv_sets, vertex_color
-from pdecodec.formats.base.frame_files import (
-    FOLDER_PADDING,
-    FrameBytes,
-    frames_there,
-    is_frame_pattern,
-    write_frames,
-)
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
+from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed

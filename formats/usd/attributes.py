@@ -20,8 +20,7 @@ from pdecodec.formats.base.attribute_roles import (
     source_name,
 )
 from pdecodec.formats.base.scene_reading import Extras
-from pdecodec.formats.base.scene_writing import Parameter, named_face_sets, unlike, write_parameters
-from pdecodec.formats.base.shape_writing import Drawn
+from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity, MeshObject
 

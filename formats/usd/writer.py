@@ -16,8 +16,15 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
-from pdecodec.formats.base.scene_writing import renamed, steps_of, tree_paths
-from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
+from pdecodec.formats.base.scene_writing import (
+    ShapeKey,
+    ShapeWriter,
+    renamed,
+    shape_keys,
+    steps_of,
+    tree_paths,
+    write_shapes,
+)
 from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import (
     ADDED,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_files import join_cells
+from pdecodec.formats.base.frame_meshes import join_cells
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 

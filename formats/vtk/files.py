@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
-from pdecodec.formats.base.frame_files import (
-    FOLDER_PADDING,
+from pdecodec.formats.base.frame_files import FOLDER_PADDING
+from pdecodec.formats.base.frame_meshes import (
     FrameBytes,
     MeshFile,
     not_kept,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_files import MeshFile, not_kept
+from pdecodec.formats.base.frame_meshes import MeshFile, not_kept
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.mesh.arrays import Int64Array

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.arrays.hdf5 import new_hdf5
 from pdecodec.formats.base.attribute_roles import lost_by_joining
-from pdecodec.formats.base.frame_files import not_kept
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored

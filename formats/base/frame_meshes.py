@@ -1,0 +1,304 @@
+"""Meshes of one file a frame: read one by one, with runs where connectivity changes, and written all or none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import ID
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, find_frames, frames_there, is_frame_pattern, parse_pattern
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.times import Timing, timing_of_numbers
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
+from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.system.whole_output import partial_folder, publish, write_errors
+
+Positions = NDArray[Any]
+"""Of a frame, of the type of number that its file has."""
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What one file holds: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
+
+    points: Positions
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    def continues(self, other: MeshFile) -> bool:
+        """Whether another mesh has the same faces and lines, and the same vertices where they have ids."""
+        mine, theirs = (next((one.values for one in mesh.attributes if one.name == ID), None) for mesh in (self, other))
+        if (mine is None) != (theirs is None):
+            return False
+        is_same = mine is None or theirs is None or np.array_equal(mine, theirs)
+        return is_same and self.connectivity.same_as(other.connectivity)
+
+
+def not_kept(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the line that names what of a file is not kept; none where that is nothing."""
+    listed = ", ".join(dict.fromkeys(names))
+    return (f"not kept: {listed}",) if listed else ()
+
+
+def _joined(parts: list[MeshFile]) -> MeshFile:
+    """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    firsts = np.cumsum([0, *(len(part.points) for part in parts)])
+    shared = [part.connectivity for part in parts]
+    connectivity = Connectivity(
+        int(firsts[-1]),
+        np.concatenate([one.face_counts for one in shared]),
+        np.concatenate([one.face_indices + first for one, first in zip(shared, firsts, strict=False)]),
+        np.concatenate([one.line_counts for one in shared]),
+        np.concatenate([one.line_indices + first for one, first in zip(shared, firsts, strict=False)]),
+    )
+    names = dict.fromkeys(one.name for part in parts for one in part.attributes)
+    notices = dict.fromkeys(notice for part in parts for notice in part.notices)
+    lost = (f"not kept, for it has several parts: {', '.join(names)}",) if names else ()
+    return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
+
+
+class FrameMeshes:
+    """The meshes of the files of frames.
+
+    Parameters
+    ----------
+    files : sequence of sequences of pathlib.Path
+        Of each frame, mostly one.
+    read : callable
+        Gives the mesh of a file, or raises InputError.
+    """
+
+    def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
+        self.files, self._read = tuple(map(tuple, files)), read
+        self._kept = KeptPositions()
+
+    def mesh(self, frame: int) -> MeshFile:
+        return _joined([self._read(path) for path in self.files[frame]])
+
+    def points(self, frame: int, connectivity: Connectivity) -> Positions:
+        """Positions of a frame; InputError where it has another connectivity."""
+        found = self._kept.get(frame)
+        if found is None or len(found) != connectivity.vertex_count:
+            mesh = self.mesh(frame)
+            if not mesh.connectivity.same_as(connectivity):
+                raise InputError(
+                    f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
+                    path=self.files[frame][0],
+                    frame=frame,
+                )
+            found = mesh.points
+        return found
+
+    def run_starts(self) -> list[tuple[int, int]]:
+        """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
+
+        A frame that cannot be read is told of when it is asked for; the first one here.
+        """
+        starts: list[tuple[int, int]] = []
+        before: MeshFile | None = None
+        for frame in range(len(self.files)):
+            try:
+                mesh = self.mesh(frame)
+            except InputError:
+                if frame == 0:
+                    raise
+                continue
+            if before is None or not mesh.continues(before):
+                starts.append((frame, len(mesh.points)))
+                before = mesh
+            self._kept.keep(frame, mesh.points)
+        return starts
+
+
+class KeptPositions(dict[int, Positions]):
+    """Positions of frames that were read to compare them, as many as fit in a block."""
+
+    room = BLOCK_BYTES
+
+    def keep(self, frame: int, points: Positions) -> None:
+        if points.nbytes <= self.room:
+            self.room -= points.nbytes
+            self[frame] = points
+
+
+class FrameSequence(MeshSequence):
+    """Frames of one connectivity, from one on, that are read when they are asked for."""
+
+    def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
+        self._meshes, self._first = meshes, first
+        mesh = meshes.mesh(first)
+        self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
+        self.times, self.fps, notices = timing
+        self.metadata = {}
+        self.notices = (*notices, *mesh.notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for frame in range(start, stop):
+            stored = self._meshes.points(self._first + frame, self.objects[0].connectivity)
+            points[frame - start] = to_float32(stored)
+        return points
+
+
+def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
+    """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
+    files = find_frames(path, extension)
+    return sequence_of_files([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
+
+
+def sequence_of_files(
+    files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]
+) -> MeshSequence:
+    """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
+
+    Every file is read once to learn whether it does; positions are kept while they fit in a block.
+    """
+    meshes = FrameMeshes(files, read)
+    return runs_of_frames(meshes.run_starts(), timing, lambda first, own: FrameSequence(meshes, first, own))
+
+
+def runs_of_frames(
+    starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
+) -> MeshSequence:
+    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame.
+
+    Those without vertices are left out, with a notice: no sequence has frames without any.
+    """
+    times, fps, notices = timing
+    ends = [*(first for first, _ in starts[1:]), times.size]
+    kept = [(first, end, vertices) for (first, vertices), end in zip(starts, ends, strict=True) if vertices]
+    frames = [end - first for first, end, _ in kept]
+    if not kept:
+        raise InputError("there are no vertices in any frame; check the file")
+    if sum(frames) < times.size:
+        lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
+        notices = (*notices, f"{lost}: what came before stands still there")
+    first = open_run(kept[0][0], (times[kept[0][0] : kept[0][1]], fps, notices))
+    if len(kept) == 1:
+        return first
+
+    def of(number: int) -> MeshSequence:
+        begin, end, _ = kept[number]
+        return open_run(begin, (times[begin:end], fps, ())) if number else first
+
+    sequence = ChangingSequence(
+        OpenedRuns(of, len(kept)),
+        times=np.concatenate([times[begin:end] for begin, end, _ in kept]),
+        frames=frames,
+        vertices=[vertices for _, _, vertices in kept],
+        fps=fps,
+        metadata=first.metadata,
+        notices=first.notices,
+    )
+    sequence.unsupported = first.unsupported
+    return sequence
+
+
+def _difference(mine: Connectivity, first: Connectivity) -> str:
+    if mine.vertex_count != first.vertex_count:
+        return f"there are {mine.vertex_count} vertices, the first frame has {first.vertex_count}"
+    if mine.face_count != first.face_count or mine.line_count != first.line_count:
+        return f"there are {mine.face_count} faces and {mine.line_count} lines, the first frame has others"
+    return "faces or lines join other vertices than in the first frame"
+
+
+def join_cells(
+    vertices: int, faces: Sequence[NDArray[np.integer]], lines: Sequence[NDArray[np.integer]]
+) -> Connectivity:
+    """The connectivity of blocks of cells of one size, (cells, corners), or of single ones, (corners,)."""
+    joined = []
+    for blocks in (faces, lines):
+        rows = [np.atleast_2d(block) for block in blocks]
+        joined.append(np.concatenate([np.zeros(0, np.int32), *(np.full(len(row), row.shape[1]) for row in rows)]))
+        joined.append(np.concatenate([np.zeros(0, np.int64), *(row.reshape(-1) for row in rows)]))
+    return Connectivity(vertices, *joined)
+
+
+FrameBytes = Callable[[Float32Array, int], bytes]
+"""The bytes of a file: of positions (vertices, 3), and the index of the frame in its run."""
+
+
+def write_frames(
+    sequence: MeshSequence,
+    output: Output,
+    what: str,
+    frame_bytes: Callable[[MeshSequence, int], FrameBytes],
+    *,
+    new_folder: bool = False,
+    index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
+) -> list[Path]:
+    """Write a file for each frame, all of them or none; the paths.
+
+    The frames are written to a hidden folder beside their place, and moved after the last one was written; a run that
+    is killed while it moves them is finished by the next. Of frames that are replaced, those that the new sequence does
+    not have are removed.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    output : Output
+        A pattern, ``name.####.ply``; for one frame also a plain name.
+    what : str
+        The format.
+    frame_bytes : callable
+        Gives, of a run of the sequence and its first frame, what gives the bytes of its files.
+    new_folder : bool
+        Whether the pattern's folder is new, and appears at once when all is written.
+    index : tuple of a path and a callable, optional
+        A file beside the frames that appears with them, and its bytes by their paths.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or not writable, or several frames are to go to one file.
+    """
+    pattern = output.path
+    if not is_frame_pattern(pattern):
+        if sequence.frame_count > 1:
+            name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
+            raise InputError(f"{sequence.frame_count} frames do not fit one {what} file; name it {name}", path=pattern)
+        with output.whole_file() as partial:
+            partial.write_bytes(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
+        return [pattern]
+    old = frames_there(pattern)
+    if old and not output.overwrite:
+        raise InputError(
+            f"frames are there already ({old[0].name}); choose another name, or overwrite them (--overwrite)",
+            path=pattern,
+        )
+    parsed = parse_pattern(pattern)
+    # Frames carry the numbers of their times where those follow each other, else they count up from the first.
+    numbers = np.rint(sequence.times * output.rate)
+    if not (np.diff(numbers) == 1).all():
+        numbers = numbers[0] + np.arange(sequence.frame_count)
+    paths = [pattern.with_name(Path(parsed.frame(int(number))).name) for number in numbers]
+    place = pattern.parent if new_folder else pattern
+    with partial_folder(place) as partial, write_errors(place):
+        for run, first, start, block in output.blocks_of_runs(sequence, what):
+            if start == first:
+                bytes_of = frame_bytes(run, first)
+            for frame, points in enumerate(block, start):
+                (partial / paths[frame].name).write_bytes(bytes_of(points, frame - first))
+        if new_folder:
+            os.replace(partial, place)
+            return paths
+        names = [path.name for path in paths]
+        if index is not None:
+            (partial / index[0].name).write_bytes(index[1](paths))
+            names.append(index[0].name)
+        gone = [path.name for path in set(old) - set(paths)]
+        publish(partial, names, overwrite=output.overwrite, remove=gone)
+    return paths
