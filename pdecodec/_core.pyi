@@ -1,8 +1,10 @@
-"""Types of the native core (core/bindings)."""
+"""Types of the native core (core/bindings/python): written by hand, compared with the module by
+tests/codec/test_core_types.py.
+"""
 
 import enum
 from collections.abc import Sequence
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,6 @@ Int64Array = NDArray[np.int64]
 Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
-DecodedAttribute = tuple[str, int, NDArray[Any], Int32Array | None, tuple[str, ...]]
 Float32Array = NDArray[np.float32]
 Rows = NDArray[Any]  # of float32 or float64
 Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
@@ -25,18 +26,86 @@ class CorruptError(Exception):
 class LimitError(Exception): ...
 class ReadError(Exception): ...
 
-def encode_connectivity(parts: Sequence[Part], keep_order: bool) -> tuple[bytes, bytes]: ...
-def coded_orders(parts: Sequence[Part]) -> list[tuple[Int32Array, Int32Array, Int32Array] | None]: ...
-def decode_connectivity(
-    conn: bytes, ordr: bytes, vertices: Sequence[int], most_corners: int
-) -> list[tuple[Int32Array, Int32Array, Int32Array, Int32Array]]: ...
-def encode_reference(starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array) -> tuple[int, bytes]: ...
+class CodedConnectivity(NamedTuple):
+    """Sections CONN and ORDR; the latter is empty where there is no order to restore."""
+
+    conn: bytes
+    ordr: bytes
+
+class CodedOrder(NamedTuple):
+    """The source's number of each vertex, face and corner, in the order in which they are coded."""
+
+    vertices: Int32Array
+    faces: Int32Array
+    corners: Int32Array
+
+class CodedReference(NamedTuple):
+    """Section REST behind its header, and the predictor that makes it smallest."""
+
+    predictor: int
+    data: bytes
+
+class Curves(NamedTuple):
+    """Vertices of all curves, and where in them each curve begins."""
+
+    order: Int32Array
+    starts: Int64Array
+
+def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes:
+    """Coded stream of section SEQN: listed times [s], and names of objects."""
+
+def encode_connectivity(parts: Sequence[Part], keep_order: bool) -> CodedConnectivity: ...
+def coded_orders(parts: Sequence[Part]) -> list[CodedOrder | None]:
+    """Of each part; None where it is coded as polygons, which keep their order."""
+
+def extract_curves(parts: Sequence[Part], reference: Int64Array) -> Curves: ...
+def encode_reference(starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array) -> CodedReference: ...
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
-) -> Int64Array: ...
+) -> Int64Array:
+    """Grid coordinates, (vertices, 3)."""
+
+def encode_attributes(
+    parts: Sequence[Part],
+    attributes: Sequence[Sequence[AttributeFields]],
+    grid: Int64Array,
+    uv_tolerance: float | None,
+    keeps_rows: bool,
+) -> bytes:
+    """Section ATTR."""
+
+def fan_numbers(vertices: Int32Array, keys: Int32Array) -> Int32Array:
+    """Of each corner, the number of its key among those of its vertex, as they come first."""
+
+class PredictedFunctions(NamedTuple):
+    """Numbers, (functions, frames, axes), and what they decode to, (frames, axes, functions)."""
+
+    quantised: Int64Array
+    decoded: Float64Array
+
+def quantise_predicted(wanted: Float64Array, rounding: float, step: float) -> PredictedFunctions:
+    """Of values in steps, (functions, frames, axes)."""
+
+def quantise_straight(wanted: Float64Array, tolerance: float) -> Int64Array:
+    """Of values in steps, (functions, frames, axes): changes of speed in sixteenths of a step a frame."""
+
+def time_function_values(method: int, quantised: Int64Array, step: float) -> Float64Array:
+    """(frames, axes, functions) of (functions, frames, axes)."""
+
+def encode_time_functions(method: int, quantised: Int64Array) -> bytes:
+    """A chunk of section TIME; empty where all numbers are zero."""
+
+def measure_time_functions(quantised: Int64Array) -> float:
+    """Bits that `encode_time_functions` would take."""
+
+def cosine_wave(frames: int) -> Float64Array:
+    """cos(2 pi j / (4 frames)), (4 frames,)."""
+
 def encode_coefficients(
     coefficients: Int64Array, starts: Int64Array, kinds: Int64Array, parents: Int64Array, axes: int
-) -> bytes: ...
+) -> bytes:
+    """A chunk of section COEF, of (functions, channels) quantised coefficients; empty where all are zero."""
+
 def measure_coefficients(
     coefficients: Int64Array,
     starts: Int64Array,
@@ -44,33 +113,8 @@ def measure_coefficients(
     parents: Int64Array,
     axes: int,
     copies: Float64Array | None = None,
-) -> float: ...
-
-class CoefficientDecoder:
-    def __init__(
-        self,
-        data: bytes,
-        coefficients: Int64Array,
-        starts: Int64Array,
-        kinds: Int64Array,
-        parents: Int64Array,
-        axes: int,
-    ) -> None: ...
-    def decode(self, end: int) -> None: ...
-    def finish(self) -> None: ...
-
-def quantise_predicted(wanted: Float64Array, rounding: float, step: float) -> tuple[Int64Array, Float64Array]: ...
-def quantise_straight(wanted: Float64Array, tolerance: float) -> Int64Array: ...
-def time_function_values(method: int, quantised: Int64Array, step: float) -> Float64Array: ...
-def encode_time_functions(method: int, quantised: Int64Array) -> bytes: ...
-def measure_time_functions(quantised: Int64Array) -> float: ...
-def decode_time_functions(data: bytes, frames: int, functions: int, axes: int, step: float) -> Float64Array: ...
-def cosine_wave(frames: int) -> Float64Array: ...
-
-BYTES_PER_RESIDUAL: int
-"""Memory of decoding that limits count for a residual."""
-
-BYTES_PER_RAW_VERTEX: int
+) -> float:
+    """Bits that `encode_coefficients` would take with so many copies of each subband."""
 
 class Residuals:
     """Residuals and raw vertices of consecutive frames. Places ascend within a frame; arrays cannot be written.
@@ -116,72 +160,17 @@ class Residuals:
     @property
     def nbytes(self) -> int: ...
 
-def quantise_residuals(
-    points: NDArray[np.float32],
-    base: NDArray[np.float64],
-    order: Int32Array,
-    margins: NDArray[np.float64],
-    bound: float,
-    step: float,
-) -> Residuals: ...
-def reference_distances(residuals: Residuals) -> Int64Array: ...
+def reference_distances(residuals: Residuals) -> Int64Array:
+    """(frames,): how many frames before each the one lies that its residuals are predicted from."""
+
 def measure_residuals(
     residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array, copies: float = 1.0
-) -> float: ...
-def encode_residuals(residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array) -> bytes: ...
-def decode_residuals(data: bytes, frames: int, patches: Int64Array, most_bytes: int) -> Residuals: ...
-def add_residuals(
-    residuals: Residuals,
-    first: int,
-    order: Int32Array,
-    step: float,
-    out: NDArray[np.float32],
-    weight: float,
-    base: NDArray[np.float32] | None,
-) -> None: ...
-def residual_displacements(
-    residuals: Residuals, frame: int, order: Int32Array, step: float, base: NDArray[np.float32] | None
-) -> NDArray[np.float64]: ...
-def extract_curves(parts: Sequence[Part], reference: Int64Array) -> tuple[Int32Array, Int64Array]: ...
+) -> float:
+    """Bits that `encode_residuals` would take of so many times as many residuals like these."""
 
-class FrameSpline:
-    """The C2 cubic spline through all frames of a clip, not-a-knot, as weights of frames.
+def encode_residuals(residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array) -> bytes:
+    """A chunk of section CORR."""
 
-    ``value(t[i]) = sum over j of weights[i, j] * X[firsts[i] + j]``.
-
-    Parameters
-    ----------
-    times : (frames,) float64 [s]
-        Of the frames: at least one; increasing by 2^-53 or more; within 2^53 of 0.
-
-    Attributes
-    ----------
-    width : int
-        Frames in a window.
-    """
-
-    def __init__(self, times: Float64Array) -> None: ...
-    @property
-    def width(self) -> int: ...
-    def weights(self, times: Float64Array, derivative: Literal[0, 1, 2] = 0) -> tuple[Int64Array, Float64Array]:
-        """``firsts``, (n,) int64: first frame of each window; ``weights``, (n, width) float64.
-
-        Of the position at each time, of the velocity [1/s] or of the acceleration [1/s^2]. Times outside the clip are
-        taken as its nearest end.
-        """
-
-def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes: ...
-def encode_attributes(
-    parts: Sequence[Part],
-    attributes: Sequence[Sequence[AttributeFields]],
-    grid: Int64Array,
-    uv_tolerance: float | None,
-    keeps_rows: bool,
-) -> bytes: ...
-def decode_attributes(
-    data: bytes, parts: Sequence[Part], grid: Int64Array, most_bytes: int
-) -> list[list[DecodedAttribute]]: ...
-def fan_numbers(vertices: Int32Array, keys: Int32Array) -> Int32Array: ...
 def predict(
     positions: Float64Array,
     previous: Float64Array,
@@ -320,6 +309,13 @@ def early_patches(objects: Sequence[Part], points: int) -> Patches | None: ...
 def build_patches(objects: Sequence[Part], grid: Int64Array, points: int, early: Patches | None) -> Patches: ...
 def cut_curves(order: Int32Array, starts: Int64Array, points: int) -> Patches: ...
 
+class Subbands(NamedTuple):
+    """Functions of space as they are coded together (core/sections/spatial/space_layout.hpp)."""
+
+    starts: Int64Array
+    kinds: Int64Array
+    parents: Int64Array
+
 class SpaceBasis:
     def __init__(
         self,
@@ -340,7 +336,7 @@ class SpaceBasis:
     def coefficient_starts(self) -> Int64Array: ...
     @property
     def nearest(self) -> float: ...
-    def subbands(self) -> tuple[Int64Array, Int64Array, Int64Array]: ...
+    def subbands(self) -> Subbands: ...
     def encode_layout(self) -> bytes: ...
     def make_functions(self, threads: int) -> None: ...
     def functions_of(self, element: int) -> Float64Array: ...
@@ -370,11 +366,15 @@ def take_displacements(
 ) -> float:
     """Write (vertices, 3 frames) of points (frames, vertices, 3) less a shape; the largest magnitude."""
 
-def quantise_sparsely(
-    values: FloatArray, axes: int, step: float, round_up_at: float, round_up_alone_at: float, threads: int
-) -> tuple[Int64Array, Int64Array]:
+class SparseCoefficients(NamedTuple):
     """Coefficients in steps, and the largest magnitude of each channel."""
 
+    coefficients: Int64Array
+    largest: Int64Array
+
+def quantise_sparsely(
+    values: FloatArray, axes: int, step: float, round_up_at: float, round_up_alone_at: float, threads: int
+) -> SparseCoefficients: ...
 def give_back_memory() -> None: ...
 def product(left: Float64Array, right: Float64Array, threads: int) -> Float64Array: ...
 def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: int) -> Rows:
@@ -387,12 +387,21 @@ def sums_of_products(rows: FloatArray, others: FloatArray, threads: int) -> Floa
     """(n, k) of rows (rows, n) and others (rows, k) of one precision, both C-contiguous, added up in it likewise."""
 
 def sum_of_products(a: Float64Array, b: Float64Array) -> float: ...
-def symmetric_eigen(matrix: Float64Array, with_vectors: bool, threads: int) -> tuple[Float64Array, Float64Array]:
+
+class Eigen(NamedTuple):
     """Eigenvalues, falling, and eigenvectors, a row each; no rows without vectors."""
 
-def orthonormal_columns(matrix: Float64Array) -> tuple[Float64Array, Float64Array]:
+    values: Float64Array
+    vectors: Float64Array
+
+class OrthonormalColumns(NamedTuple):
     """Of a matrix (rows, n), rows >= n, the transposed Q (n, rows) and R (n, n) of its QR decomposition."""
 
+    vectors: Float64Array
+    triangle: Float64Array
+
+def symmetric_eigen(matrix: Float64Array, with_vectors: bool, threads: int) -> Eigen: ...
+def orthonormal_columns(matrix: Float64Array) -> OrthonormalColumns: ...
 def binary_logarithms(values: Float64Array) -> Float64Array:
     """To base 2, of (rows, n) finite numbers that are not below 2^-1022; the same bits on every machine."""
 
@@ -401,11 +410,20 @@ class Excess:
 
     def __init__(self) -> None: ...
     def __len__(self) -> int: ...
-    def add_to(self, values: Float64Array, functions: Float64Array, axes: int, push: float) -> None:
+    def add_to(self, values: FloatArray, functions: Float64Array, axes: int, push: float) -> None:
         """Add it, `push` times, in functions of time to values on vertices."""
 
 def farthest_apart(one: Motion, other: Motion, time: Float64Array, reference: Float64Array, threads: int) -> float:
     """How far two motions of the same vertices are apart at most, in a coordinate before residuals."""
+
+class MissedVertices(NamedTuple):
+    """Residuals of the vertices that may miss the bound; where errors are wanted, the largest and the sum of the
+    squared distances as a decoder has them.
+    """
+
+    residuals: Residuals
+    largest_square: float
+    sum_of_squares: float
 
 class GroupModel:
     """A motion held against the positions that it is to give; residuals are those of the bound."""
@@ -427,18 +445,85 @@ class GroupModel:
         excess: Excess | None,
         has_errors: bool,
         threads: int,
-    ) -> tuple[Residuals, float, float]:
-        """Residuals of the vertices that may miss the bound; where errors are wanted, the largest and the sum of the
-        squared distances as a decoder has them. With an aim, `excess` is filled.
-        """
-
-POLYNOMIAL_EXPONENTS: list[tuple[int, int, int]]
+    ) -> MissedVertices:
+        """With an aim, `excess` is filled."""
 
 def series_functions(points: Float64Array, rate: float, order: int) -> Float64Array: ...
 def arc_length_parameters(grid: Int64Array, pieces: Patches) -> Float64Array: ...
-def local_coordinates(grid: Int64Array) -> tuple[int, Int64Array]: ...
-def integer_root(square: int) -> int: ...
 def writable_view(array: object) -> Float32Array: ...
+
+class Run(NamedTuple):
+    """Consecutive frames of one connectivity; -1 vertices where the file is of one run."""
+
+    first: int
+    frames: int
+    vertices: int
+
+class Section(NamedTuple):
+    """Type, and where its bytes are in the file."""
+
+    type: str
+    offset: int
+    length: int
+
+class Group(NamedTuple):
+    """A group of frames, with its numbers of functions of time and of their basis."""
+
+    first: int
+    frames: int
+    functions: int
+    basis: int
+    step: float
+    alpha: float
+
+class GroupRange(NamedTuple):
+    """The first of some groups, and one behind the last."""
+
+    first: int
+    end: int
+
+class Model(NamedTuple):
+    """Section MODL."""
+
+    kind: int
+    points: int
+    functions: int
+    threshold: int
+    rate: float
+    is_affine: bool
+    residual_step: float
+    layout: bytes
+
+class FacesAndLines(NamedTuple):
+    """Those of one object; arrays cannot be written."""
+
+    face_counts: Int32Array
+    face_indices: Int32Array
+    line_counts: Int32Array
+    line_indices: Int32Array
+
+class DecodedAttribute(NamedTuple):
+    """An attribute of an object, with the number of its domain; arrays cannot be written."""
+
+    name: str
+    domain: int
+    values: NDArray[Any]
+    indices: Int32Array | None
+    labels: tuple[str, ...]
+
+class Reference(NamedTuple):
+    """The reference frame: grid coordinates, origin and step."""
+
+    grid: Int64Array
+    origin: tuple[float, float, float]
+    step: float
+
+class Corrections(NamedTuple):
+    """Frame, vertex and offset of each correction of a group."""
+
+    frames: Int64Array
+    vertices: Int32Array
+    offsets: Float32Array
 
 class Animation:
     """An open file (core/decode/animation.hpp); `file` is its bytes, or a binary file that is read when needed: by its
@@ -455,40 +540,33 @@ class Animation:
     @property
     def fps(self) -> float: ...
     @property
-    def runs(self) -> list[tuple[int, int, int]]:
-        """First frame, frames and vertices of each run; -1 vertices where the file is of one run."""
-    def run_sections(self, run: int) -> list[tuple[str, int, int]]:
-        """Type, offset and length of each section of a run."""
+    def runs(self) -> list[Run]: ...
+    def run_sections(self, run: int) -> list[Section]: ...
     def open_run(self, run: int) -> Animation: ...
     @property
     def vertex_counts(self) -> list[int]: ...
     @property
-    def sections(self) -> list[tuple[str, int, int]]:
-        """Type, offset and length of each."""
+    def sections(self) -> list[Section]: ...
     @property
     def file_bytes(self) -> int: ...
     @property
-    def groups(self) -> list[tuple[int, int, int, int, float, float]]:
-        """First frame, frames, functions of time, time basis, step and alpha of each."""
+    def groups(self) -> list[Group]: ...
     @property
-    def model(self) -> tuple[int, int, int, int, float, bool, float, bytes]:
-        """Kind, points, functions, threshold, rate, is affine, step of residuals, layout."""
+    def model(self) -> Model: ...
     def names(self) -> list[str]: ...
-    def connectivity(self) -> list[tuple[Int32Array, Int32Array, Int32Array, Int32Array]]: ...
+    def connectivity(self) -> list[FacesAndLines]: ...
     def attributes(self) -> list[list[DecodedAttribute]]: ...
-    def reference(self) -> tuple[Int64Array, tuple[float, float, float], float]:
-        """Grid coordinates, origin and step."""
+    def reference(self) -> Reference: ...
     def remarks(self) -> bytes: ...
     def coefficients(self, group: int) -> Float64Array: ...
     def evaluate(self, quantity: int, times: Float64Array, object: int | None, out: Float32Array) -> None: ...
-    def groups_at(self, quantity: int, time: float) -> tuple[int, int]:
-        """The first group that counts, and one behind the last."""
+    def groups_at(self, quantity: int, time: float) -> GroupRange:
+        """Those that count at a time."""
     def weights(self, quantity: int, time: float, group: int) -> Float64Array:
         """(time axes, functions)."""
     def fields(self, group: int) -> Float32Array:
         """(functions, vertices, axes)."""
-    def corrections(self, group: int) -> tuple[Int64Array, Int32Array, Float32Array]:
-        """Frame, vertex and offset of each."""
+    def corrections(self, group: int) -> Corrections: ...
     def close(self) -> None: ...
     def verify(self) -> None: ...
     def check_section(self, type: str) -> None:
@@ -496,12 +574,3 @@ class Animation:
     def check_group(self, group: int) -> None:
         """Check the bytes of a group of frames."""
     def cancel(self) -> None: ...
-
-class Container:
-    def __init__(self, data: bytes) -> None: ...
-    @property
-    def sections(self) -> list[tuple[str, bool, int, int]]:
-        """Type, whether it is required, offset and length of each."""
-    def check_known(self) -> None: ...
-    def read(self, type: str) -> bytes: ...
-    def verify(self) -> None: ...

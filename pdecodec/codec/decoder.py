@@ -72,7 +72,7 @@ class Animation(MeshSequence):
         self._source, self._limits, self._run = source, limits, run
         self._owns_source = run is None
         self._core = core or open_core(source, limits)
-        self._first_frame = 0 if run is None else self._core.runs[run][0]
+        self._first_frame = 0 if run is None else self._core.runs[run].first
         self.times, self.fps = self._core.times, self._core.fps
         self.jumps = tuple(self._core.jumps)
         self._describe()
@@ -103,10 +103,7 @@ class Animation(MeshSequence):
                 MeshObject(
                     item.name,
                     item.connectivity,
-                    tuple(
-                        Attribute(name, DOMAINS[domain], values, indices, labels)
-                        for name, domain, values, indices, labels in own
-                    ),
+                    tuple(Attribute(one.name, DOMAINS[one.domain], one.values, one.indices, one.labels) for one in own),
                 )
                 for item, own in zip(self.meshes, attributes, strict=True)
             )
@@ -289,20 +286,20 @@ class Animation(MeshSequence):
             groups = self._core.groups
         if not 0 <= group < len(groups):
             raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
-        first, frames, functions, _, _, alpha = groups[group]
+        entry = groups[group]
         reference, space = self.reference_and_space()
         with self._naming_the_file():
             values = self._core.coefficients(group)
         return paper_form(
-            reference, space, values, self.times[first : first + frames], alpha=alpha, functions=functions,
-            first_frame=first,
+            reference, space, values, self.times[entry.first : entry.first + entry.frames], alpha=entry.alpha,
+            functions=entry.functions, first_frame=entry.first,
         )  # fmt: skip
 
     @property
     def group_edges(self) -> list[int]:
         """First frame of every group of frames, which is read and decoded at once, and the number of all frames."""
         with self._naming_the_file():
-            return [*(group[0] for group in self._core.groups), self.frame_count]
+            return [*(group.first for group in self._core.groups), self.frame_count]
 
     @property
     def groups(self) -> list[GroupEntry]:
@@ -311,30 +308,37 @@ class Animation(MeshSequence):
             found = self._core.groups
         return [
             GroupEntry(
-                frames=frames, functions=functions, basis=TIME_BASES[basis], single=False, step=step, alpha=alpha
+                frames=group.frames,
+                functions=group.functions,
+                basis=TIME_BASES[group.basis],
+                single=False,
+                step=group.step,
+                alpha=group.alpha,
             )
-            for _, frames, functions, basis, step, alpha in found
+            for group in found
         ]
 
     @property
     def residual_step(self) -> float:
         """What residuals are whole numbers of [scene units]."""
         with self._naming_the_file():
-            return self._core.model[6]
+            return self._core.model.residual_step
 
     def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
         """The reference frame, and the functions of space, that the motion of every group is coded in."""
         with self._naming_the_file():
-            kind, points, most, threshold, rate, is_affine, _, layout = self._core.model
-            grid, origin, step = self._core.reference()
-            form = SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine)
-            return ReferenceFrame(grid, np.array(origin), step), decode_space_basis(form, layout, self.meshes, grid)
+            model, frame = self._core.model, self._core.reference()
+            form = SpaceForm(
+                SPACE_KINDS[model.kind], model.points, model.functions, model.threshold, model.rate, model.is_affine
+            )
+            space = decode_space_basis(form, model.layout, self.meshes, frame.grid)
+            return ReferenceFrame(frame.grid, np.array(frame.origin), frame.step), space
 
     @property
     def sections(self) -> dict[str, int]:
         """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
         with self._naming_the_file():
-            sizes = {name: length for name, _, length in self._core.sections}
+            sizes = {section.type: section.length for section in self._core.sections}
             # A run has no header of its own.
             beside = 0 if self._run is not None else self._core.file_bytes - sum(sizes.values())
             return {"container": beside, **sizes}
@@ -342,9 +346,9 @@ class Animation(MeshSequence):
     def info(self) -> dict[str, Any]:
         """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
         with self._naming_the_file():
-            groups, space_kind = self._core.groups, self._core.model[0]
+            groups, space_kind = self._core.groups, self._core.model.kind
         remarks, file_bytes = self._remarks, sum(self.sections.values())
-        frames = [group[1] for group in groups]
+        frames = [group.frames for group in groups]
         return {
             "file_bytes": file_bytes,
             "ratio": 12 * self.frame_count * self.vertex_count / file_bytes,
@@ -352,9 +356,9 @@ class Animation(MeshSequence):
             "summary": str(remarks.get("summary", "")),
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
-            "time_bases": sorted({TIME_BASES[basis] for _, _, _, basis, _, _ in groups}),
+            "time_bases": sorted({TIME_BASES[group.basis] for group in groups}),
             "space_basis": SPACE_KINDS[space_kind],
-            "functions_of_time": max(functions for _, _, functions, _, _, _ in groups),
+            "functions_of_time": max(group.functions for group in groups),
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
             "jumps": list(self.jumps),
@@ -365,7 +369,7 @@ class Animation(MeshSequence):
     def group_frames(self) -> list[tuple[int, int]]:
         """First frame of each group of frames, and the one after its last; of a run its own frames, from 0."""
         with self._naming_the_file():
-            return [(first, first + frames) for first, frames, *_ in self._core.groups]
+            return [(group.first, group.first + group.frames) for group in self._core.groups]
 
     @property
     def part_decoders(self) -> tuple[Callable[[], object], ...]:

@@ -68,8 +68,8 @@ class ChangingAnimation(ChangingSequence, Animation):
         runs = self._core.runs
         self._take_runs(
             OpenedRuns(self._open_run, len(runs)),
-            [frames for _, frames, _ in runs],
-            [vertices for _, _, vertices in runs],
+            [run.frames for run in runs],
+            [run.vertices for run in runs],
         )
 
     def _open_run(self, number: int) -> Animation:
@@ -106,11 +106,13 @@ class ChangingAnimation(ChangingSequence, Animation):
     def sections(self) -> dict[str, int]:
         """Bytes of each section, those of a run summed over all runs; and of header and table as ``"container"``."""
         with self._naming_the_file():
-            sizes = {name: length for name, _, length in self._core.sections}
-            own = {place for number in range(len(self.runs)) for place in self._core.run_sections(number) if place[2]}
+            sizes = {section.type: section.length for section in self._core.sections}
+            # Runs may share a section.
+            own = {section for number in range(len(self.runs)) for section in self._core.run_sections(number)}
             beside = self._core.file_bytes - sum(sizes.values())
-        for name, _, length in own:
-            sizes[name] = sizes.get(name, 0) + length
+        for section in own:
+            if section.length:
+                sizes[section.type] = sizes.get(section.type, 0) + section.length
         del sizes["RDAT"]
         return {"container": beside, **dict(sorted(sizes.items()))}
 

@@ -14,13 +14,21 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from pdecodec import _core
-from pdecodec.codec.sections.attributes import DOMAINS, VALUE_TYPES, encode_attributes, reorder_attributes
-from pdecodec.codec.sections.connectivity import core_errors, core_parts
+from pdecodec import (
+    Attribute,
+    Connectivity,
+    CorruptFileError,
+    DecodeLimits,
+    InputError,
+    LimitError,
+    MeshObject,
+    open_animation,
+)
+from pdecodec.codec.sections.attributes import VALUE_TYPES, encode_attributes, reorder_attributes
+from pdecodec.codec.sections.connectivity import encode_connectivity
 from pdecodec.codec.sections.description import compress
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 from spec.decoder import contexts
 from spec.decoder.attributes import read_attributes
 from spec.decoder.fields import CorruptFileError as IndependentError
@@ -28,10 +36,8 @@ from spec.decoder.mesh import Mesh
 from spec.sealing import EndOfScriptError, ScriptedCoder, numbers, text
 from tests.support.damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 from tests.support.mesh_cases import connectivities, connectivity_of, grid, grid_faces, meshes_of
+from tests.support.section_files import PLENTY, file_of
 from tests.support.sequence_cases import assert_same_attributes, rich_sequence
-
-PLENTY = 2**30
-"""Memory [bytes] that no test here comes near."""
 
 
 def bare(objects: list[MeshObject]) -> list[MeshObject]:
@@ -44,17 +50,16 @@ def levels_of(objects: list[MeshObject], seed: int = 0, size: int = 1000) -> Int
 
 
 def decode_attributes(
-    data: bytes, objects: list[MeshObject], levels: Int64Array, most_bytes: int = PLENTY
+    data: bytes, objects: list[MeshObject], levels: Int64Array, limit: int = PLENTY
 ) -> list[MeshObject]:
-    """The objects with the attributes of section ATTR, which is empty where there are none."""
-    if not data:
-        return list(objects)
-    with core_errors():
-        decoded = _core.decode_attributes(data, core_parts([item.connectivity for item in objects]), levels, most_bytes)
-    return [
-        replace(item, attributes=tuple(Attribute(name, DOMAINS[domain], *more) for name, domain, *more in attributes))
-        for item, attributes in zip(objects, decoded, strict=True)
-    ]
+    """The objects with the attributes of section ATTR, by the library, from a file of that section."""
+    conn, ordr = encode_connectivity([item.connectivity for item in objects])
+    rest = encode_reference(ReferenceFrame(levels, np.zeros(3), 1.0), objects)
+    file = file_of(len(objects), CONN=conn, ORDR=ordr, REST=rest, ATTR=data)
+    with open_animation(file, limits=DecodeLimits(max_memory=limit)) as animation:
+        return [
+            replace(item, attributes=found.attributes) for item, found in zip(objects, animation.objects, strict=True)
+        ]
 
 
 def decoded_by_both(data: bytes, objects: list[MeshObject], levels: Int64Array) -> list[MeshObject]:
@@ -93,7 +98,7 @@ def cost(part: Connectivity, levels: Int64Array, *attributes: Attribute) -> int:
 def sheet(rows: int, columns: int) -> tuple[Connectivity, Int64Array]:
     """A wavy sheet of quads and its levels."""
     row, column = np.divmod(np.arange(rows * columns), columns)
-    height = np.rint(400 * np.sin(0.3 * row) * np.cos(0.2 * column))
+    height = np.rint(400 + 400 * np.sin(0.3 * row) * np.cos(0.2 * column))
     return grid(rows, columns), np.stack([100 * row, 100 * column, height], axis=1).astype(np.int64)
 
 

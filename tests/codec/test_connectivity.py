@@ -11,34 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdecodec import _core
+from pdecodec import Animation, Connectivity, CorruptFileError, DecodeLimits, LimitError, open_animation
 from pdecodec.codec.sections.bytestream import FieldReader
-from pdecodec.codec.sections.connectivity import core_errors, encode_connectivity
-from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.codec.sections.connectivity import encode_connectivity
 from pdecodec.mesh.arrays import Int64Array
-from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 from spec.decoder import fields
 from spec.decoder.connectivity import read_faces_and_lines
 from spec.decoder.mesh import Mesh, read_vertex_counts
 from tests.support.damage import assert_only_corrupt_file_errors
 from tests.support.mesh_cases import connectivities, connectivity_of, grid, grid_faces
-
-PLENTY = 10**6
-"""Corners that no test here comes near."""
+from tests.support.section_files import PLENTY, file_of
 
 
-def decoded(conn: bytes, ordr: bytes, most_corners: int = PLENTY) -> list[Connectivity]:
-    reader = FieldReader(conn, "CONN")
-    counts = [reader.count() for _ in range(reader.count())]
-    if not 1 <= sum(counts) <= MAX_INDEX:  # files are refused for it before
-        raise CorruptFileError("section CONN declares too few vertices, or too many")
-    return decode_connectivity(counts, reader.rest(), ordr, most_corners)
-
-
-def decode_connectivity(counts: list[int], conn: bytes, ordr: bytes, most_corners: int) -> list[Connectivity]:
-    with core_errors():
-        found = _core.decode_connectivity(conn, ordr, counts, most_corners)
-    return [Connectivity(vertices, *arrays) for vertices, arrays in zip(counts, found, strict=True)]
+def decoded(conn: bytes, ordr: bytes, limit: int = PLENTY) -> list[Connectivity]:
+    """By the library, from a file of these sections."""
+    objects = min(FieldReader(conn, "CONN").count(), 99)  # more are damage, and have no names
+    with open_animation(file_of(objects, CONN=conn, ORDR=ordr), limits=DecodeLimits(max_memory=limit)) as animation:
+        assert isinstance(animation, Animation)
+        return [item.connectivity for item in animation.meshes]
 
 
 def decoded_plainly(conn: bytes, ordr: bytes) -> list[Connectivity]:
@@ -224,7 +214,7 @@ def test_any_bytes_are_read_alike_by_both_decoders(conn: bytes, ordr: bytes, ver
 
 def assert_read_alike(conn: bytes, ordr: bytes) -> None:
     try:
-        found = decoded(conn, ordr, 700)
+        found = decoded(conn, ordr, 2**17)
     except LimitError:
         return  # the other decoder has no limits
     except CorruptFileError:
@@ -252,13 +242,4 @@ def test_connectivity_of_other_objects_is_refused() -> None:
     _, rest = read_vertex_counts(conn)
     for counts in ([35, 9, 30], [44, 8, 30], [44, 9, 29], [44, 9], [44, 9, 30, 4], [0, 0, 0]):
         with pytest.raises(CorruptFileError):
-            decode_connectivity(counts, rest, ordr, PLENTY)
-
-
-def test_more_corners_than_memory_has_room_for_are_refused() -> None:
-    parts = mixed()
-    conn, ordr = encode_connectivity(parts)
-    corners = sum(part.face_indices.size + part.line_indices.size for part in parts)
-    assert len(decoded(conn, ordr, corners)) == 3
-    with pytest.raises(LimitError, match="corners, more than the memory limit allows"):
-        decoded(conn, ordr, corners - 1)
+            decoded(bytes([len(counts), *counts]) + rest, ordr)

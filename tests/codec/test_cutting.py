@@ -208,7 +208,7 @@ def test_a_damaged_group_is_not_passed_on(clip: Path, tmp_path: Path) -> None:
     damaged, part = tmp_path / "damaged.pdeanim", tmp_path / "part.pdeanim"
     data = bytearray(clip.read_bytes())
     with pdecodec.open(clip) as animation:
-        at = next(offset for kind, offset, _ in animation._core.sections if kind == "COEF")
+        at = next(section.offset for section in animation._core.sections if section.type == "COEF")
     data[at] ^= 1
     damaged.write_bytes(data)
     edges = edges_of(clip)

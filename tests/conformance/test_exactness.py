@@ -17,15 +17,13 @@ from pdecodec import (
     EncodeReport,
     EncodeSettings,
     MeshObject,
-    _core,
     encode,
 )
 from pdecodec.codec.encode import auto_profile as autoprofile
 from pdecodec.codec.encode.group_fit import GroupFitter
 from pdecodec.codec.sections import space_basis as spacebasis
 from pdecodec.codec.sections.groups import DOUBLE_MARGIN, SINGLE_MARGIN
-from pdecodec.codec.sections.space_basis import build_space_basis, decode_space_basis
-from pdecodec.mesh.arrays import Int64Array
+from pdecodec.codec.sections.space_basis import SpaceBasis, build_space_basis, decode_space_basis
 from spec.decoder import space as plain
 from tests.support.mesh_cases import grid
 from tests.support.shaken_arithmetic import decoder, shaker, trace
@@ -114,15 +112,16 @@ def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
         assert np.abs(other.astype(np.float64) - found[0]).max() <= 2 * max(margins) * step + 2 * spacing
 
 
-@given(st.integers(0, 2**62))
-def test_the_root_of_an_integer_is_exact(square: int) -> None:
-    root = _core.integer_root(square)
-    assert root * root <= square < (root + 1) * (root + 1)
+def element_of(coordinates: list[tuple[int, int, int]]) -> SpaceBasis:
+    """The affine functions of one element of these points."""
+    item = MeshObject("points", Connectivity(len(coordinates)))
+    return build_space_basis("patch", [item], np.array(coordinates), points=len(coordinates), functions=4)
 
 
-def local(coordinates: list[tuple[int, int, int]]) -> tuple[int, Int64Array]:
-    """Local coordinates of one element, and how many are more than rounding."""
-    return _core.local_coordinates(np.array(coordinates, np.int64))
+def local_count(basis: SpaceBasis) -> int:
+    """Local coordinates that a single element takes: those that are more than rounding."""
+    _, kinds, _ = basis.subbands
+    return -2 - int(kinds[-1])
 
 
 @settings(max_examples=200)
@@ -131,17 +130,24 @@ def local(coordinates: list[tuple[int, int, int]]) -> tuple[int, Int64Array]:
         lambda most: st.lists(st.tuples(*[st.integers(0, most)] * 3), min_size=1, max_size=60)
     )
 )
-def test_local_coordinates_are_the_same_integers_for_everyone(coordinates: list[tuple[int, int, int]]) -> None:
-    assert plain.local_coordinates(np.array(coordinates)).tolist() == local(coordinates)[1].tolist()
+def test_local_coordinates_are_the_same_for_everyone(coordinates: list[tuple[int, int, int]]) -> None:
+    basis = element_of(coordinates)
+    (functions,) = basis.functions_of_elements()
+    orthonormal = plain.Functions(len(coordinates), len(functions))
+    local = plain.local_coordinates(np.array(coordinates)[basis.order]).astype(np.float64)
+    for column in [np.ones(len(coordinates)), *local][: 1 + local_count(basis)]:
+        orthonormal.add(column)
+    np.testing.assert_allclose(functions[: len(orthonormal.rows)], orthonormal.rows, rtol=0, atol=1e-12)
 
 
 def test_local_coordinates_are_uncorrelated_by_falling_width() -> None:
     random = np.random.default_rng(3)
     turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
     flat = random.normal(size=(200, 3)) * [900.0, 5000.0, 40.0]
-    count, whole = local([tuple(point) for point in np.rint(flat @ turn + 1e6).astype(int).tolist()])
+    points = [tuple(point) for point in np.rint(flat @ turn + 1e6).astype(int).tolist()]
+    whole = plain.local_coordinates(np.array(points))
     correlation = np.corrcoef(whole.astype(np.float64))
-    assert count == 3
+    assert local_count(element_of(points)) == 3
     assert np.abs(correlation - np.eye(3)).max() < 2.0**-4
     assert (np.diff((whole.astype(np.float64) ** 2).sum(axis=1)) < 0).all()
     assert abs(np.corrcoef(whole[0], flat[:, 1])[0, 1]) > 0.99
@@ -151,8 +157,8 @@ def test_local_coordinates_are_uncorrelated_by_falling_width() -> None:
 @pytest.mark.parametrize("side", [2, 5, 16])
 def test_a_square_keeps_the_axes_of_the_mesh(side: int) -> None:
     square = [(97 * i, 97 * j, 0) for i in range(side) for j in range(side)]
-    count, whole = local(square)
-    assert count == 2
+    whole = plain.local_coordinates(np.array(square))
+    assert local_count(element_of(square)) == 2
     assert (np.unique(whole[0]).size, np.unique(whole[1]).size) == (side, side)
 
 
@@ -167,7 +173,7 @@ def test_a_square_keeps_the_axes_of_the_mesh(side: int) -> None:
     ],
 )
 def test_what_has_no_width_is_no_coordinate(coordinates: list[tuple[int, int, int]], count: int) -> None:
-    assert local(coordinates)[0] == count
+    assert local_count(element_of(coordinates)) == count
 
 
 def test_where_a_column_is_near_the_threshold_another_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

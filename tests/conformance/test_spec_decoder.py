@@ -19,14 +19,12 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     MeshSequence,
-    _core,
     encode,
     open_animation,
 )
 from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.mesh.metrics import frame_scale
 from spec.decoder import animation as independent
-from spec.decoder.space import EXPONENTS
 from tests.codec.test_round_trip import CLIPS
 from tests.support.decoders import assert_same
 from tests.support.mesh_cases import mesh_objects
@@ -132,7 +130,3 @@ def test_its_command_line_prints_objects_and_positions(tmp_path: Path) -> None:
         rows = [[float(number) for number in line.split()] for line in printed("0.05").splitlines()]
         scale = frame_scale(mine.positions(0.0))
         np.testing.assert_allclose(rows, mine.positions(0.05), rtol=1e-6, atol=2.0**-20 * scale)  # the spec's margin
-
-
-def test_its_polynomials_come_in_the_librarys_order() -> None:
-    assert _core.POLYNOMIAL_EXPONENTS == EXPONENTS

@@ -1,18 +1,12 @@
-// Python's view of an open file.
+// An open file as Python has it: class Animation.
 #include "decode/animation.hpp"
 
 #include <nanobind/stl/optional.h>
-#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #ifndef _WIN32
-#include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
-
-#include <cerrno>
-#include <cstring>
 #endif
 
 #include "base/errors.hpp"
@@ -26,64 +20,7 @@ namespace {
 int process_number() { return 0; }  // no process is a copy of another
 #else
 int process_number() { return ::getpid(); }
-
-// A file by its descriptor. No read moves the place that is read next, which threads and copies of the process share. The
-// descriptor is a duplicate: whoever closes the other one meanwhile does not hand a stranger's file to calls under way.
-class FileSource : public Source {
-public:
-    explicit FileSource(int descriptor)
-        : Source(size_of(descriptor)), descriptor_(::fcntl(descriptor, F_DUPFD_CLOEXEC, 0)) {
-        if (descriptor_ < 0) fail();
-    }
-    FileSource(const FileSource &) = delete;
-    FileSource &operator=(const FileSource &) = delete;
-    ~FileSource() override { ::close(descriptor_); }
-
-    std::size_t read(u64 offset, std::span<u8> into) override {
-        std::size_t done = 0;
-        while (done < into.size()) {
-            const ssize_t count =
-                ::pread(descriptor_, into.data() + done, into.size() - done, static_cast<off_t>(offset + done));
-            if (count < 0 && errno != EINTR) fail();
-            if (count == 0) break;
-            done += static_cast<std::size_t>(most<ssize_t>(count, 0));
-        }
-        return done;
-    }
-
-private:
-    [[noreturn]] static void fail() { throw ReadError(std::string("cannot be read (") + std::strerror(errno) + ")"); }
-
-    static u64 size_of(int descriptor) {
-        struct stat found;
-        if (::fstat(descriptor, &found) != 0) fail();
-        if (!S_ISREG(found.st_mode)) throw ReadError("is no file that can be read from any place on; copy it to one");
-        return static_cast<u64>(found.st_size);
-    }
-
-    int descriptor_;
-};
 #endif
-
-// Bytes, a file's descriptor, or a file that Python reads, which is called with the interpreter lock.
-std::unique_ptr<Source> source_of(const nb::object &file) {
-    if (nb::isinstance<nb::bytes>(file)) {
-        return std::make_unique<MemorySource>(view(nb::borrow<nb::bytes>(file)));
-    }
-#ifndef _WIN32
-    if (nb::isinstance<nb::int_>(file)) return std::make_unique<FileSource>(nb::cast<int>(file));
-#endif
-    const u64 size = nb::cast<u64>(file.attr("seek")(0, 2));
-    return std::make_unique<CallbackSource>(size, [file = file.ptr()](u64 offset, std::span<u8> into) {
-        const nb::gil_scoped_acquire acquire;
-        const nb::handle reader(file);
-        reader.attr("seek")(offset);
-        const nb::bytes data = nb::cast<nb::bytes>(reader.attr("read")(into.size()));
-        const std::size_t count = least(data.size(), into.size());
-        std::copy_n(view(data).data(), count, into.data());
-        return count;
-    });
-}
 
 class PyAnimation {
 public:
@@ -103,6 +40,8 @@ public:
 
     // The file, and of it one run, where there is one or one was chosen. Both stay while somebody uses them.
     struct Opened {
+        const Container &container() const { return animation ? animation->container() : file->container(); }
+
         std::shared_ptr<const File> file;
         std::shared_ptr<Animation> animation;
     };
@@ -163,17 +102,21 @@ private:
     Opened opened_;
 };
 
-nb::list runs(PyAnimation &self) {
+// A list of what is made of each item.
+template <class Items, class Make> nb::list list_of(const Items &items, const Make &make) {
     nb::list found;
-    for (const Run &run : self.opened().file->runs()) {
-        found.append(nb::make_tuple(run.first, run.frames, run.vertices));
-    }
+    for (const auto &item : items) found.append(make(item));
     return found;
 }
 
-PyAnimation *open_run(PyAnimation &self, std::size_t run) {
+nb::list runs(PyAnimation &self) {
+    return list_of(self.opened().file->runs(),
+                   [](const Run &run) { return named("Run", run.first, run.frames, run.vertices); });
+}
+
+std::size_t check_run(PyAnimation &self, std::size_t run) {
     if (run >= self.opened().file->runs().size()) throw nb::index_error("there is no such run");
-    return new PyAnimation(self, run);
+    return run;
 }
 
 nb::list vertex_counts(PyAnimation &self) {
@@ -188,70 +131,81 @@ nb::list vertex_counts(PyAnimation &self) {
 nb::list connectivity(PyAnimation &self) {
     const auto parts = self.with([](Animation &animation) { return animation.shared_connectivity(); });
     const nb::capsule owner = owner_of(parts);
-    nb::list found;
-    for (const Connectivity &part : *parts) {
-        found.append(nb::make_tuple(shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
-                                    shared_array(part.line_sizes, owner), shared_array(part.line_indices, owner)));
+    return list_of(*parts, [&](const Connectivity &part) {
+        return named("FacesAndLines", shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
+                     shared_array(part.line_sizes, owner), shared_array(part.line_indices, owner));
+    });
+}
+
+nb::dlpack::dtype dtype_of(ValueType type) {
+    switch (type) {
+        case ValueType::float32: return nb::dtype<float>();
+        case ValueType::float64: return nb::dtype<double>();
+        case ValueType::int32: return nb::dtype<i32>();
+        case ValueType::uint8: return nb::dtype<u8>();
+        default: return nb::dtype<i64>();
     }
-    return found;
+}
+
+nb::object to_values(const Attribute &attribute, const nb::capsule &owner) {
+    const std::size_t shape[] = {static_cast<std::size_t>(attribute.rows),
+                                 static_cast<std::size_t>(attribute.numbers())};
+    return nb::cast(nb::ndarray<nb::numpy, nb::ro>(attribute.values.data(), attribute.columns ? 2 : 1, shape, owner,
+                                                   nullptr, dtype_of(attribute.type)));
 }
 
 nb::list attributes(PyAnimation &self) {
-    return to_list(self.with([](Animation &animation) { return animation.shared_attributes(); }));
+    const auto decoded = self.with([](Animation &animation) { return animation.shared_attributes(); });
+    const nb::capsule owner = owner_of(decoded);
+    return list_of(*decoded, [&](const std::vector<Attribute> &of_object) {
+        return list_of(of_object, [&](const Attribute &attribute) {
+            nb::object indices = nb::none();
+            if (attribute.indices) indices = shared_array(*attribute.indices, owner);
+            return named("DecodedAttribute", attribute.name, static_cast<i64>(attribute.domain),
+                         to_values(attribute, owner), indices, nb::tuple(nb::cast(attribute.labels)));
+        });
+    });
 }
 
-nb::tuple reference(PyAnimation &self) {
+nb::object reference(PyAnimation &self) {
     const Reference found = self.with([](Animation &animation) { return animation.reference(); });
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
-    return nb::make_tuple(to_rows(std::move(grid), 3),
-                          nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step);
+    return named("Reference", to_rows(std::move(grid), 3),
+                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step);
 }
 
-nb::tuple model(PyAnimation &self) {
+nb::object model(PyAnimation &self) {
     const auto animation = self.animation();
     const Model &own = animation->model();
     const SpaceForm &form = own.form;
-    return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
-                          form.is_affine, own.residual_step, to_bytes(own.layout));
+    return named("Model", static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
+                 form.is_affine, own.residual_step, to_bytes(own.layout));
 }
 
 nb::list groups(PyAnimation &self) {
-    const auto own = self.animation();
-    nb::list found;
-    for (const Group &group : own->table().groups()) {
-        found.append(nb::make_tuple(group.first, group.frames, group.functions, static_cast<int>(group.basis),
-                                    group.step, group.alpha));
-    }
-    return found;
+    return list_of(self.animation()->table().groups(), [](const Group &group) {
+        return named("Group", group.first, group.frames, group.functions, static_cast<int>(group.basis), group.step,
+                     group.alpha);
+    });
 }
 
-nb::list sections(PyAnimation &self) {
-    const auto own = self.opened();
-    nb::list found;
-    for (const SectionEntry &entry : (own.animation ? own.animation->container() : own.file->container()).entries()) {
-        found.append(nb::make_tuple(entry.type, entry.offset, entry.length));
-    }
-    return found;
+nb::list listed(const Container &container) {
+    return list_of(container.entries(),
+                   [](const SectionEntry &entry) { return named("Section", entry.type, entry.offset, entry.length); });
 }
 
-nb::list run_sections(PyAnimation &self, std::size_t run) {
-    const auto own = self.opened();
-    if (run >= own.file->runs().size()) throw nb::index_error("there is no such run");
-    const Container container = own.file->container_of(run);
-    nb::list found;
-    for (const SectionEntry &entry : container.entries()) {
-        found.append(nb::make_tuple(entry.type, entry.offset, entry.length));
-    }
-    return found;
-}
-
-nb::object coefficients(PyAnimation &self, std::size_t index) {
+Group group_of(PyAnimation &self, std::size_t index) {
     const auto own = self.animation();
     const std::vector<Group> &groups = own->table().groups();
     if (index >= groups.size()) throw nb::index_error("there is no such group");
+    return groups[index];
+}
+
+nb::object coefficients(PyAnimation &self, std::size_t index) {
+    const i64 channels = group_of(self, index).channels();
     std::vector<double> found = self.with([&](Animation &animation) { return animation.coefficients(index); });
-    return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(groups[index].channels(), 1)));
+    return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(channels, 1)));
 }
 
 // Any library's array that can be written to, as numpy's.
@@ -292,16 +246,13 @@ void verify(PyAnimation &self) {
 void check_section(PyAnimation &self, const std::string &type) {
     const auto own = self.opened();
     const nb::gil_scoped_release release;
-    const Container &container = own.animation ? own.animation->container() : own.file->container();
-    container.check(container.entry(type));
+    own.container().check(own.container().entry(type));
 }
 
 // Check the bytes of a group of frames.
 void check_group(PyAnimation &self, std::size_t index) {
-    const auto own = self.animation();
-    if (index >= own->table().groups().size()) throw nb::index_error("there is no such group");
-    const nb::gil_scoped_release release;
-    own->table().chunks(own->container(), index);
+    group_of(self, index);
+    self.with([&](const Animation &own) { return own.table().chunks(own.container(), index); });
 }
 
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
@@ -320,13 +271,6 @@ void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::o
         animation.evaluate(wanted, view(times), object, {out.data(), out.size()});
         return 0;
     });
-}
-
-Group group_of(PyAnimation &self, std::size_t index) {
-    const auto own = self.animation();
-    const std::vector<Group> &groups = own->table().groups();
-    if (index >= groups.size()) throw nb::index_error("there is no such group");
-    return groups[index];
 }
 
 nb::object weights(PyAnimation &self, int quantity, double time, std::size_t index) {
@@ -350,7 +294,7 @@ nb::object fields(PyAnimation &self, std::size_t index) {
     return nb::cast(nb::ndarray<nb::numpy, float>(kept->data(), 3, shape, owner));
 }
 
-nb::tuple corrections(PyAnimation &self, std::size_t group) {
+nb::object corrections(PyAnimation &self, std::size_t group) {
     group_of(self, group);
     const std::vector<Correction> found = self.with([&](Animation &own) {
         TakenMemory taken;
@@ -364,12 +308,22 @@ nb::tuple corrections(PyAnimation &self, std::size_t group) {
         vertices.push_back(one.vertex);
         offsets.insert(offsets.end(), one.offset.begin(), one.offset.end());
     }
-    return nb::make_tuple(to_array(std::move(frames)), to_array(std::move(vertices)), to_rows(std::move(offsets), 3));
+    return named("Corrections", to_array(std::move(frames)), to_array(std::move(vertices)),
+                 to_rows(std::move(offsets), 3));
 }
 
 }  // namespace
 
 void bind_animation(nb::module_ &module) {
+    add_tuple(module, "Run", "first frames vertices");
+    add_tuple(module, "Section", "type offset length");
+    add_tuple(module, "Group", "first frames functions basis step alpha");
+    add_tuple(module, "GroupRange", "first end");
+    add_tuple(module, "Model", "kind points functions threshold rate is_affine residual_step layout");
+    add_tuple(module, "FacesAndLines", "face_counts face_indices line_counts line_indices");
+    add_tuple(module, "DecodedAttribute", "name domain values indices labels");
+    add_tuple(module, "Reference", "grid origin step");
+    add_tuple(module, "Corrections", "frames vertices offsets");
     module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
@@ -387,10 +341,17 @@ void bind_animation(nb::module_ &module) {
                      })
         .def_prop_ro("fps", [](PyAnimation &self) { return self.opened().file->sequence().fps; })
         .def_prop_ro("runs", &runs)
-        .def("run_sections", &run_sections, nb::arg("run"))
-        .def("open_run", &open_run, nb::arg("run"))
+        .def(
+            "run_sections",
+            [](PyAnimation &self, std::size_t run) {
+                return listed(self.opened().file->container_of(check_run(self, run)));
+            },
+            nb::arg("run"))
+        .def(
+            "open_run", [](PyAnimation &self, std::size_t run) { return new PyAnimation(self, check_run(self, run)); },
+            nb::arg("run"))
         .def_prop_ro("vertex_counts", &vertex_counts)
-        .def_prop_ro("sections", &sections)
+        .def_prop_ro("sections", [](PyAnimation &self) { return listed(self.opened().container()); })
         .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.opened().file->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
@@ -406,7 +367,8 @@ void bind_animation(nb::module_ &module) {
             "groups_at",
             [](PyAnimation &self, int quantity, double time) {
                 const Quantity wanted = quantity_of(quantity);
-                return self.with([&](Animation &own) { return own.groups_at(wanted, time); });
+                const auto [first, end] = self.with([&](Animation &own) { return own.groups_at(wanted, time); });
+                return named("GroupRange", first, end);
             },
             nb::arg("quantity"), nb::arg("time"))
         .def("weights", &weights, nb::arg("quantity"), nb::arg("time"), nb::arg("group"))

@@ -1,4 +1,4 @@
-// What the report's baselines are coded with. No file of ours holds any of it: it is a part of the bindings only.
+// Coders of the published methods that research/baselines compares with. No .pdeanim file holds any of it.
 #include <algorithm>
 #include <array>
 #include <memory>

@@ -1,4 +1,17 @@
-// What the bindings share: numpy's arrays and Python's bytes as views, and vectors as arrays that own them.
+// The module pdecodec._core: what Python sees of the core, on numpy arrays and bytes.
+//
+// Begin here, then read module.cpp, which calls one function a file:
+//
+//     animation.cpp       an open file: class Animation; source.cpp: where its bytes come from
+//     mesh.cpp            sections of meshes: SEQN, CONN, ORDR, REST, ATTR, and the curves of a mesh
+//     motion.cpp          sections of motion: TIME, COEF, CORR
+//     space.cpp           patches, space bases, and the positions that coefficients give
+//     encode.cpp          loops of the encoder: displacements, quantisation, misses
+//     linear_algebra.cpp  products and decompositions
+//     simulate.cpp, text.cpp, baselines.cpp   XPBD sweeps, OBJ text, coders of the published baselines
+//
+// The interpreter lock is released around everything that loops. Several results are a named tuple. pdecodec/_core.pyi has
+// the types; tests/codec/test_core_types.py compares the two. This header has what the files share.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -7,9 +20,12 @@
 #include <memory>
 #include <span>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "base/arithmetic.hpp"
+#include "decode/evaluate/motion.hpp"
+#include "decode/source.hpp"
 #include "sections/attributes/attributes.hpp"
 #include "sections/connectivity/connectivity.hpp"
 
@@ -64,30 +80,47 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
     return to_matrix(std::move(values), rows, columns);
 }
 
+// Add a named tuple to the module, as collections.namedtuple takes it.
+inline void add_tuple(nb::module_ &module, const char *name, const char *fields) {
+    const nb::object make = nb::module_::import_("collections").attr("namedtuple");
+    module.attr(name) = make(name, fields, nb::arg("module") = "pdecodec._core");
+}
+
+// One of those tuples, of these values.
+template <class... Values> nb::object named(const char *name, Values &&...values) {
+    return nb::module_::import_("pdecodec._core").attr(name)(std::forward<Values>(values)...);
+}
+
+// ValueError unless something holds.
+inline void require(bool holds, const char *message) {
+    if (!holds) throw nb::value_error(message);
+}
+
 // Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller
 // keeps; ValueError where they do not fit together.
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
-// Attributes of each object: (name, domain, values, indices or None, labels), in arrays that cannot be written to.
-nb::list to_list(const std::shared_ptr<const std::vector<std::vector<Attribute>>> &decoded);
+// Grid coordinates of all vertices, as the core has them; ValueError unless there is one for each of the objects' vertices.
+std::span<const GridPoint> grid_of(const Rows<i64, 3> &grid, const std::vector<ConnectivityView> &objects);
 
-// One function a part of the core; each adds its classes and functions to the module.
-void bind_connectivity(nb::module_ &module);
-void bind_reference(nb::module_ &module);
-void bind_coefficients(nb::module_ &module);
-void bind_time_functions(nb::module_ &module);
-void bind_residuals(nb::module_ &module);
-void bind_curves(nb::module_ &module);
-void bind_evaluate(nb::module_ &module);
-void bind_description(nb::module_ &module);
-void bind_attributes(nb::module_ &module);
-void bind_xpbd(nb::module_ &module);
-void bind_text(nb::module_ &module);
-void bind_baselines(nb::module_ &module);
+// The bytes of a file: Python's bytes, a file's descriptor, or a file that Python reads, with the interpreter lock. The
+// caller keeps it.
+std::unique_ptr<Source> source_of(const nb::object &file);
+
+// What moves the vertices in a group of frames, in the precision of its sums.
+struct PyMotion {
+    std::variant<Motion<float>, Motion<double>> motion;
+};
+
+// One function a file; each adds its classes and functions to the module.
 void bind_animation(nb::module_ &module);
-void bind_container(nb::module_ &module);
-void bind_basis(nb::module_ &module);
+void bind_mesh(nb::module_ &module);
+void bind_motion(nb::module_ &module);
+void bind_space(nb::module_ &module);
 void bind_encode(nb::module_ &module);
 void bind_linear_algebra(nb::module_ &module);
+void bind_simulate(nb::module_ &module);
+void bind_text(nb::module_ &module);
+void bind_baselines(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

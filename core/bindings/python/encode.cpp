@@ -1,4 +1,4 @@
-// Python's view of what encoding loops over: displacements, quantisation, what a model leaves of the input.
+// Loops of the encoder: displacements, quantisation, what a model leaves of the input.
 #if defined(__linux__)
 #include <malloc.h>
 #endif
@@ -9,7 +9,6 @@
 #include <variant>
 
 #include "bindings/python/bindings.hpp"
-#include "bindings/python/motion.hpp"
 #include "encode/group_model.hpp"
 #include "encode/quantise.hpp"
 
@@ -19,10 +18,6 @@ namespace {
 
 template <class T> using Cube = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 template <class T> using Matrix = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-
-void require(bool holds, const char *message) {
-    if (!holds) throw nb::value_error(message);
-}
 
 template <class T> std::span<T> all_of(const Cube<T> &array) { return {array.data(), array.size()}; }
 
@@ -36,8 +31,8 @@ template <class Real> double py_take_displacements(const Cube<const float> &poin
                               std::span<Real>(rows.data(), rows.size()), threads);
 }
 
-template <class Real> nb::tuple py_quantise_sparsely(const Matrix<const Real> &values, int axes, double step,
-                                                     double round_up_at, double round_up_alone_at, int threads) {
+template <class Real> nb::object py_quantise_sparsely(const Matrix<const Real> &values, int axes, double step,
+                                                      double round_up_at, double round_up_alone_at, int threads) {
     require(step > 0.0 && (axes == 1 || axes == 3), "a step is positive, and axes are 1 or 3");
     Quantised found;
     {
@@ -47,7 +42,8 @@ template <class Real> nb::tuple py_quantise_sparsely(const Matrix<const Real> &v
                               axes, step, {round_up_at, round_up_alone_at}, threads);
     }
     const std::size_t rows = values.shape(0), channels = values.shape(1);
-    return nb::make_tuple(to_matrix(std::move(found.coefficients), rows, channels), to_array(std::move(found.largest)));
+    return named("SparseCoefficients", to_matrix(std::move(found.coefficients), rows, channels),
+                 to_array(std::move(found.largest)));
 }
 
 // A motion with the input that it is held against, and the arrays that both look at.
@@ -80,8 +76,8 @@ public:
                    .step = step};
     }
 
-    nb::tuple missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess, bool has_errors,
-                      int threads) const {
+    nb::object missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
+                       bool has_errors, int threads) const {
         require(margins.size() == points_.shape(0), "one margin a frame");
         Aim beyond{};
         if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
@@ -100,7 +96,7 @@ public:
                 },
                 motion_.motion);
         }
-        return nb::make_tuple(std::move(found), errors.largest_square, errors.sum_of_squares);
+        return named("MissedVertices", std::move(found), errors.largest_square, errors.sum_of_squares);
     }
 
 private:
@@ -175,6 +171,8 @@ template <class Real> void bind_quantise(nb::module_ &module) {
 }  // namespace
 
 void bind_encode(nb::module_ &module) {
+    add_tuple(module, "SparseCoefficients", "coefficients largest");
+    add_tuple(module, "MissedVertices", "residuals largest_square sum_of_squares");
     bind_take<float>(module);
     bind_take<double>(module);
     module.def("give_back_memory", &give_back_memory, nb::call_guard<nb::gil_scoped_release>());

@@ -1,4 +1,4 @@
-// Python's view of products and decompositions of matrices.
+// Products and decompositions of matrices.
 #include <memory>
 
 #include "base/arrays.hpp"
@@ -12,10 +12,6 @@ namespace {
 
 template <class T> using Matrix = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using AnyMatrix = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
-
-void require(bool holds, const char *message) {
-    if (!holds) throw nb::value_error(message);
-}
 
 template <class T> i64 rows_of(const T &matrix) { return static_cast<i64>(matrix.shape(0)); }
 template <class T> i64 columns_of(const T &matrix) { return static_cast<i64>(matrix.shape(1)); }
@@ -75,7 +71,7 @@ double py_sum_of_products(const Flat<double> &a, const Flat<double> &b) {
     return sum_of_products(a.data(), b.data(), static_cast<i64>(a.size()));
 }
 
-nb::tuple py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads) {
+nb::object py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads) {
     require(matrix.shape(0) == matrix.shape(1), "a symmetric matrix has as many rows as columns");
     Eigen found;
     {
@@ -83,19 +79,19 @@ nb::tuple py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads)
         found = symmetric_eigen(matrix.data(), rows_of(matrix), with_vectors, threads);
     }
     const std::size_t size = matrix.shape(0);
-    return nb::make_tuple(to_array(std::move(found.values)),
-                          to_matrix(std::move(found.vectors), with_vectors ? size : 0, size));
+    return named("Eigen", to_array(std::move(found.values)),
+                 to_matrix(std::move(found.vectors), with_vectors ? size : 0, size));
 }
 
-nb::tuple py_orthonormal_columns(const Matrix<double> &matrix) {
+nb::object py_orthonormal_columns(const Matrix<double> &matrix) {
     require(matrix.shape(0) >= matrix.shape(1), "as many rows as columns, or more");
     OrthonormalColumns found;
     {
         nb::gil_scoped_release release;
         found = orthonormal_columns(matrix.data(), rows_of(matrix), columns_of(matrix));
     }
-    return nb::make_tuple(to_matrix(std::move(found.vectors), matrix.shape(1), matrix.shape(0)),
-                          to_matrix(std::move(found.triangle), matrix.shape(1), matrix.shape(1)));
+    return named("OrthonormalColumns", to_matrix(std::move(found.vectors), matrix.shape(1), matrix.shape(0)),
+                 to_matrix(std::move(found.triangle), matrix.shape(1), matrix.shape(1)));
 }
 
 nb::object py_binary_logarithms(const Matrix<double> &values) {
@@ -120,6 +116,8 @@ template <class Real> void bind_rows(nb::module_ &module) {
 }  // namespace
 
 void bind_linear_algebra(nb::module_ &module) {
+    add_tuple(module, "Eigen", "values vectors");
+    add_tuple(module, "OrthonormalColumns", "vectors triangle");
     bind_rows<float>(module);
     bind_rows<double>(module);
     module.def("product", &py_product, nb::arg("left"), nb::arg("right"), nb::arg("threads"));

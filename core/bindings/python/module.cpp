@@ -1,5 +1,4 @@
-// Python's view of the core, a file each part: on numpy arrays and bytes. The interpreter lock is released around
-// everything that loops.
+// The module itself: its errors, and all that the other files add.
 #include "base/errors.hpp"
 #include "bindings/python/bindings.hpp"
 
@@ -24,21 +23,13 @@ NB_MODULE(_core, module) {
     });
     nb::exception<LimitError>(module, "LimitError");
     nb::exception<ReadError>(module, "ReadError");
-    bind_connectivity(module);
-    bind_reference(module);
-    bind_coefficients(module);
-    bind_time_functions(module);
-    bind_residuals(module);
-    bind_curves(module);
-    bind_evaluate(module);
-    bind_description(module);
-    bind_attributes(module);
-    bind_xpbd(module);
-    bind_text(module);
-    bind_baselines(module);
     bind_animation(module);
-    bind_container(module);
-    bind_basis(module);
+    bind_mesh(module);
+    bind_motion(module);
+    bind_space(module);
     bind_encode(module);
     bind_linear_algebra(module);
+    bind_simulate(module);
+    bind_text(module);
+    bind_baselines(module);
 }

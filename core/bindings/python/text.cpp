@@ -1,4 +1,4 @@
-// Python's view of OBJ text.
+// OBJ text: reading, and writing rows of numbers.
 #include "bindings/python/bindings.hpp"
 #include "text/decimals.hpp"
 #include "text/obj.hpp"

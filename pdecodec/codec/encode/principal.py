@@ -86,7 +86,7 @@ def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, F
 
 def principal_energies(squares: Float64Array, least: float) -> Float64Array:
     """The energies of :func:`principal_axes` alone: a quarter of the time where they are many."""
-    energies: Float64Array = np.maximum(_core.symmetric_eigen(squares, False, 1)[0], 0.0)
+    energies: Float64Array = np.maximum(_core.symmetric_eigen(squares, False, 1).values, 0.0)
     return energies[: _count_of_leading(energies, float(np.trace(squares)), least)]
 
 
@@ -129,7 +129,7 @@ def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
 
 def orthonormal(vectors: Float64Array) -> Float64Array:
     """Orthonormal vectors, as many as are given, that span these; in columns."""
-    return _core.orthonormal_columns(vectors)[0].T
+    return _core.orthonormal_columns(vectors).vectors.T
 
 
 def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:

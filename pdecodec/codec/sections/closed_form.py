@@ -199,7 +199,7 @@ class ClosedForm:
 
         Of distinct times the functions are independent (a Chebyshev system).
         """
-        r = _core.orthonormal_columns(self._series(self.times))[1]
+        r = _core.orthonormal_columns(self._series(self.times)).triangle
         diagonal = np.diagonal(r)
         upper: Float64Array = r * np.where(diagonal < 0.0, -1.0, 1.0)[:, None]
         # Frames so close together that float64 hardly tells them apart leave rounding alone; it must not blow up.

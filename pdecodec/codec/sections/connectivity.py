@@ -9,32 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.errors import CorruptFileError, InputError, LimitError
-from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Connectivity
 
 MOST_CORNERS = 2**31 - 1
 """Face corners of an object, and points of its lines: they are numbered by int32."""
 
 
-@dataclass(frozen=True, eq=False)
-class CodedOrder:
-    """The order in which an object's surface is coded: of each item, its number in the source.
-
-    Attributes
-    ----------
-    vertices : (vertices,) int32
-    faces : (faces,) int32
-    corners : (corners,) int32
-    """
-
-    vertices: Int32Array
-    faces: Int32Array
-    corners: Int32Array
+CodedOrder = _core.CodedOrder
+"""The order in which an object's surface is coded: of each vertex, face and corner, its number in the source."""
 
 
 def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = True) -> tuple[bytes, bytes]:
@@ -61,13 +47,13 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
     head = FieldWriter()
     for count in (len(parts), *(part.vertex_count for part in parts)):
         head.count(count)
-    conn, ordr = _core.encode_connectivity(core_parts(parts), keep_order)
-    return head.to_bytes() + conn, ordr
+    coded = _core.encode_connectivity(core_parts(parts), keep_order)
+    return head.to_bytes() + coded.conn, coded.ordr
 
 
 def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
     """The order in which each object's faces are coded where nothing is to be restored; None where it is its own."""
-    return [None if order is None else CodedOrder(*order) for order in _core.coded_orders(core_parts(parts))]
+    return _core.coded_orders(core_parts(parts))
 
 
 @contextmanager

@@ -133,11 +133,11 @@ class SpaceBasis:
     @property
     def subband_count(self) -> int:
         """One of the whole's affine functions, one for the wavelets of each node, one for each element's functions."""
-        return self.subbands[1].size
+        return self.subbands.kinds.size
 
     @cached_property
-    def subbands(self) -> tuple[Int64Array, Int64Array, Int64Array]:
-        """Functions as they are coded together: ``(starts, kinds, parents)``.
+    def subbands(self) -> _core.Subbands:
+        """Functions as they are coded together.
 
         Subband 0 is the whole's affine functions, then come the wavelets of each node, then each element's other
         functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element; ``parents`` the subband
@@ -190,7 +190,7 @@ class SpaceBasis:
 
     def functions_in(self, subbands: Int64Array) -> Int64Array:
         """(n,) int64: the functions of some subbands, among those of all."""
-        starts, sizes = self.subbands[0][subbands], np.diff(self.subbands[0])[subbands]
+        starts, sizes = self.subbands.starts[subbands], np.diff(self.subbands.starts)[subbands]
         ends = np.cumsum(sizes)
         return np.repeat(starts - (ends - sizes), sizes) + np.arange(int(sizes.sum()))
 

@@ -1,4 +1,4 @@
-// Python's view of patches, space bases and what they are made of.
+// Patches, space bases, and the positions that coefficients give.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
 
@@ -10,8 +10,6 @@
 
 #include "base/parallel.hpp"
 #include "bindings/python/bindings.hpp"
-#include "bindings/python/motion.hpp"
-#include "decode/evaluate/motion.hpp"
 #include "sections/spatial/series.hpp"
 #include "sections/spatial/space_basis.hpp"
 
@@ -27,10 +25,6 @@ std::span<const GridPoint> points_of(const Grid &grid) {
     return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
 }
 
-void require(bool holds, const char *message) {
-    if (!holds) throw nb::value_error(message);
-}
-
 // An array that lies in an object of the core.
 template <class T> nb::object inside(nb::handle owner, const std::vector<T> &values) {
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(const_cast<T *>(values.data()), {values.size()}, owner));
@@ -38,13 +32,6 @@ template <class T> nb::object inside(nb::handle owner, const std::vector<T> &val
 
 template <auto member> nb::object patches_array(nb::handle self) {
     return inside(self, nb::cast<Patches &>(self).*member);
-}
-
-void check_vertices(const std::vector<ConnectivityView> &objects, const Grid &grid) {
-    i64 vertices = 0;
-    for (const ConnectivityView &object : objects) vertices += object.vertices;
-    require(vertices > 0 && vertices == static_cast<i64>(grid.shape(0)),
-            "the objects have other vertices than the grid");
 }
 
 std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
@@ -58,10 +45,11 @@ std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &g
                                           const std::shared_ptr<Patches> &early) {
     require(points > 0, "patches have points");
     const std::vector<ConnectivityView> views = views_of(objects);
-    check_vertices(views, grid);
+    const std::span<const GridPoint> points_of_grid = grid_of(grid, views);
+    require(!points_of_grid.empty(), "a mesh has vertices");
     require(!early || early->order.size() == grid.shape(0), "the early patches are of another mesh");
     nb::gil_scoped_release release;
-    return build_patches(views, points_of(grid), points, early);
+    return build_patches(views, points_of_grid, points, early);
 }
 
 std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {
@@ -136,10 +124,10 @@ struct PySpaceBasis {
     std::optional<SpaceBasis> basis;
 };
 
-nb::tuple py_subbands(const PySpaceBasis &self) {
+nb::object py_subbands(const PySpaceBasis &self) {
     SubbandTable found = self.basis->layout().subbands();
-    return nb::make_tuple(to_array(std::move(found.starts)), to_array(std::move(found.kinds)),
-                          to_array(std::move(found.parents)));
+    return named("Subbands", to_array(std::move(found.starts)), to_array(std::move(found.kinds)),
+                 to_array(std::move(found.parents)));
 }
 
 nb::object py_functions_of(nb::handle self, i64 element) {
@@ -236,17 +224,6 @@ nb::object py_arc_length_parameters(const Grid &grid, const std::shared_ptr<Patc
     return to_array(std::move(found));
 }
 
-nb::tuple py_local_coordinates(const Grid &grid) {
-    LocalCoordinates local;
-    std::vector<i32> vertices(grid.shape(0));
-    for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = static_cast<i32>(i);
-    require(!vertices.empty(), "an element has points");
-    const int count = local.locate(points_of(grid), vertices);
-    std::vector<i64> found;
-    for (const std::vector<i64> &axis : local.axes) found.insert(found.end(), axis.begin(), axis.end());
-    return nb::make_tuple(count, to_rows(std::move(found), vertices.size()));
-}
-
 template <class Real> void bind_projections(nb::class_<PySpaceBasis> &of_space) {
     of_space.def("project", &PySpaceBasis::project<Real>, nb::arg("values").noconvert(), nb::arg("threads"))
         .def("project_some", &PySpaceBasis::project_some<Real>, nb::arg("values").noconvert(), nb::arg("subbands"),
@@ -255,7 +232,8 @@ template <class Real> void bind_projections(nb::class_<PySpaceBasis> &of_space) 
 
 }  // namespace
 
-void bind_basis(nb::module_ &module) {
+void bind_space(nb::module_ &module) {
+    add_tuple(module, "Subbands", "starts kinds parents");
     nb::class_<Patches>(module, "Patches")
         .def_prop_ro("order", &patches_array<&Patches::order>)
         .def_prop_ro("starts", &patches_array<&Patches::starts>)
@@ -299,13 +277,6 @@ void bind_basis(nb::module_ &module) {
              nb::arg("threads"));
     module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
     module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
-    module.def("local_coordinates", &py_local_coordinates, nb::arg("grid"));
-    module.def("integer_root", &integer_root, nb::arg("square"));
-    nb::list exponents;
-    for (const Polynomial &own : polynomials) {
-        exponents.append(nb::make_tuple(own.exponents[0], own.exponents[1], own.exponents[2]));
-    }
-    module.attr("POLYNOMIAL_EXPONENTS") = exponents;
 }
 
 }  // namespace pdeanim::bindings

@@ -1,4 +1,4 @@
-// Python's view of the simulator's sweeps. They work on arrays of the caller's, in place.
+// Sweeps of the simulator (XPBD). They work on arrays of the caller's, in place.
 #include <nanobind/stl/tuple.h>
 
 #include <algorithm>
@@ -157,7 +157,7 @@ void py_add_wind(const Points &positions, const Points &past, const Rows<i32, 3>
 }  // namespace
 
 // Arrays that are changed are never converted: what would change is a copy.
-void bind_xpbd(nb::module_ &module) {
+void bind_simulate(nb::module_ &module) {
     const auto changed = [](const char *name) { return nb::arg(name).noconvert(); };
     module.def("predict", &py_predict, changed("positions"), changed("previous"), nb::arg("inverse_masses"),
                nb::arg("velocities"), nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"),

@@ -1,0 +1,60 @@
+"""Files whose sections a test codes itself: what the library makes of a section, by opening a file that holds it."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import ArrayEvaluator, ArraySequence, Connectivity, MeshObject, encode, open_animation
+from pdecodec.codec.sections.description import encode_sequence_description
+from spec.decoder.groups import SHAPES, TRAJECTORIES
+from spec.sealing import Part, Row, seal, take_apart
+
+PLENTY = 2**52
+"""Memory limit [bytes] that no test comes near."""
+
+
+@cache
+def _still_file(objects: int) -> list[Part]:
+    """The sections of one frame of so many objects, each of one vertex; they have no name."""
+    items = [MeshObject("", Connectivity(1)) for _ in range(objects)]
+    data = encode(ArraySequence(np.zeros((1, objects, 3)), objects=items), effort="fast").data
+    assert data is not None
+    return take_apart(data)
+
+
+def file_of(objects: int, **sections: bytes) -> bytes:
+    """A file of one frame in which these sections stand in place of those of so many single vertices.
+
+    No function of time moves anything, so that the groups of frames go with any mesh.
+    """
+    left = dict(sections)
+    parts = [Part(part.kind, left.pop(part.kind, part.content), part.flags) for part in _still_file(objects)]
+    return seal([*parts, *(Part(kind, content) for kind, content in left.items() if content)])
+
+
+def evaluator_of(
+    times: NDArray[np.float64], functions: int, chunk: bytes, *, axes: int, step: float = 1.0
+) -> ArrayEvaluator:
+    """The evaluator of one still vertex whose frames, at these times, are a group of these functions of time.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    functions : int
+    chunk : bytes
+        Of section TIME: the functions as they are coded.
+    axes : {1, 3}
+        Values of a function at a frame.
+    step : float
+        Of the functions.
+    """
+    clip = ArraySequence(np.zeros((times.size, 1, 3)), times=times, fps=24.0)
+    sizes, kind = (len(chunk), 0, 0), TRAJECTORIES if axes == 3 else SHAPES
+    group = Row(times.size, functions, kind, struct.pack("<dd", 1.0, step), sizes, zlib.crc32(chunk)).pack()
+    file = file_of(1, SEQN=encode_sequence_description(clip), GRUP=group, TIME=chunk, COEF=b"", CORR=b"")
+    return ArrayEvaluator(open_animation(file), np)
