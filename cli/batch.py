@@ -34,8 +34,8 @@ SAID_EVERY = 30.0
 
 _OF_CLIPS = (
     "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",
-    "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "transforms", "skip_unsupported",
-    "isolate", "up_axis", "scale", "unit",
+    "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "displacement", "transforms",
+    "skip_unsupported", "isolate", "up_axis", "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that hold for every clip whose manifest says nothing else."""
 

@@ -128,6 +128,12 @@ read_options = option_group(
     click.option("--mesh", metavar="FILE", help="Where a point cache (MDD, PC2) has its faces and names from."),
     click.option("--clip", metavar="NAME", help="Which animation of IN, where it has several (glTF); the first."),
     click.option(
+        "--displacement",
+        metavar="NAME|none",
+        help="Which vectors of IN are added to its geometry (VTK, XDMF, Exodus).  [default: those that the format "
+        "defines]",
+    ),
+    click.option(
         "--transforms",
         type=click.Choice(["bake", "keep"]),
         default="bake",

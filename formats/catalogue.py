@@ -197,6 +197,7 @@ BUILT_IN = (
         extensions=(".e", ".exo", ".ex2"),
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.vtk.exodus:ExodusSequence",
+        options=("displacement",),
         write_with="a .xdmf file",
         keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
         "times, displacements",

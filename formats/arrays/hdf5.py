@@ -6,8 +6,10 @@ The datasets are those of :mod:`pdecodec.formats.base.object_arrays`, text as UT
 
 from __future__ import annotations
 
+import glob
 import io
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,12 @@ from pdecodec.system.storage import RemoteFile
 
 CHUNK_BYTES = 2**20
 """Size of a chunk of points: the cache that HDF5 gives a dataset by default."""
+
+MOST_VIRTUAL = 8
+"""Virtual datasets that may refer to each other in a row."""
+
+_UNLIMITED = 2**63
+"""Counts of a selection from here on are HDF5's mark for a selection that grows with its dataset."""
 
 
 class Hdf5Sequence(LaidOutSequence):
@@ -45,7 +53,8 @@ class Hdf5Sequence(LaidOutSequence):
                 names = _dataset_names(self._file)
                 check_has_points(names, "dataset")
                 self._points = self._file["points"]
-                self._take(names, lambda name: _read(self._file[name]), fps, "dataset")
+                check_stored(self._points, path)
+                self._take(names, lambda name: _read(self._file[name], path), fps, "dataset")
         except InputError:
             self._file.close()
             raise
@@ -143,7 +152,124 @@ def _dataset_names(file: Any) -> list[str]:
     return names
 
 
-def _read(dataset: Any) -> NDArray[Any]:
+def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
+    """Raise InputError where values of a dataset were never written: HDF5 gives its fill value for them.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+        Its chunks and the sources of a virtual dataset are looked at, not its values.
+    path : pathlib.Path or RemoteFile
+        The file that it is in.
+    depth : int
+        Virtual datasets that lie between the one that is read and this one.
+    """
+    if dataset.size in (None, 0):
+        return
+    name = dataset.name
+    if depth > MOST_VIRTUAL:
+        raise InputError(f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row", path=path)
+    if dataset.is_virtual:
+        _check_sources(dataset, path, depth)
+    elif dataset.chunks is not None:
+        total = math.prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
+        written = dataset.id.get_num_chunks()
+        if written < total:
+            raise InputError(
+                f"{total - written} of {total} chunks of dataset {name!r} were never written; write the file again",
+                path=path,
+            )
+    elif dataset.external is not None:
+        for file, _, _ in dataset.external:
+            _found_beside(str(file), path, name)
+    elif dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_NOT_ALLOCATED:
+        raise InputError(f"dataset {name!r} was never written; write the file again", path=path)
+
+
+def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
+    """Raise InputError where a source of a virtual dataset is missing or too small, or values have none."""
+    covered, is_open = 0, False
+    for space, pattern, source_name, selected in dataset.virtual_sources():
+        numbers: Iterable[int] = (0,)
+        if space.is_regular_hyperslab():
+            start, stride, count, _ = space.get_regular_hyperslab()
+            open_axes = [axis for axis, number in enumerate(count) if number >= _UNLIMITED]
+            if open_axes:
+                is_open = True
+                count_there = -(-(dataset.shape[open_axes[0]] - start[open_axes[0]]) // stride[open_axes[0]])
+                numbers = range(count_there)
+                if _has_later_file(pattern, path, count_there):
+                    numbers = range(count_there + 1)  # HDF5 ends the dataset before the first missing file
+        count = 0 if is_open else space.get_select_npoints()
+        covered += count
+        for number in numbers if "%b" in pattern + source_name else (0,):
+            file_name, inner = (text.replace("%b", str(number)) for text in (pattern, source_name))
+            if file_name == ".":
+                source = dataset.file[inner]
+                _check_extent(source, selected, count, path)
+                check_stored(source, path, depth + 1)
+                continue
+            file_path = _found_beside(file_name, path, dataset.name)
+            with h5py.File(file_path, "r") as file:
+                if inner not in file:
+                    raise InputError(f"has no dataset {inner!r}, which {dataset.name!r} is made of", path=file_path)
+                _check_extent(file[inner], selected, count, file_path)
+                check_stored(file[inner], file_path, depth + 1)
+    if not is_open and covered < dataset.size:
+        lost = dataset.size - covered
+        raise InputError(
+            f"{lost} of {dataset.size} values of the virtual dataset {dataset.name!r} have no source; write it again",
+            path=path,
+        )
+
+
+def _check_extent(source: Any, selected: Any, count: int, path: Path | RemoteFile) -> None:
+    """Raise InputError where a source has fewer values than the `count` that a virtual dataset takes of it."""
+    if selected.get_select_type() == h5py.h5s.SEL_ALL:
+        if source.size < count:
+            raise InputError(
+                f"its dataset {source.name!r} has {source.size} values, a virtual dataset needs {count} of it",
+                path=path,
+            )
+        return
+    if selected.is_regular_hyperslab() and max(selected.get_regular_hyperslab()[2]) >= _UNLIMITED:
+        return
+    else:
+        wanted = tuple(last + 1 for last in selected.get_select_bounds()[1])
+    if len(wanted) != source.ndim or any(size > there for size, there in zip(wanted, source.shape, strict=True)):
+        raise InputError(
+            f"its dataset {source.name!r} has shape {source.shape}, a virtual dataset needs {tuple(wanted)} of it",
+            path=path,
+        )
+
+
+def _has_later_file(pattern: str, path: Path | RemoteFile, first: int) -> bool:
+    """Whether a file beside `path` has a number from `first` on in the place of ``%b`` in a pattern."""
+    if not isinstance(path, Path) or "%b" not in pattern:
+        return False
+    head, _, tail = Path(pattern).name.partition("%b")
+    folder = path.absolute().parent / Path(pattern).parent
+    numbers = (one.name.removeprefix(head).removesuffix(tail) for one in folder.glob(f"{glob.escape(head)}*"))
+    return any(number.isdecimal() and int(number) >= first for number in numbers)
+
+
+def _found_beside(name: str, path: Path | RemoteFile, dataset: str) -> Path:
+    """Return the path of a file that a dataset has its values in, looked for where HDF5 looks for it.
+
+    Raises
+    ------
+    InputError
+        If it is missing.
+    """
+    folders = [path.absolute().parent, path.resolve().parent] if isinstance(path, Path) else []
+    for found in (*(folder / part for folder in folders for part in (name, Path(name).name)), Path(name)):
+        if found.is_file():
+            return found
+    raise InputError(f"dataset {dataset!r} has its values in {name!r}, which is missing; restore that file", path=path)
+
+
+def _read(dataset: Any, path: Path | RemoteFile) -> NDArray[Any]:
+    check_stored(dataset, path)
     if h5py.check_string_dtype(dataset.dtype) is not None:
         return np.asarray(dataset.asstr()[()], dtype=np.str_)
     return np.asarray(dataset[()])

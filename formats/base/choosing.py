@@ -31,7 +31,7 @@ class InputOptions:
 
     Attributes
     ----------
-    fps, mesh, clip, transforms, skip_unsupported, isolate
+    fps, mesh, clip, displacement, transforms, skip_unsupported, isolate
         As :func:`pdecodec.open_sequence` takes them.
     frames : str or None
         Frames to take, as :func:`select_frames` reads them.
@@ -44,6 +44,7 @@ class InputOptions:
     fps: float | None = None
     mesh: str | None = None
     clip: str | None = None
+    displacement: str | None = None
     transforms: Transforms = "bake"
     skip_unsupported: bool = False
     isolate: bool = False
@@ -87,6 +88,7 @@ def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSeq
         fps=options.fps,
         mesh=options.mesh,
         clip=options.clip,
+        displacement=options.displacement,
         transforms=options.transforms,
         skip_unsupported=options.skip_unsupported,
         isolate=options.isolate,

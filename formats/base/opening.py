@@ -30,6 +30,9 @@ from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
 
+_OF_FORMATS = ("mesh", "clip", "displacement")
+"""Options of :func:`open_sequence` that are refused for formats that have no use for them."""
+
 
 def open_sequence(
     path: str | os.PathLike[str],
@@ -37,6 +40,7 @@ def open_sequence(
     fps: float | None = None,
     mesh: str | os.PathLike[str] | None = None,
     clip: str | None = None,
+    displacement: str | None = None,
     transforms: Transforms = "bake",
     skip_unsupported: bool = False,
     isolate: bool = False,
@@ -58,6 +62,9 @@ def open_sequence(
         be opened here, of as many vertices.
     clip : str, optional
         Name of the animation to take where a file has several (glTF). Default: the first.
+    displacement : str, optional
+        Name of the vectors on nodes that are added to the geometry of a simulation (VTK, XDMF, Exodus), ``none`` for
+        none of them. Default: those that the format itself defines as displacements; a notice lists the others.
     transforms : {"bake", "keep"}
         Formats with transforms above objects: apply them to the positions, or keep them as the attribute
         ``transform`` (:mod:`pdecodec.formats.base.scene_space`). Others have none.
@@ -77,18 +84,24 @@ def open_sequence(
     InputError
         If there is nothing there, no format knows it, or it is damaged.
     SettingsError
-        If `mesh` or `clip` is given for a format that has no use for it.
+        If `mesh`, `clip` or `displacement` is given for a format that has no use for it.
     MissingExtraError
         If the format needs a package that is not installed.
     """
     _check_fps(fps)
-    given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
+    given = {
+        "mesh": mesh,
+        "clip": clip,
+        "displacement": displacement,
+        "transforms": transforms,
+        "skip_unsupported": skip_unsupported,
+    }
     if is_address(path):
         return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
     where = Path(path)
     finish_interrupted(where if where.is_dir() else where.parent)
     entry = format_to_read(where)
-    for name in ("mesh", "clip"):
+    for name in _OF_FORMATS:
         if given[name] is not None and name not in entry.options:
             raise _misplaced(name, where)
     if isolate:
@@ -109,7 +122,7 @@ def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -
         raise unknown_format(file.address)
     size = file.size()  # tells whether it is there
     if entry.from_address and not options["isolate"]:
-        for name in ("mesh", "clip"):
+        for name in _OF_FORMATS:
             if options[name] is not None:
                 raise SettingsError(f"--{name} is not for {entry.title}; leave it out", path=file.address)
         reader: Reader = load(entry, entry.reader, "read", Path(file.name))

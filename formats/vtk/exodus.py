@@ -1,10 +1,13 @@
 """Exodus II: coordinates, blocks of elements, and displacements of every time step, from netCDF-4 or netCDF-3 files.
 
-Read without the netCDF4 package: netCDF-4 files are HDF5, netCDF-3 files SciPy reads.
+Read without the netCDF4 package: netCDF-4 files are HDF5, netCDF-3 files SciPy reads. What moves the nodes are the
+nodal variables that Exodus' own programs take for displacements, see :func:`displacements`.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.arrays.hdf5 import check_stored
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, not_kept_data
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
@@ -33,8 +38,33 @@ KINDS = {
 _SHELLS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle", 7: "triangle", 8: "quad", 9: "quad"}
 """What shells are, by their number of nodes."""
 
-AXES, DISPLACEMENTS = "XYZ", ("DISPL", "DISP", "DISP_", "DISPLACEMENT_", "U")
-"""Axes and beginnings of the names of displacements."""
+AXES = "xyz"
+
+_OF_AXIS = re.compile(r"(?P<base>.+?)_?(?P<axis>[xyz])", re.IGNORECASE | re.DOTALL)
+"""Name of a nodal variable that is one component of a vector."""
+
+_DISPLACEMENT = "disp"
+"""How names of displacements begin, in lower case, for SEACAS and ParaView: displ_x, DISPX, displacement_x."""
+
+_ONE_AXIS = ("disp", "displ", "displacement", "displacements")
+"""Names of displacements of which a component alone is one, too: the nodes do not move along the other axes."""
+
+_VARIABLES = {
+    "name_nod_var": "nodal variables",
+    "name_elem_var": "element variables",
+    "name_edge_var": "edge variables",
+    "name_face_var": "face variables",
+    "name_nset_var": "node set variables",
+    "name_sset_var": "side set variables",
+    "name_glo_var": "global variables",
+}
+"""Where Exodus lists the names of variables, and what they are called."""
+
+_NAMED = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"}
+"""Where Exodus lists the names of parts of a mesh."""
+
+NETCDF_FILL = {"f4": float(np.float32(9.969209968386869e36)), "f8": 9.969209968386869e36}
+"""What netCDF gives for numbers that were never written, where their variable says nothing else."""
 
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
 """What h5py, SciPy and NumPy raise on damaged or missing parts."""
@@ -43,14 +73,18 @@ _DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, A
 class ExodusSequence(MeshSequence):
     """Shells, surfaces of solids, bars and points of an Exodus II file, moved by their displacements.
 
+    `displacement` names the nodal vector that is added to coordinates; none: those that are displacements by the
+    convention of Exodus' programs.
+
     Raises
     ------
     InputError
-        If it is damaged, or has elements of kinds that are not read.
+        If it is damaged, values of it were never written, it has elements of kinds that are not read, or no vector is
+        called `displacement`.
     """
 
-    def __init__(self, path: Path, *, fps: float | None) -> None:
-        self._path = path
+    def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
+        self._path, self._asked = path, displacement
         try:
             self._variables = _open_variables(path)
             self._open(fps)
@@ -71,33 +105,74 @@ class ExodusSequence(MeshSequence):
         self._rest = np.zeros((coordinates.shape[1], 3))
         self._rest[:, : len(coordinates)] = coordinates.T
         times = self._numbers("time_whole") if "time_whole" in self._variables else np.zeros(0)
-        self._moving = self._displacements()
+        nodal = self._names("name_nod_var")
+        vectors = vectors_of(nodal, len(coordinates))
+        chosen = choose_vectors(
+            list(vectors), self._asked, self._path, defined=displacements(vectors, len(coordinates))
+        )
+        offered = [name for name, found in vectors.items() if len(found) >= len(coordinates)]
+        self.notices = motion_notices(chosen, offered, self._asked, moves=times.size < 2)
+        used: list[str] = []
+        self._moving = {}
+        for axis, number in ({} if chosen is None else vectors[chosen]).items():
+            self._moving[axis] = self._variables[f"vals_nod_var{number}"]
+            self._check_variable(self._moving[axis], times.size, nodal[number - 1])
+            used.append(nodal[number - 1])
         if times.size and self._moving:
-            self.times, self.fps, self.notices = timing_of_stored(times, fps)
+            self.times, self.fps, notices = timing_of_stored(times, fps)
+            lacking = [letter for axis, letter in enumerate(AXES[: len(coordinates)]) if axis not in self._moving]
+            if lacking:
+                self.notices = (*self.notices, f"the displacements have no components along {', '.join(lacking)}")
         else:
-            self.times, self.fps, self.notices = np.zeros(1), rate_or_default(None, fps)[0], ()
+            self.times, self.fps, notices = np.zeros(1), rate_or_default(None, fps)[0], ()
             if times.size > 1:
-                self.notices = ("no displacements (DISPLX, ...) are in it: its shape stays",)
+                notices = (
+                    f"its shape stays, one frame is read of {times.size} time steps: nothing displaces its nodes",
+                )
         connectivity, self._gather = self._cells().connectivity(self._rest)
         attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
         self.objects = (MeshObject("mesh", connectivity, attributes),)
-        self.notices = (*self.notices, *left_out_notice(self._gather, len(self._rest)))
+        self.notices = (
+            *notices,
+            *self.notices,
+            *not_kept_data(self._dropped(used)),
+            *left_out_notice(self._gather, len(self._rest)),
+        )
         self.metadata = {}
 
-    def _numbers(self, name: str) -> Float64Array:
-        return np.asarray(self._variables[name][:], np.float64)
+    def _dropped(self, used: Sequence[str]) -> dict[str, list[str]]:
+        """Names of variables but for those `used`, of blocks and of sets, by kind."""
+        places = dict(_VARIABLES)
+        for place in self._variables:
+            if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
+                places.setdefault(place, f"{place[5:-4]} variables")
+        kinds = {
+            kind: [name for name in self._names(place) if name not in used or place != "name_nod_var"]
+            for place, kind in places.items()
+        }
+        # Without names blocks and sets have nothing to lose but their numbers.
+        return kinds | {kind: [name for name in self._names(place) if name] for place, kind in _NAMED.items()}
 
-    def _displacements(self) -> dict[int, Any]:
-        """The variable of each axis."""
-        if "name_nod_var" not in self._variables:
-            return {}
-        names = [_text(row).upper() for row in np.asarray(self._variables["name_nod_var"][:])]
-        found = {}
-        for number, name in enumerate(names, 1):
-            for axis, letter in enumerate(AXES):
-                if name in {f"{start}{letter}" for start in DISPLACEMENTS}:
-                    found[axis] = self._variables[f"vals_nod_var{number}"]
-        return found
+    def _names(self, place: str) -> list[str]:
+        """Names that the file lists in a place; none where it has no such list."""
+        return [_text(row) for row in np.asarray(self._variables[place][:])] if place in self._variables else []
+
+    def _numbers(self, name: str) -> Float64Array:
+        variable = self._variables[name]
+        self._check_variable(variable, None, name)
+        values = np.asarray(variable[:], np.float64)
+        if (values == _fill_of(variable)).any():
+            raise InputError(f"{name} has values that were never written; export it again", path=self._path)
+        return values
+
+    def _check_variable(self, variable: Any, steps: int | None, name: str) -> None:
+        """Raise InputError where a variable has fewer steps than there are times, or parts of it were not written."""
+        if steps is not None and variable.shape[0] < steps:
+            raise InputError(
+                f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
+            )
+        if isinstance(variable, h5py.Dataset):
+            check_stored(variable, self._path)
 
     def _numbers_of_nodes(self) -> Int64Array:
         """(nodes,): what the file calls its nodes; from 1 where it does not say."""
@@ -107,9 +182,11 @@ class ExodusSequence(MeshSequence):
 
     def _cells(self) -> Cells:
         cells = Cells()
-        number = 1
-        while f"connect{number}" in self._variables:
+        # A block without elements has no such variable, the next one may.
+        numbers = sorted(int(key[7:]) for key in self._variables if re.fullmatch(r"connect\d+", key))
+        for number in numbers:
             block = self._variables[f"connect{number}"]
+            self._check_variable(block, None, f"connect{number}")
             rows = np.asarray(block[:], np.int64) - 1
             name = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
             kind = next((kind for kind, names in KINDS.items() if name in names), None)
@@ -122,7 +199,6 @@ class ExodusSequence(MeshSequence):
                     path=self._path,
                 )
             cells.add(kind, rows)
-            number += 1
         return cells
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -130,7 +206,12 @@ class ExodusSequence(MeshSequence):
         points = np.repeat(self._rest[None], stop - start, axis=0)
         try:
             for axis, values in self._moving.items():
-                points[:, :, axis] += np.asarray(values[start:stop], np.float64)
+                moved = np.asarray(values[start:stop], np.float64)
+                unwritten = np.flatnonzero((moved == _fill_of(values)).any(axis=1))
+                if unwritten.size:
+                    message = f"displacements along {AXES[axis]} were never written; export it again"
+                    raise InputError(message, path=self._path, frame=start + int(unwritten[0]))
+                points[:, :, axis] += moved
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
         return to_float32(points if self._gather is None else points[:, self._gather])
@@ -141,6 +222,56 @@ class ExodusSequence(MeshSequence):
         if close is not None:
             close()
         self._variables = {}
+
+
+def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
+    """Return the vectors of nodal variables: for each axis the number of the variable, from 1.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the variables, as ``displ_x``, ``displ_y``, ``displ_z``; case does not matter.
+    axes : int
+        Of the coordinates.
+
+    Returns
+    -------
+    dict
+        By the names without axes, ``displ``: all with a component for every axis, and those that are called
+        displacements with fewer.
+    """
+    found: dict[tuple[str, bool], tuple[str, dict[int, int]]] = {}
+    for number, name in enumerate(names, 1):
+        part = _OF_AXIS.fullmatch(name)
+        if part is not None:
+            key = part["base"].lower(), "_" in name[part.end("base") :]
+            axis = AXES.index(part["axis"].lower())
+            found.setdefault(key, (part["base"], {}))[1].setdefault(axis, number)
+    vectors = [
+        (base, dict(sorted(parts.items())))
+        for (lower, _), (base, parts) in found.items()
+        if set(range(axes)) <= set(parts) or lower in _ONE_AXIS
+    ]
+    bases = [base for base, _ in vectors]
+    # Two sets of one name, ``disp_x`` and ``dispx``, are told apart by their first variable.
+    return {base if bases.count(base) == 1 else names[min(parts.values()) - 1]: parts for base, parts in vectors}
+
+
+def displacements(vectors: Mapping[str, Mapping[int, int]], axes: int) -> list[str]:
+    """Return the vectors that SEACAS and ParaView take for displacements: those whose name begins with ``disp``.
+
+    One with a component for every axis goes before those with fewer.
+    """
+    named = [name for name in vectors if name.lower().startswith(_DISPLACEMENT)]
+    return [name for name in named if len(vectors[name]) >= axes] or named
+
+
+def _fill_of(variable: Any) -> float:
+    """Return what netCDF gives for numbers of a variable that were never written; NaN where nothing tells."""
+    own = variable.attrs.get("_FillValue") if hasattr(variable, "attrs") else getattr(variable, "_FillValue", None)
+    dtype = np.dtype(variable.dtype if hasattr(variable, "dtype") else variable.data.dtype)
+    fill = NETCDF_FILL.get(dtype.str[1:], np.nan) if own is None else float(np.asarray(own).reshape(-1)[0])
+    return fill or np.nan  # zero is a number that files do hold
 
 
 def _open_variables(path: Path) -> Any:

@@ -1,0 +1,107 @@
+"""What moves a mesh of a simulation, one rule for VTK, XDMF and Exodus; and what of its data is not kept.
+
+1. Geometry that the file stores for every step is taken as it is.
+2. Vectors on nodes are added to it where the format itself defines them as displacements. Exodus alone does: by the
+   convention of its own programs, nodal variables of every axis whose name begins with ``disp``.
+3. Or where the user names them, ``displacement="u"``; ``displacement="none"`` adds none.
+4. Other vectors (``u``, velocities) move nothing: a notice lists them, and whether they could.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+
+NO_DISPLACEMENT = "none"
+"""Value of the option ``displacement`` that adds no vectors."""
+
+
+def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, defined: Sequence[str] = ()) -> str | None:
+    """Return the name of the vectors that are added to the geometry, None for none of them.
+
+    Parameters
+    ----------
+    vectors : sequence of str
+        Names of vectors on nodes.
+    asked : str or None
+        The option ``displacement``.
+    path : pathlib.Path
+        The file, for errors.
+    defined : sequence of str
+        Those of them that the format defines as displacements.
+
+    Raises
+    ------
+    InputError
+        If there are no vectors of the name asked for, or the format defines several.
+    """
+    if asked is None:
+        if len(defined) > 1:
+            raise InputError(
+                f"several vectors are displacements ({quoted(defined)}); name one of them with the option "
+                f"displacement, or {NO_DISPLACEMENT}",
+                path=path,
+            )
+        return defined[0] if defined else None
+    if asked in vectors:
+        return asked
+    if asked.lower() == NO_DISPLACEMENT:
+        return None
+    alike = [name for name in vectors if name.lower() == asked.lower()]
+    if len(alike) == 1:
+        return alike[0]
+    there = f"there are {quoted(vectors)}" if vectors else "there are no vectors on nodes"
+    raise InputError(f"has no vectors {asked!r} on its nodes that could be its displacement; {there}", path=path)
+
+
+def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None, *, moves: bool) -> tuple[str, ...]:
+    """Return the line that says which vectors move the mesh, or which could where its geometry stands still."""
+    if chosen is not None:
+        return (f"the vectors {chosen!r} are added to the geometry: they move the mesh",)
+    if moves or asked is not None or not vectors:
+        return ()
+    return (
+        f"the mesh stands still: nothing says that {quoted(vectors)} {_are(vectors)} its displacement; "
+        f"the option displacement=NAME adds vectors to the geometry",
+    )
+
+
+def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
+    """Return the line that says which data are not kept, by kind: ``{"point data": ["temperature"]}``."""
+    listed = [f"{kind} {quoted(found)}" for kind, one in names.items() if (found := list(dict.fromkeys(one)))]
+    if not listed:
+        return ()
+    head = ", ".join(listed[:-1])
+    return (f"{head} and {listed[-1]} are not kept" if head else f"{listed[0]} are not kept",)
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Return names as they stand in messages: ``'a', 'b'``."""
+    return ", ".join(map(repr, names))
+
+
+def moved(points: NDArray[np.floating], vectors: NDArray[np.generic], name: str, path: Path) -> NDArray[np.floating]:
+    """Return points (nodes, 3) with vectors (nodes, 1 to 3) of this name added.
+
+    Raises
+    ------
+    InputError
+        If there are not as many vectors as points, or they have other components.
+    """
+    if vectors.ndim != 2 or len(vectors) != len(points) or not 1 <= vectors.shape[1] <= 3:
+        raise InputError(
+            f"the displacement {name!r} has shape {vectors.shape}, and there are {len(points)} nodes; export it again",
+            path=path,
+        )
+    found = points.astype(np.result_type(points, vectors, np.float32), copy=True)
+    found[:, : vectors.shape[1]] += vectors
+    return found
+
+
+def _are(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
