@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,16 +13,13 @@ from hypothesis import strategies as st
 from pdecodec import (
     ArraySequence,
     Connectivity,
-    EncodeReport,
-    EncodeSettings,
     MeshObject,
-    encode,
 )
-from pdecodec.codec.encode import auto_profile as autoprofile
-from pdecodec.codec.encode.group_fit import GroupFitter
 from pdecodec.codec.sections import space_basis as spacebasis
 from pdecodec.codec.sections.groups import DOUBLE_MARGIN, SINGLE_MARGIN
 from pdecodec.codec.sections.space_basis import SpaceBasis, build_space_basis, decode_space_basis
+from pdecodec.mesh.metrics import frame_scale
+from spec.accepted import Choices, encoded
 from spec.decoder import space as plain
 from tests.support.mesh_cases import grid
 from tests.support.shaken_arithmetic import decoder, shaker, trace
@@ -48,41 +44,37 @@ def scattered(frames: int, points: int) -> ArraySequence:
     return ArraySequence(moved.astype(np.float32), objects=[MeshObject("points", Connectivity(points))])
 
 
-CASES: dict[str, tuple[Callable[[], ArraySequence], dict[str, Any]]] = {
-    "square": (lambda: sheet(7, 6, 6), {}),
-    "square, tilted": (lambda: sheet(7, 7, 7, tilt=0.6), {"space": ("patch", 16)}),
-    "shapes": (lambda: sheet(6, 4, 9), {"time": "shapes"}),
-    "cosines in double": (lambda: sheet(5, 4, 5), {"time": "cosines", "tolerance": 1e-5}),
-    "trajectories in double": (lambda: sheet(9, 4, 5), {"tolerance": 1e-5}),
-    "pieces of curves": (lambda: sheet(6, 4, 11, tilt=0.3), {"space": ("curve", 8)}),
-    "points": (lambda: scattered(6, 40), {"space": ("patch", 16)}),
-    "bound below the spacing of float32": (lambda: scattered(4, 24), {"tolerance": 1e-8}),
-    "three groups": (lambda: sheet(11, 3, 6), {"longest": 4}),
+def held(tolerance: float = 3e-3, **choices: Any) -> Choices:
+    return Choices(settings={"tolerance": tolerance}, **choices)
+
+
+CASES: dict[str, tuple[Callable[[], ArraySequence], Choices]] = {
+    "square": (lambda: sheet(7, 6, 6), held()),
+    "square, tilted": (lambda: sheet(7, 7, 7, tilt=0.6), held(space=("patch", 16))),
+    "shapes": (lambda: sheet(6, 4, 9), held(time="shapes")),
+    "cosines in double": (lambda: sheet(5, 4, 5), held(1e-5, time="cosines")),
+    "trajectories in double": (lambda: sheet(9, 4, 5), held(1e-5)),
+    "pieces of curves": (lambda: sheet(6, 4, 11, tilt=0.3), held(space=("curve", 8))),
+    "points": (lambda: scattered(6, 40), held(space=("patch", 16))),
+    "bound below the spacing of float32": (lambda: scattered(4, 24), held(1e-8)),
+    "three groups": (lambda: sheet(11, 3, 6), held(longest_group=4)),
 }
 
 
 @pytest.fixture(params=CASES)
-def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[ArraySequence, EncodeReport]:
-    make, held = CASES[request.param]
+def case(request: pytest.FixtureRequest) -> tuple[ArraySequence, Choices, bytes]:
+    make, choices = CASES[request.param]
     sequence = make()
-    first = vars(GroupFitter)["first_choice"].fget
-    with_time = property(lambda fitter: replace(first(fitter), time=held.get("time", "trajectories")))
-    monkeypatch.setattr(GroupFitter, "first_choice", with_time)
-    monkeypatch.setattr(autoprofile, "LONGEST_GROUP", held.get("longest", 512))
-    fast = replace(autoprofile.EFFORTS["fast"], space_bases=(held.get("space", ("patch", 64)),))
-    monkeypatch.setitem(autoprofile.EFFORTS, "fast", fast)
-    options = EncodeSettings(profile="auto", effort="fast", tolerance=held.get("tolerance", 3e-3))
-    return sequence, encode(sequence, None, options)
+    return sequence, choices, encoded(sequence, choices)
 
 
-def test_a_decoder_that_rounds_otherwise_reads_the_same_bits(case: tuple[ArraySequence, EncodeReport]) -> None:
-    _, report = case
-    assert report.data is not None
+def test_a_decoder_that_rounds_otherwise_reads_the_same_bits(case: tuple[ArraySequence, Choices, bytes]) -> None:
+    _, _, data = case
     read = []
     for seed in range(3):
         with decoder(shaker(seed) if seed else None, exempt=set()) as modules:
             read.append(trace(modules))
-            animation = modules["animation"].decode(report.data)
+            animation = modules["animation"].decode(data)
             for group in range(len(animation.motion.groups)):
                 animation.motion.group(group)
     assert len(read[0]) > 500
@@ -91,16 +83,15 @@ def test_a_decoder_that_rounds_otherwise_reads_the_same_bits(case: tuple[ArraySe
 
 
 def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
-    case: tuple[ArraySequence, EncodeReport],
+    case: tuple[ArraySequence, Choices, bytes],
 ) -> None:
-    sequence, report = case
-    assert report.data is not None
-    assert report.bound is not None
+    sequence, choices, data = case
     points = sequence.read_frames(0, sequence.frame_count)
+    bound = choices.settings["tolerance"] * frame_scale(points[0])
     found = []
     for seed in range(3):
         with decoder(shaker(seed) if seed else None) as modules:
-            animation = modules["animation"].decode(report.data)
+            animation = modules["animation"].decode(data)
             between = [0.5 * (a + b) for a, b in zip(animation.times, animation.times[1:], strict=False)]
             found.append(np.array([animation.positions(time) for time in [*animation.times, *between]]))
             step = animation.motion.step
@@ -108,7 +99,7 @@ def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
     spacing = float(np.spacing(np.abs(points).max()))
     for other in found:
         off = np.linalg.norm(other[: len(points)].astype(np.float64) - points, axis=2)
-        assert off.max() <= report.bound * (1 + 1e-15)
+        assert off.max() <= bound * (1 + 1e-15)
         assert np.abs(other.astype(np.float64) - found[0]).max() <= 2 * max(margins) * step + 2 * spacing
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,9 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.codec.encode.effort import EFFORTS
+from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.metrics import frame_scale
+from spec.accepted import Choices, encoded
 from spec.decoder import animation as independent
 from tests.codec.test_round_trip import CLIPS
 from tests.support.decoders import assert_same
@@ -33,8 +33,11 @@ from tests.support.sequence_cases import rich_sequence
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def assert_decodes_alike(sequence: MeshSequence, path: Path) -> None:
-    encode(sequence, path, EncodeSettings(effort="fast"), overwrite=True)
+def assert_decodes_alike(sequence: MeshSequence, path: Path, choices: Choices | None = None) -> None:
+    if choices is None:
+        encode(sequence, path, EncodeSettings(effort="fast"), overwrite=True)
+    else:
+        path.write_bytes(encoded(sequence, choices))
     other = independent.decode_file(path)
     with open_animation(path) as mine:
         first, last = mine.times[0], mine.times[-1]
@@ -62,21 +65,17 @@ def bending_strips() -> ArraySequence:
 
 
 @pytest.mark.parametrize(("kind", "points"), [("patch", 16), ("patch", 64), ("curve", 16), ("curve", 64)])
-def test_many_patches_and_pieces_decode_alike(
-    kind: str, points: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(EFFORTS, "fast", replace(EFFORTS["fast"], space_bases=((kind, points),)))
+def test_many_patches_and_pieces_decode_alike(kind: SpaceKind, points: int, tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
-    assert_decodes_alike(bending_strips(), path)
+    assert_decodes_alike(bending_strips(), path, Choices(space=(kind, points)))
     with open_animation(path) as animation:
         assert animation.info()["space_basis"] == kind
     assert len(independent.decode_file(path).motion.space.patches.elements) >= 3
 
 
-def test_groups_decode_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 4)
+def test_groups_decode_alike(tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
-    assert_decodes_alike(bending_strips(), path)
+    assert_decodes_alike(bending_strips(), path, Choices(longest_group=4))
     with open_animation(path) as animation:
         assert animation.info()["groups"] == 3
 
