@@ -73,7 +73,7 @@ def decoded(sequence: MeshSequence, **options: Any) -> Animation:
     return open_animation(data)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     st.lists(st.tuples(st.integers(1, 4), st.integers(0, 3)), min_size=1, max_size=5),
     st.sampled_from([1e-2, 1e-4]),

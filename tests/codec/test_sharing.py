@@ -133,8 +133,10 @@ def test_a_fork_while_other_threads_decode_leaves_a_child_that_decodes(shared: A
     assert ends == [0] * 8
 
 
-@pytest.mark.parametrize("method", multiprocessing.get_all_start_methods())
-@pytest.mark.parametrize("source", ["path", "bytes"])
+@pytest.mark.parametrize(
+    ("method", "source"),
+    [*((method, "path") for method in multiprocessing.get_all_start_methods()), ("spawn", "bytes")],
+)
 def test_pools_of_every_start_method_take_an_open_animation(
     method: str, source: str, path: Path, expected: np.ndarray
 ) -> None:
@@ -146,7 +148,8 @@ def test_pools_of_every_start_method_take_an_open_animation(
 
 
 def encoded_size(seed: int) -> int:
-    return sum(encode(ArraySequence(clip().points + np.float32(seed))).sections.values())
+    points = clip().points[:20] + np.float32(seed)
+    return encode(ArraySequence(points), effort="fast").file_bytes
 
 
 @pytest.mark.parametrize("method", multiprocessing.get_all_start_methods())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdecodec.codec.sections.elements import build_patches, early_patches
 from pdecodec.codec.sections.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
-from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
+from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
@@ -98,64 +98,6 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
     np.testing.assert_allclose(again, coefficients, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_positions_of_some_elements_are_those_that_all_have_however_vertices_are_numbered(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    item, rest = grid(40, 30)
-    numbers = rng.permutation(len(rest)).astype(np.int32)
-    faces = Connectivity(
-        len(rest), face_counts=item.connectivity.face_counts, face_indices=numbers[item.connectivity.face_indices]
-    )
-    shuffled = np.empty_like(rest)
-    shuffled[numbers] = rest
-    basis = build_space_basis("patch", [MeshObject("sheet", faces)], shuffled, points=64, functions=24)
-    entry, time = entry_of(9, 5, "trajectories", single=True), rng.normal(size=(9, 3, 5))
-    quantised = np.rint(rng.normal(size=(basis.functions, 5)) / STEP).astype(np.int64)
-    elements = np.arange(0, basis.element_count, 2)
-    subbands = basis.subbands_of(elements, least_depth=0)
-    whole, some = np.empty((9, len(rest), 3)), np.empty((9, int(np.diff(basis.starts)[elements].sum()), 3))
-    evaluate_group(group_functions(entry, time, quantised, basis), slice(None), None, whole)
-    selected = np.ascontiguousarray(quantised[basis.functions_in(subbands)])
-    evaluate_group(group_functions(entry, time, selected, basis, subbands), slice(None), None, some)
-    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in elements])
-    np.testing.assert_allclose(some, whole[:, vertices], rtol=0, atol=1e-5 * np.abs(whole).max())
-
-
-def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> None:
-    item, rest = grid(5, 4)
-    basis = build_space_basis("patch", [item], rest, points=7, functions=9)
-    found = basis.project(np.zeros((20, 0)))
-    assert found.shape == (basis.functions, 0)
-    assert expanded(basis, found).shape == (20, 0)
-
-
-@pytest.mark.parametrize("depth", [0, 3, None])
-@pytest.mark.parametrize("kind", ["patch", "curve"])
-def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or_not(
-    kind: SpaceKind, depth: int | None
-) -> None:
-    item, rest = grid(23, 17)
-    values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
-    basis = build_space_basis(kind, [item], rest, points=16, functions=12)
-    unmade = trial_space_basis(kind, [item], rest, points=16, functions=12)
-    subbands = basis.subbands_of(np.array([0, 3, basis.element_count - 1]), least_depth=depth)
-    starts = basis.subbands[0]
-    rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in subbands])
-    assert np.array_equal(basis.functions_in(subbands), rows)
-    wanted = basis.project(values)[rows]
-    np.testing.assert_array_equal(basis.project_some(values, subbands), wanted)
-    np.testing.assert_array_equal(unmade.project_some(values, subbands), wanted)
-    single = values.astype(np.float32)
-    of_single = basis.project(single)[rows]
-    assert of_single.dtype == np.float32
-    np.testing.assert_array_equal(unmade.project_some(single, subbands), of_single)
-    np.testing.assert_allclose(of_single, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
-    assert unmade.project_some(np.zeros((len(rest), 0)), subbands).shape == (len(wanted), 0)
-    for wrong in ([], [3, 4], [0, 4, 3], [0, 0], [0, basis.subband_count], [-1, 0]):
-        with pytest.raises(ValueError, match="subbands ascend"):
-            basis.project_some(values, np.array(wrong, np.int64))
-
-
 @pytest.mark.parametrize(("columns", "rows"), [(4, 8), (3, 20), (5, 7), (2, 30)])
 def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns: int, rows: int) -> None:
     # Few columns of points: polynomials are dropped, as they are multiples of those before.
@@ -167,20 +109,6 @@ def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns:
             np.testing.assert_array_equal(first, functions[: len(first)])
 
 
-def test_subbands_of_elements_come_with_those_of_all_nodes_above_them() -> None:
-    item, rest = grid(23, 17)
-    basis = build_space_basis("patch", [item], rest, points=16, functions=12)
-    _, kinds, parents = basis.subbands
-    nodes = basis.subband_count - basis.element_count
-    assert basis.subbands_of(np.zeros(0, np.int64), least_depth=0).tolist() == [0]
-    assert basis.subbands_of(np.array([2])).tolist() == [*range(nodes), nodes + 2]
-    for depth in (0, 2):
-        found = basis.subbands_of(np.array([2, 7]), least_depth=depth)
-        assert set(found[found >= nodes]) == {nodes + 2, nodes + 7}
-        assert set(parents[found[found > 0]]) <= set(found)
-        assert set(np.flatnonzero(kinds[:nodes] <= depth)) <= set(found)
-
-
 def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:
     item, rest = grid(40, 30)
     basis = build_space_basis("patch", [item], rest, points=16, functions=16)
@@ -189,17 +117,6 @@ def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() 
     found = basis.project(moved)
     assert basis.element_count > 60
     assert (np.abs(found) > 1e-9 * np.abs(found).max()).any(axis=1).sum() <= 4
-
-
-def test_columns_are_coded_once_each_in_runs_that_cover_them() -> None:
-    item, rest = grid(21, 13)
-    basis = build_space_basis("patch", [item], rest, points=32, functions=24)
-    starts, kinds, parents = basis.subbands
-    assert starts[0] == 0
-    assert starts[-1] == basis.functions
-    assert (np.diff(starts) >= 0).all()
-    assert (kinds < 0).sum() == basis.element_count
-    assert (parents[1:] < np.arange(1, parents.size)).all()
 
 
 def test_vertices_at_one_place_are_neighbours() -> None:

@@ -68,7 +68,7 @@ def test_a_second_of_a_long_clip_takes_a_seconds_share_of_its_bytes(server: Serv
 
 
 def test_of_minutes_a_second_takes_its_share_with_all_that_opening_reads(tmp_path: Path) -> None:
-    seconds = 120
+    seconds = 60
     path = tmp_path / "minutes.pdeanim"
     pdecodec.encode(long_clip(40, seconds), path, effort="fast", group_frames=RATE, tolerance=2e-4)
     share = path.stat().st_size / seconds

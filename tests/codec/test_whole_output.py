@@ -92,10 +92,10 @@ def killed_at(change: str, number: int, folder: Path, name: str) -> None:
     assert done.returncode in (0, 9), done.stderr
 
 
-@pytest.mark.parametrize("name", ["x.####.obj", "x.pvd", "x.xdmf"])
+@pytest.mark.parametrize("name", ["x.####.obj", "x.xdmf"])
 @pytest.mark.parametrize(
     ("change", "number"),
-    [*(("replace", number) for number in (0, 1, 2, 5)), ("unlink", 0), ("unlink", 4), ("rmdir", 0)],
+    [*(("replace", number) for number in (0, 1, 5)), ("unlink", 0), ("unlink", 4), ("rmdir", 0)],
 )
 def test_a_run_that_is_killed_leaves_all_old_or_all_new_to_the_next(
     tmp_path: Path, name: str, change: str, number: int
@@ -164,13 +164,13 @@ def test_a_full_disk_ends_in_one_line_and_leaves_nothing(disk: Path, tmp_path: P
     whole.mkdir()
     assert run(["convert", str(source), f"{whole}/{name}", "-q"]) == 0
     size = sum(path.stat().st_size for path in whole.iterdir())
-    rooms = [max(4096, int(size * share) // 4096 * 4096) for share in (0.05, 0.5, 0.95)]
+    rooms = [max(4096, int(size * share) // 4096 * 4096) for share in (0.05, 0.9)]
     # In a process of its own: a library that ends it must not end the tests.
     command = [sys.executable, "-c", _FILLING, str(source), str(disk), name, *map(str, rooms)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr[-1000:]
     ours = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert len(ours) == 3, done.stderr[-1000:]
+    assert len(ours) == 2, done.stderr[-1000:]
     assert all("No space left on device" in line for line in ours), ours
 
 
