@@ -1,23 +1,24 @@
-"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, in and out.
-
-Arrays of the Python binding become NumPy's and back without a loop over their elements where there is a way: arrays of
-floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours go channel
-by by channel, unsigned integers through doubles one way and one by one the other.
-
-A sample refers to the arrays that it was made of, and the binding of a subdivision surface's does not keep them alive:
-whoever makes a sample keeps its arrays until it is written (`Keep`).
-"""
+"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, in and out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import imath
 import numpy as np
 from alembic3d import AbcCoreAbstract, AbcGeom
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from pdecodec.formats.alembic.values import (
+    ARRAYS,
+    SCOPES,
+    WIDTHS,
+    Keep,
+    int_array,
+    to_numpy,
+    unsigned_array,
+    vector_array,
+)
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
     GROUP,
@@ -32,28 +33,35 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.scene_reading import Extras
 from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 
 FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
 """Properties of the top object that our writer leaves: Alembic has no place for either."""
 
+
 OWN = "pdecodec_"
 """Beginning of the names of parameters that only we write and read."""
 
+
 _OWN_CONNECTIVITY = tuple(f"{OWN}{name}" for name in ("vertex", "line_counts", "line_indices"))
+
 
 ADDED = "pdecodec_added"
 """Metadata of a transform that names of objects do not have: it is there to move one of them."""
 
+
 KIND, LABEL = "pdecodec_kind", "pdecodec_label"
 """Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
+
 
 NOT_UV = "notUV"
 """Metadata of a parameter of two numbers that are no texture coordinates; Alembic's own."""
 
+
 METADATA_MARKS = frozenset(";=")
 """Characters that Alembic's metadata cannot hold."""
+
 
 _PARAMETERS = (
     AbcGeom.IFloatGeomParam,
@@ -70,6 +78,7 @@ _PARAMETERS = (
 )
 """Types of parameters that an attribute can hold."""
 
+
 _DOMAINS: dict[str, AttributeDomain] = {
     "kConstantScope": "object",
     "kUniformScope": "face",
@@ -78,12 +87,6 @@ _DOMAINS: dict[str, AttributeDomain] = {
     "kFacevaryingScope": "corner",
 }
 
-SCOPES = {
-    "vertex": AbcGeom.GeometryScope.kVertexScope,
-    "face": AbcGeom.GeometryScope.kUniformScope,
-    "corner": AbcGeom.GeometryScope.kFacevaryingScope,
-    "object": AbcGeom.GeometryScope.kConstantScope,
-}
 
 _KINDS = {
     ("f", 4, 1): "Float",
@@ -94,95 +97,6 @@ _KINDS = {
     ("u", 1, 1): "Uchar",
 }
 """Alembic's types of values: by NumPy kind, bytes, and columns."""
-
-
-_WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
-"""Numbers in a row of types that have more than one."""
-
-
-def to_numpy(array: Any) -> NDArray[Any]:
-    """A copy of an imath array: (n,) or (n, k)."""
-    channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
-    if channels is not None:
-        return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
-    if isinstance(array, imath.UnsignedIntArray):
-        return np.fromiter(array, np.int64, len(array))
-    return np.array(array)
-
-
-def float_array(values: ArrayLike) -> Any:
-    """(n,) as imath.FloatArray."""
-    return imath.FloatArrayFromBuffer(np.ascontiguousarray(values, np.float32))
-
-
-def int_array(values: ArrayLike) -> Any:
-    """(n,) as imath.IntArray."""
-    return imath.IntArrayFromBuffer(np.ascontiguousarray(values, np.int32))
-
-
-def double_array(values: ArrayLike) -> Any:
-    """(n,) as imath.DoubleArray."""
-    return imath.DoubleArrayFromBuffer(np.ascontiguousarray(values, np.float64))
-
-
-def byte_array(values: ArrayLike) -> Any:
-    """(n,) as imath.UnsignedCharArray."""
-    bytes_ = np.ascontiguousarray(values, np.uint8)
-    array = imath.UnsignedCharArray(bytes_.size)
-    np.asarray(array)[:] = bytes_
-    return array
-
-
-def string_array(values: Sequence[str]) -> Any:
-    """Texts as imath.StringArray."""
-    array = imath.StringArray(len(values))
-    for index, text in enumerate(values):
-        array[index] = str(text)
-    return array
-
-
-def unsigned_array(values: ArrayLike) -> Any:
-    """(n,) as imath.UnsignedIntArray."""
-    return imath.UnsignedIntArray(double_array(values))
-
-
-def vector_array(values: ArrayLike) -> Any:
-    """(n, 2) or (n, 3) as imath.V2fArray or V3fArray."""
-    rows = np.ascontiguousarray(values, np.float32)
-    return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
-
-
-def color_array(values: ArrayLike) -> Any:
-    """(n, 3) or (n, 4) as imath.C3fArray or C4fArray."""
-    rows = np.ascontiguousarray(values, np.float32)
-    array = imath.C3fArray(len(rows)) if rows.shape[1] == 3 else imath.C4fArray(len(rows))
-    for channel, column in zip("rgba", rows.T, strict=False):
-        # A channel is a view of the array, so that writing to it fills the array.
-        np.asarray(getattr(array, channel))[:] = column
-    return array
-
-
-def matrix_rows(matrix: Any) -> Float64Array:
-    """imath.M44d as (4, 4) float64."""
-    return np.array([list(row) for row in matrix], np.float64)
-
-
-def matrix_of(rows: Float64Array) -> Any:
-    """(4, 4) float64 as imath.M44d."""
-    return imath.M44d(*rows.reshape(-1).tolist())
-
-
-_ARRAYS: dict[str, Callable[[Any], Any]] = {
-    "Float": float_array,
-    "Double": double_array,
-    "Int32": int_array,
-    "Uchar": byte_array,
-    "V2f": vector_array,
-    "V3f": vector_array,
-    "C3f": color_array,
-    "C4f": color_array,
-    "String": string_array,
-}
 
 
 def read_extras(
@@ -288,17 +202,6 @@ def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Ar
     return _DOMAINS.get(str(param.getScope()), "object"), values, indices
 
 
-class Keep:
-    """Keeps arrays and samples alive for as long as it lives itself: ``keep(array)`` returns the array."""
-
-    def __init__(self) -> None:
-        self._held: list[Any] = []
-
-    def __call__(self, value: Any) -> Any:
-        self._held.append(value)
-        return value
-
-
 def uv_sample(
     uv: Attribute, connectivity: Connectivity, order: Int64Array, keep: Keep, *, by_corner: bool = False
 ) -> Any:
@@ -314,14 +217,6 @@ def uv_sample(
         return keep(sample(keep(vector_array(values[order, :2])), SCOPES["corner"]))
     rows = keep(unsigned_array((np.arange(len(values)) if indices is None else indices)[order]))
     return keep(sample(keep(vector_array(values[:, :2])), rows, SCOPES["corner"]))
-
-
-def normal_sample(rows: Float32Array, indices: Any, keep: Keep) -> Any:
-    """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
-    array = keep(vector_array(rows))
-    if indices is None:
-        return keep(AbcGeom.ON3fGeomParamSample(array, SCOPES["vertex"]))
-    return keep(AbcGeom.ON3fGeomParamSample(array, keep(indices), SCOPES["corner"]))
 
 
 class ExtrasWriter:
@@ -476,13 +371,13 @@ class _ParameterWriter:
         elif self._described.is_indexed and indices is None:
             indices = np.arange(len(values))
         of_kind = getattr(AbcGeom, f"O{kind}GeomParamSample")
-        array, numbers = _ARRAYS[kind](values), None if indices is None else unsigned_array(indices)
+        array, numbers = ARRAYS[kind](values), None if indices is None else unsigned_array(indices)
         self._handle.set(of_kind(array, scope) if numbers is None else of_kind(array, numbers, scope))
         self.count += 1
 
     def fill(self, count: int) -> None:
         """Add samples of nothing until there are so many."""
-        width = _WIDTHS.get(self._described.kind)
+        width = WIDTHS.get(self._described.kind)
         while self.count < count:
             self.set(np.zeros((0,) if width is None else (0, width)), None)
 

@@ -16,17 +16,9 @@ import imath
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.errors import InputError
-from pdecodec.formats.alembic.attributes import (
-    FPS_PROPERTY,
-    METADATA_PROPERTY,
-    SCOPES,
-    Keep,
-    normal_sample,
-    to_numpy,
-    unsigned_array,
-    vector_array,
-)
+from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.reader import AlembicSequence
+from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_numpy, unsigned_array, vector_array
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, time_sampling
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import NormalRows, normal_rows

@@ -18,18 +18,14 @@ import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
 from pdecodec.errors import InputError
-from pdecodec.formats.alembic.attributes import (
-    ADDED,
-    FPS_PROPERTY,
-    METADATA_PROPERTY,
+from pdecodec.formats.alembic.attributes import ADDED, FPS_PROPERTY, METADATA_PROPERTY, ExtrasWriter, uv_sample
+from pdecodec.formats.alembic.values import (
     SCOPES,
-    ExtrasWriter,
     Keep,
     int_array,
     matrix_of,
     normal_sample,
     unsigned_array,
-    uv_sample,
     vector_array,
 )
 from pdecodec.formats.base.attribute_roles import (

@@ -11,18 +11,8 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, colors, expanded, indexed_rows, is_role, uv_sets
 from pdecodec.formats.base.normals import NormalRows, group_attribute
-from pdecodec.formats.gltf.file import (
-    INDEX_DATA,
-    LINES,
-    POINTS,
-    QUANTIZATION,
-    TRIANGLES,
-    VERTEX_DATA,
-    GltfBuilder,
-    fingerprint,
-    flipped,
-    noted_integers,
-)
+from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, noted_integers
+from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject

@@ -24,8 +24,9 @@ from pdecodec.formats.base.rigid_motion import rigid_keys
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import mirrors
 from pdecodec.formats.gltf.animation import Nodes, Pose
+from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
-from pdecodec.formats.gltf.file import INDEX_DATA, TRIANGLES, VERTEX_DATA, GltfBuilder
+from pdecodec.formats.gltf.file import TRIANGLES
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.reader import GltfSequence

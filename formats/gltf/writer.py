@@ -25,7 +25,7 @@ from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import RigidKeys, rigid_keys, rigid_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
-from pdecodec.formats.gltf.file import GltfBuilder
+from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals

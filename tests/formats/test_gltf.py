@@ -19,7 +19,8 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import face_sets
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_group, smooth_rows
 from pdecodec.formats.base.scene_space import bake_transforms
-from pdecodec.formats.gltf.file import GltfBuilder, read_gltf
+from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.formats.gltf.motion import EXACT, largest_angle
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject

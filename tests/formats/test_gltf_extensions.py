@@ -12,7 +12,8 @@ import pytest
 
 from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence
-from pdecodec.formats.gltf.file import COMPONENTS, GltfBuilder
+from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.file import COMPONENTS
 from tests.formats.test_gltf import TRIANGLE, Scene, lifted, triangle
 from tests.support.mesh_cases import grid
 

@@ -315,7 +315,7 @@ def alembic_scene(path: Path) -> Path:
     import imath
     from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
-    from pdecodec.formats.alembic.attributes import int_array, vector_array
+    from pdecodec.formats.alembic.values import int_array, vector_array
 
     archive = Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / 24, 1 / 24))

@@ -1,0 +1,290 @@
+"""Shapes of Alembic archives that can be read, and the transforms above them.
+
+Alembic's faces run clockwise seen from outside; they are turned around on reading and back on writing, corners and
+what belongs to them alike: corner ``n - 1 - k`` of a face becomes corner ``k``. The binding takes a sample selector's
+integer for a time, silently: samples are always asked for by their time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from alembic3d import Abc, AbcGeom
+
+from pdecodec.formats.alembic.attributes import (
+    ADDED,
+    own_properties,
+    read_extras,
+    value_at,
+)
+from pdecodec.formats.alembic.values import matrix_rows, to_numpy
+from pdecodec.formats.base.attribute_roles import (
+    CURVE_BASIS,
+    CURVE_WRAP,
+    ID,
+    SUBDIVISION,
+    label_attribute,
+    reversed_corners,
+)
+from pdecodec.formats.base.scene_reading import (
+    Extras,
+    SceneWalk,
+    Shape,
+    fault_of_faces,
+)
+from pdecodec.formats.base.times import (
+    SAME_TIME,
+)
+from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
+
+MOST_LEVELS = 256
+"""Depth of the tree; deeper ones are instances that hold themselves."""
+
+
+_GEOMETRY = {
+    "mesh": AbcGeom.IPolyMesh,
+    "subdivision": AbcGeom.ISubD,
+    "curves": AbcGeom.ICurves,
+    "points": AbcGeom.IPoints,
+}
+
+
+_NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material", "GeomBase": "shape"}
+"""What schemas that hold no geometry of ours are called in messages."""
+
+
+@dataclass(kw_only=True, eq=False)
+class AlembicShape(Shape):
+    """A shape's object, its positions and their times [s], and the transforms from the one above it up to the top."""
+
+    node: Any
+    positions: Any
+    times: Float64Array
+    chain: tuple[Transform, ...]
+
+
+def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
+    """The samples at or around a time and the share of the second; before the first and after the last, that one."""
+    index = int(np.searchsorted(times, time + SAME_TIME, side="right")) - 1
+    if index < 0 or index == times.size - 1 or time - times[index] <= SAME_TIME:
+        return max(index, 0), max(index, 0), 0.0
+    return index, index + 1, float((time - times[index]) / (times[index + 1] - times[index]))
+
+
+def select(time: float) -> Any:
+    """A selector of the sample at a time."""
+    return Abc.ISampleSelector(float(time))
+
+
+def sample_times(prop: Any) -> Float64Array:
+    """Times [s] of the samples of a property or schema, at least one."""
+    sampling = prop.getTimeSampling()
+    return np.array([sampling.getSampleTime(index) for index in range(max(1, prop.getNumSamples()))], np.float64)
+
+
+class Transform:
+    """A transform of the tree and its samples."""
+
+    def __init__(self, handle: Any) -> None:
+        self._schema = handle.getSchema()
+        # Identity transforms may have no sample at all.
+        self._samples = self._schema.getNumSamples()
+        self.sampling = self._schema.getTimeSampling()
+        self.times = sample_times(self._schema) if self._samples else np.zeros(1)
+        self.moves = self._samples > 1 and not self._schema.isConstant()
+        self.inherits = not self._samples or self._schema.getInheritsXforms(select(self.times[0]))
+
+    @cached_property
+    def matrices(self) -> Float64Array:
+        """(samples, 4, 4) float64, for points that are rows."""
+        if not self._samples:
+            return np.eye(4)[None]
+        times = self.times if self.moves else self.times[:1]
+        return np.stack([matrix_rows(self._schema.getValue(select(time)).getMatrix()) for time in times])
+
+    def at(self, times: Float64Array) -> Float64Array:
+        """(times, 4, 4) float64: the matrices at times [s]."""
+        if not self.moves:
+            return np.broadcast_to(self.matrices[0], (times.size, 4, 4))
+        firsts, seconds, shares = zip(*(samples_at(self.times, float(time)) for time in times), strict=True)
+        first, second, share = (
+            self.matrices[list(firsts)],
+            self.matrices[list(seconds)],
+            np.array(shares)[:, None, None],
+        )
+        matrices: Float64Array = np.where(share == 0, first, (1 - share) * first + share * second)
+        return matrices
+
+
+class ShapeScan(SceneWalk):
+    """A walk through an archive; its times are seconds."""
+
+    def shapes(self, archive: Any) -> list[AlembicShape]:
+        """The shapes of an archive."""
+        self.found: list[AlembicShape] = []
+        _walk(archive.getTop(), "", (), False, self)
+        return self.found
+
+    def look(self, path: str, props: Sequence[Any], times: Float64Array) -> tuple[Any, Float64Array]:
+        """Where array properties that may change are to be read, a selector or None, and the times [s] of one's samples
+        that are of the same values of them.
+        """
+        if self.is_first and (changed := _change_times(props)):
+            self.changes[path] = changed
+        if path not in self.changes:
+            return None, times
+        if self.at is None:
+            return select(float(times[0])), times
+        edges = np.array([-np.inf, *self.changes[path], np.inf])
+        number = int(np.searchsorted(edges, self.at + SAME_TIME, side="right")) - 1
+        inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
+        own = times[inside] if inside.any() else times[:1]
+        # Attributes may be others than those of the first of these samples, where what else there is has changed.
+        before = own[own <= self.at + SAME_TIME]
+        return select(float(before[-1] if before.size else own[0])), own
+
+
+def _walk(node: Any, path: str, chain: tuple[Transform, ...], hidden: bool, scan: ShapeScan) -> None:
+    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused.
+
+    `hidden` says whether one above them is hidden.
+    """
+    refusals = scan.refusals
+    if path.count("/") >= MOST_LEVELS:
+        refusals.refuse(path, f"more than {MOST_LEVELS} levels of objects above it")
+        return
+    for index in range(node.getNumChildren()):
+        name = node.getChildHeader(index).getName()
+        inner = f"{path}/{name}" if path else name
+        try:
+            child = node.getChild(index)
+            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), scan)
+        except RuntimeError as error:
+            reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
+
+
+def _hides(node: Any) -> bool:
+    """Whether a node is hidden at any of the samples of its visibility."""
+    visibility = AbcGeom.GetVisibilityProperty(node)
+    if not visibility.valid() or not visibility.getNumSamples():
+        return False
+    hidden = int(AbcGeom.ObjectVisibility.kVisibilityHidden)
+    return any(int(visibility.getValue(select(time))) == hidden for time in sample_times(visibility))
+
+
+def _visit(
+    child: Any,
+    header: Any,
+    path: str,
+    chain: tuple[Transform, ...],
+    hidden: bool,
+    scan: ShapeScan,
+) -> None:
+    refusals = scan.refusals
+    wrap = Abc.WrapExistingFlag.kWrapExisting
+    if AbcGeom.IXform.matches(header):
+        transform = Transform(AbcGeom.IXform(child, wrap))
+        if header.getMetaData().get(ADDED):
+            path = path.rpartition("/")[0]
+        chain = (transform, *(chain if transform.inherits else ()))
+    elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
+        schema = _GEOMETRY[kind](child, wrap).getSchema()
+        if schema.getPositionsProperty().getNumSamples():
+            before = len(scan.found)
+            _open_shape(path, kind, schema, child, chain, scan)
+            for shape in scan.found[before:]:
+                shape.hidden = hidden
+    elif AbcGeom.INuPatch.matches(header):
+        refusals.refuse(path, "a NURBS surface; convert it to polygons")
+    elif not AbcGeom.IFaceSet.matches(header):
+        schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
+        refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
+    _walk(child, path, chain, hidden, scan)
+
+
+def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Transform, ...], scan: ShapeScan) -> None:
+    """Add a shape to those that can be read, unless it is refused or has no vertices."""
+    refusals, positions = scan.refusals, schema.getPositionsProperty()
+    props = {
+        "curves": lambda: [schema.getNumVerticesProperty()],
+        "points": lambda: [schema.getIdsProperty()],
+    }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
+    at, times = scan.look(path, [*props, *own_properties(schema)], sample_times(positions))
+    points = Connectivity(len(positions.getValue(select(times[0]))))
+    gather = None
+    if kind == "curves":
+        counts = to_numpy(value_at(props[0].getValue, at)).astype(np.int32)
+        if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
+            refusals.refuse(path, "curves whose numbers of points do not add up")
+            return
+        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
+        connectivity, gather = extras.curves(counts)
+        _describe_curves(schema.getValue(), extras)
+    elif kind == "points":
+        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
+        connectivity = extras.own_lines("line_counts", "line_indices")
+        if at is not None:
+            ids = to_numpy(props[0].getValue(at)).astype(np.int64)
+            extras.add(ID, "vertex", ids if ids.size and np.abs(ids).max() > MAX_INDEX else ids.astype(np.int32), None)
+    else:
+        counts, indices = (to_numpy(value_at(prop.getValue, at)).astype(np.int32) for prop in props)
+        if (fault := fault_of_faces(counts, indices)) is not None:
+            refusals.refuse(path, fault)
+            return
+        order = reversed_corners(counts)
+        whole = Connectivity(points.vertex_count, face_counts=counts, face_indices=indices[order])
+        extras = read_extras(kind, schema, node, whole, order, at)
+        connectivity = extras.own_lines("line_counts", "line_indices")
+        if kind == "subdivision":
+            scheme = schema.getValue().getSubdivisionScheme() or "catmull-clark"
+            extras.attributes.append(label_attribute(SUBDIVISION, scheme))
+            if any(prop.valid() for prop in (schema.getCreaseIndicesProperty(), schema.getCornerIndicesProperty())):
+                extras.left_out.append("creases and corners")
+    # Times are of all that changes, be it there at first or not.
+    if connectivity.vertex_count or (scan.is_first and path in scan.changes):
+        moves = path in scan.changes or (positions.getNumSamples() > 1 and not positions.isConstant())
+        scan.found.append(
+            AlembicShape(
+                name=path,
+                connectivity=connectivity,
+                attributes=extras.attributes,
+                gather=gather,
+                left_out=extras.left_out,
+                node=node,
+                positions=positions,
+                times=times if moves else times[:1],
+                chain=chain,
+            )
+        )
+
+
+def _describe_curves(sample: Any, extras: Extras) -> None:
+    """Note what the points of curves control: ``cubic bspline``, ``variable order``; nothing where they are linear."""
+    kind, basis = str(sample.getType()), str(sample.getBasis()).removeprefix("k").removesuffix("Basis").lower()
+    if kind != "kLinear":
+        label = "variable order" if kind == "kVariableOrder" else f"cubic {basis}"
+        extras.attributes.append(label_attribute(CURVE_BASIS, label))
+    if kind == "kVariableOrder":
+        extras.left_out.append("knots and orders of curves")
+    if str(sample.getWrap()) == "kPeriodic":
+        extras.attributes.append(label_attribute(CURVE_WRAP, "periodic"))
+
+
+def _change_times(props: Sequence[Any]) -> list[float]:
+    """Times [s] from which on one of several array properties is not what it was before."""
+    changed: list[float] = []
+    for prop in props:
+        if prop.getNumSamples() > 1 and not prop.isConstant():
+            before = None
+            for time in sample_times(prop).tolist():
+                now = to_numpy(prop.getValue(select(time)))
+                if before is not None and not np.array_equal(now, before):
+                    changed.append(time)
+                before = now
+    return sorted(set(changed))

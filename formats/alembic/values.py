@@ -1,0 +1,135 @@
+"""Between arrays of Alembic's Python binding and NumPy's, without a loop over elements where there is a way.
+
+Arrays of floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours
+go channel by channel, unsigned integers through doubles one way and one by one the other.
+
+A sample refers to the arrays that it was made of, and the binding of a subdivision surface's does not keep them alive:
+whoever makes a sample keeps its arrays until it is written (`Keep`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import imath
+import numpy as np
+from alembic3d import AbcGeom
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+
+SCOPES = {
+    "vertex": AbcGeom.GeometryScope.kVertexScope,
+    "face": AbcGeom.GeometryScope.kUniformScope,
+    "corner": AbcGeom.GeometryScope.kFacevaryingScope,
+    "object": AbcGeom.GeometryScope.kConstantScope,
+}
+
+
+WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
+"""Numbers in a row of types that have more than one."""
+
+
+def to_numpy(array: Any) -> NDArray[Any]:
+    """A copy of an imath array: (n,) or (n, k)."""
+    channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
+    if channels is not None:
+        return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
+    if isinstance(array, imath.UnsignedIntArray):
+        return np.fromiter(array, np.int64, len(array))
+    return np.array(array)
+
+
+def float_array(values: ArrayLike) -> Any:
+    """(n,) as imath.FloatArray."""
+    return imath.FloatArrayFromBuffer(np.ascontiguousarray(values, np.float32))
+
+
+def int_array(values: ArrayLike) -> Any:
+    """(n,) as imath.IntArray."""
+    return imath.IntArrayFromBuffer(np.ascontiguousarray(values, np.int32))
+
+
+def double_array(values: ArrayLike) -> Any:
+    """(n,) as imath.DoubleArray."""
+    return imath.DoubleArrayFromBuffer(np.ascontiguousarray(values, np.float64))
+
+
+def byte_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedCharArray."""
+    bytes_ = np.ascontiguousarray(values, np.uint8)
+    array = imath.UnsignedCharArray(bytes_.size)
+    np.asarray(array)[:] = bytes_
+    return array
+
+
+def string_array(values: Sequence[str]) -> Any:
+    """Texts as imath.StringArray."""
+    array = imath.StringArray(len(values))
+    for index, text in enumerate(values):
+        array[index] = str(text)
+    return array
+
+
+def unsigned_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedIntArray."""
+    return imath.UnsignedIntArray(double_array(values))
+
+
+def vector_array(values: ArrayLike) -> Any:
+    """(n, 2) or (n, 3) as imath.V2fArray or V3fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
+
+
+def color_array(values: ArrayLike) -> Any:
+    """(n, 3) or (n, 4) as imath.C3fArray or C4fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    array = imath.C3fArray(len(rows)) if rows.shape[1] == 3 else imath.C4fArray(len(rows))
+    for channel, column in zip("rgba", rows.T, strict=False):
+        # A channel is a view of the array, so that writing to it fills the array.
+        np.asarray(getattr(array, channel))[:] = column
+    return array
+
+
+def matrix_rows(matrix: Any) -> Float64Array:
+    """imath.M44d as (4, 4) float64."""
+    return np.array([list(row) for row in matrix], np.float64)
+
+
+def matrix_of(rows: Float64Array) -> Any:
+    """(4, 4) float64 as imath.M44d."""
+    return imath.M44d(*rows.reshape(-1).tolist())
+
+
+ARRAYS: dict[str, Callable[[Any], Any]] = {
+    "Float": float_array,
+    "Double": double_array,
+    "Int32": int_array,
+    "Uchar": byte_array,
+    "V2f": vector_array,
+    "V3f": vector_array,
+    "C3f": color_array,
+    "C4f": color_array,
+    "String": string_array,
+}
+
+
+class Keep:
+    """Keeps arrays and samples alive for as long as it lives itself: ``keep(array)`` returns the array."""
+
+    def __init__(self) -> None:
+        self._held: list[Any] = []
+
+    def __call__(self, value: Any) -> Any:
+        self._held.append(value)
+        return value
+
+
+def normal_sample(rows: Float32Array, indices: Any, keep: Keep) -> Any:
+    """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
+    array = keep(vector_array(rows))
+    if indices is None:
+        return keep(AbcGeom.ON3fGeomParamSample(array, SCOPES["vertex"]))
+    return keep(AbcGeom.ON3fGeomParamSample(array, keep(indices), SCOPES["corner"]))

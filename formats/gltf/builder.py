@@ -1,0 +1,228 @@
+"""A glTF file that is being written: nodes, meshes and numbers are collected, then laid out as JSON and bytes."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import importlib
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import MissingExtraError
+from pdecodec.formats.gltf.compression import MESHOPT_NAMES
+from pdecodec.formats.gltf.file import CHUNK_HEADER, COMPONENTS, GLB_HEADER, GLB_MAGIC, WIDTHS, GltfFile
+
+QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
+
+
+MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
+"""Version of meshoptimizer's coder of rows that the extension names, and the longest rows."""
+
+
+VERTEX_DATA, INDEX_DATA = 34962, 34963
+"""Targets of buffer views: what of a mesh they hold."""
+
+
+_ALIGNMENT = 4
+"""Bytes that parts of a file begin at multiples of."""
+
+
+class GltfBuilder:
+    """Collects nodes, meshes and numbers.
+
+    Parameters
+    ----------
+    meshopt : bool
+        Whether numbers are compressed by meshoptimizer, without loss; viewers must know the extension then.
+
+    Raises
+    ------
+    MissingExtraError
+        If meshoptimizer is not installed.
+    """
+
+    def __init__(self, *, meshopt: bool = False) -> None:
+        self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "pdecodec"}}
+        self._data = bytearray()
+        self._unpacked = 0
+        self._others: list[dict[str, Any]] = []
+        self._encoder: Any = None
+        if meshopt:
+            try:
+                self._encoder = importlib.import_module("meshoptimizer")
+            except ModuleNotFoundError as error:
+                raise MissingExtraError(
+                    "compression of glTF needs the package meshoptimizer; run: pip install 'pdecodec[gltf]'"
+                ) from error
+            self._encoder.encode_vertex_version(MESHOPT_VERTEX_VERSION)
+            self.require(MESHOPT)
+
+    def begin_with(self, file: GltfFile) -> None:
+        """Take all that a file has, its buffers joined to one, before anything is added."""
+        mine = self.root.get("extensionsRequired", ())
+        self.root = copy.deepcopy(dict(file.root))
+        for extension in mine:
+            self.require(extension)
+        numbers: dict[int, tuple[int, int]] = {}
+        for index, (entry, data) in enumerate(zip(self.root.get("buffers", []), file.buffers, strict=True)):
+            if data:
+                numbers[index] = 0, self._append(data)
+            else:
+                self._others.append(entry)
+                numbers[index] = len(self._others), 0
+        for view in self.root.get("bufferViews", []):
+            packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
+            for entry in (view, *packed):
+                number, offset = numbers[entry["buffer"]]
+                entry |= {"buffer": number, "byteOffset": entry.get("byteOffset", 0) + offset}
+
+    def require(self, extension: str) -> None:
+        """Name an extension without which the file cannot be shown."""
+        for kind in ("extensionsUsed", "extensionsRequired"):
+            names = self.root.setdefault(kind, [])
+            if extension not in names:
+                names.append(extension)
+
+    def add(self, kind: str, entry: dict[str, Any]) -> int:
+        """Put an entry at the end of a list of the root; its index."""
+        entries = self.root.setdefault(kind, [])
+        entries.append(entry)
+        return len(entries) - 1
+
+    def view(self, data: NDArray[Any], target: int | None = None, *, triangles: bool = False) -> int:
+        """A buffer view of an array, a row each; its index. `triangles` may be turned, but stay what they are."""
+        entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
+        stride = data.nbytes // max(1, len(data))
+        if target is not None:
+            entry["target"] = target
+        if data.ndim == 2 and data.dtype.kind in "iu":
+            # Rows are longer than what they hold.
+            entry["byteStride"] = stride
+        packed = self._packed(data, stride, triangles=triangles)
+        if packed is None:
+            entry["byteOffset"] = self._append(data.tobytes())
+        else:
+            mode, found = packed
+            entry |= {"buffer": 1 + len(self._others), "byteOffset": self._unpacked}
+            self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
+            place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
+            entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
+        return self.add("bufferViews", entry)
+
+    def _append(self, data: bytes) -> int:
+        self._data += bytes(-len(self._data) % _ALIGNMENT)
+        self._data += data
+        return len(self._data) - len(data)
+
+    def _packed(self, data: NDArray[Any], stride: int, *, triangles: bool) -> tuple[str, bytes] | None:
+        """Mode and bytes of compressed rows; None where they would not be fewer."""
+        if self._encoder is None or not data.size:
+            return None
+        found: bytes
+        if data.ndim == 1 and data.dtype.kind == "u" and stride in (2, 4):
+            encode = self._encoder.encode_index_buffer if triangles else self._encoder.encode_index_sequence
+            mode, found = "TRIANGLES" if triangles else "INDICES", encode(data.astype(np.uint32))
+        elif stride % 4 == 0 and stride <= MESHOPT_STRIDE:
+            mode, found = "ATTRIBUTES", self._encoder.encode_vertex_buffer(data, len(data), stride)
+        else:
+            return None
+        return (mode, found) if len(found) < data.nbytes else None
+
+    def floats(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
+        """An accessor of float32 rows, with their bounds where they are asked for; its index."""
+        rows = np.ascontiguousarray(values, "<f4")
+        table = rows.reshape(len(rows), -1) if rows.size else rows.reshape(len(rows), 1)
+        limits = {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()} if bounds else {}
+        kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
+        return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target), **limits)
+
+    def fractions(self, values: ArrayLike, dtype: str, *, target: int | None = None, bounds: bool = False) -> int:
+        """An accessor of numbers (n,) or (n, 3) from -1 (or 0) to 1, as integers of a NumPy type; its index."""
+        numbers = np.rint(np.asarray(values, np.float64) * np.iinfo(dtype).max).astype(dtype)
+        limits = {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()} if bounds else {}
+        if numbers.ndim == 2:
+            # Rows of vertices begin at multiples of four bytes.
+            rows = np.zeros((len(numbers), 4), dtype)
+            rows[:, :3] = numbers
+            view = self.view(rows, target)
+        else:
+            view = self.view(numbers)
+        kind = "VEC3" if numbers.ndim == 2 else "SCALAR"
+        return self._accessor(dtype, len(numbers), kind, bufferView=view, normalized=True, **limits)
+
+    def zeros(self, count: int) -> int:
+        """An accessor of so many rows of three zeros, which take no bytes; its index."""
+        return self._accessor("<f4", count, "VEC3", min=[0.0] * 3, max=[0.0] * 3)
+
+    def integers(self, values: ArrayLike, *, target: int | None = None, triangles: bool = False) -> int:
+        """An accessor of unsigned numbers, of 16 bits where that is enough; its index."""
+        numbers = np.asarray(values)
+        # The largest number of a type is none of a vertex.
+        dtype = "<u2" if numbers.max(initial=0) < np.iinfo(np.uint16).max else "<u4"
+        view = self.view(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
+        return self._accessor(dtype, numbers.size, "SCALAR", bufferView=view)
+
+    def unit_rows(self, frames: int, *, ones_at_end: bool = False) -> int:
+        """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index.
+
+        With a one at the end of every row but the first, rows are longer by one.
+        """
+        width = frames - 1 + ones_at_end
+        places = np.arange(1, frames) * width + np.arange(frames - 1)
+        if ones_at_end:
+            places = np.stack([places, np.arange(2, frames + 1) * width - 1], axis=1).reshape(-1)
+        sparse = {
+            "count": places.size,
+            "indices": {"bufferView": self.view(places.astype("<u4")), "componentType": _component("<u4")},
+            "values": {"bufferView": self.view(np.ones(places.size, "<f4"))},
+        }
+        return self._accessor("<f4", frames * width, "SCALAR", sparse=sparse)
+
+    def _accessor(self, dtype: str, count: int, kind: str, **entry: Any) -> int:
+        found = {"componentType": _component(dtype), "count": count, "type": kind}
+        return self.add("accessors", {**entry, **found})
+
+    def to_glb(self) -> bytes:
+        """The file as one binary."""
+        self._data += bytes(-len(self._data) % _ALIGNMENT)
+        self.root["buffers"] = [{"byteLength": len(self._data)}, *self._others, *self._fallback()]
+        text = self._json()
+        text += b" " * (-len(text) % _ALIGNMENT)
+        length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(self._data)
+        parts = (
+            GLB_HEADER.pack(GLB_MAGIC, 2, length),
+            CHUNK_HEADER.pack(len(text), b"JSON"),
+            text,
+            CHUNK_HEADER.pack(len(self._data), b"BIN\0"),
+            self._data,
+        )
+        return b"".join(parts)
+
+    def _fallback(self) -> list[dict[str, Any]]:
+        """The buffer that compressed views become; it holds nothing."""
+        if not self._unpacked:
+            return []
+        return [{"byteLength": self._unpacked, "extensions": {MESHOPT: {"fallback": True}}}]
+
+    def to_gltf(self) -> bytes:
+        """The file as JSON, the numbers in it as text."""
+        uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
+        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._others, *self._fallback()]
+        return self._json()
+
+    def _json(self) -> bytes:
+        return json.dumps(self.root, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+
+
+def _component(dtype: str) -> int:
+    return next(number for number, name in COMPONENTS.items() if name == dtype)
+
+
+def noted_integers(values: ArrayLike) -> str:
+    """Integers as text for ``extras``, which programs hand on as they are: accessors there would be renumbered."""
+    numbers = np.asarray(values).astype("<u4")
+    return base64.b64encode(zlib.compress(np.diff(numbers, prepend=numbers[:0].sum(dtype="<u4")).tobytes(), 9)).decode()
