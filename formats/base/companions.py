@@ -37,9 +37,13 @@ def input_files(source: str) -> tuple[Path, ...]:
         return ()
     path = Path(source)
     if path.is_file():
-        return tuple(dict.fromkeys((path, *_named_by(path))))
-    found = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
-    return tuple(file for extension in found & frame_extensions() for file in find_frames(path, extension).paths)
+        # A library names a file by another path than the user did: one file counts once.
+        found: dict[Path, Path] = {}
+        for file in (path, *_named_by(path)):
+            found.setdefault(file.resolve(), file)
+        return tuple(found.values())
+    suffixes = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
+    return tuple(file for extension in suffixes & frame_extensions() for file in find_frames(path, extension).paths)
 
 
 def check_there(source: str) -> None:
