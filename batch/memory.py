@@ -57,6 +57,11 @@ class MemoryBudget:
         self._waiting: deque[object] = deque()
         self._changed = Condition()
 
+    @property
+    def waiting(self) -> int:
+        """How many clips wait for room."""
+        return len(self._waiting)
+
     @contextmanager
     def room(self, size: int) -> Iterator[None]:
         """Room for `size` bytes, taken when there is as much, and given back."""

@@ -220,30 +220,18 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
     from pdecodec.mesh.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
+    same = (
+        "frames", "vertices", "raw_bytes", "runs", "bound", "max_error", "rms_error", "rounding", "seconds", "groups",
+        "patches", "functions_of_space", "coefficients", "residuals", "sections", "summary", "jumps",
+    )  # fmt: skip
     return {
         "output": output,
-        "frames": report.frames,
-        "vertices": report.vertices,
         "input_bytes": input_size,
-        "raw_bytes": report.raw_bytes,
         "output_bytes": report.file_bytes,
         "ratio": report.raw_bytes / report.file_bytes,
-        "runs": report.runs,
         "bpvf": bits_per_vertex_frame(report.file_bytes - constant, vertices=report.raw_bytes // 12, frames=1),
-        "bound": report.bound,
         "diagonal": report.scale,
-        "max_error": report.max_error,
-        "rms_error": report.rms_error,
-        "rounding": report.rounding,
-        "seconds": report.seconds,
         "profile": settings.profile,
-        "groups": report.groups,
-        "patches": report.patches,
-        "functions_of_space": report.functions_of_space,
-        "coefficients": report.coefficients,
-        "residuals": report.residuals,
-        "sections": report.sections,
-        "summary": report.summary,
-        "jumps": list(report.jumps),
+        **{name: getattr(report, name) for name in same},
         "alternatives": to_json(report.alternatives),
     }

@@ -1,8 +1,8 @@
-"""`pdecodec info`: what a mesh sequence or a `.pdeanim` file holds."""
+"""`pdecodec info` and `pdecodec formats`: what a mesh sequence or a `.pdeanim` file holds, and what can be read."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,6 +13,7 @@ from pdecodec.cli.console import (
     print_alternatives,
     print_json,
     print_rows,
+    print_table,
     progress_bar,
     ratio,
     say,
@@ -230,71 +231,53 @@ def _tree(names: Sequence[str]) -> list[str]:
 
 
 def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
-    objects = [("object", "vertices", "faces", "lines", "attributes")]
-    for item in facts["objects"]:
-        faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
-        attributes = "not decoded" if item["attributes"] is None else ", ".join(item["attributes"]) or "none"
-        objects.append((item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes))
+    objects = list(map(_object_row, facts["objects"]))
     if as_tree:
-        rows = iter(objects[1:])
-        tree = [
-            (line, *("",) * 4) if line.endswith("/") else (line, *next(rows)[1:])
-            for line in _tree([item["name"] for item in facts["objects"]])
-        ]
-        objects = [objects[0], *tree]
-    print_rows(objects)
-    table: list[tuple[str, str]] = []
-    table.append(("frames", f"{facts['frames']} at {facts['fps']:g} a second"))
-    table.append(("time", f"{facts['first_time']:g} to {facts['last_time']:g} s"))
-    table.append(("raw positions", byte_size(facts["raw_bytes"])))
-    if facts["finite_at_first_frame"]:
-        low, high = facts["bounds_at_first_frame"]
-        spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
-        table.append(("first frame", f"{spans}; diagonal {facts['diagonal']:g}"))
-    elif facts["finite_at_first_frame"] is False:
-        table.append(("first frame", "holds positions that are not finite numbers"))
-    if facts.get("bounds"):
-        low, high = facts["bounds"]
-        spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
-        table.append(("all frames", spans))
+        rows = iter(objects)
+        names = [item["name"] for item in facts["objects"]]
+        objects = [(line, *("",) * 4) if line.endswith("/") else (line, *next(rows)[1:]) for line in _tree(names)]
+    print_rows([("object", "vertices", "faces", "lines", "attributes"), *objects])
     constant = "constant" if facts["connectivity_constant"] else f"changes at frame {facts['first_changed_frame']}"
-    table.append(("connectivity", constant))
-    table.extend(("left out", f"{item['name']}: {item['feature']}") for item in facts["unsupported"])
-    if "file_bytes" not in facts:
-        table.append(("file", byte_size(facts["source_bytes"])))
-    if "file_bytes" in facts:
-        table.append(("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})"))
-    table.extend((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED)
-    table.append(("metadata", _in_words(facts["metadata"])))
+    size = byte_size(facts.get("file_bytes", facts["source_bytes"]))
+    table = [
+        ("frames", f"{facts['frames']} at {facts['fps']:g} a second"),
+        ("time", f"{facts['first_time']:g} to {facts['last_time']:g} s"),
+        ("raw positions", byte_size(facts["raw_bytes"])),
+        *_bounds_rows(facts),
+        ("connectivity", constant),
+        *(("left out", f"{item['name']}: {item['feature']}") for item in facts["unsupported"]),
+        ("file", f"{size} ({ratio(facts['raw_bytes'], facts['file_bytes'])})" if "file_bytes" in facts else size),
+        *((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED),
+        ("metadata", _in_words(facts["metadata"])),
+    ]
     print_rows(table)
 
 
-_TABLED = frozenset(
-    {
-        "frames",
-        "fps",
-        "first_time",
-        "last_time",
-        "duration",
-        "vertices",
-        "faces",
-        "lines",
-        "raw_bytes",
-        "file_bytes",
-        "ratio",
-        "finite_at_first_frame",
-        "bounds_at_first_frame",
-        "diagonal",
-        "metadata",
-        "objects",
-        "source_bytes",
-        "connectivity_constant",
-        "first_changed_frame",
-        "unsupported",
-        "bounds",
-        "alternatives",
-    }
-)
+def _object_row(item: Mapping[str, Any]) -> tuple[str, ...]:
+    faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
+    attributes = "not decoded" if item["attributes"] is None else ", ".join(item["attributes"]) or "none"
+    return item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes
+
+
+def _bounds_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What is known of where vertices are: in the first frame, and in all of them."""
+
+    def spans(bounds: Sequence[Sequence[float]]) -> str:
+        return ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in zip("xyz", *bounds, strict=True))
+
+    if facts["finite_at_first_frame"]:
+        yield "first frame", f"{spans(facts['bounds_at_first_frame'])}; diagonal {facts['diagonal']:g}"
+    elif facts["finite_at_first_frame"] is False:
+        yield "first frame", "holds positions that are not finite numbers"
+    if facts.get("bounds"):
+        yield "all frames", spans(facts["bounds"])
+
+
+_TABLED = (
+    "frames", "fps", "first_time", "last_time", "duration", "vertices", "faces", "lines", "raw_bytes", "file_bytes",
+    "ratio", "finite_at_first_frame", "bounds_at_first_frame", "diagonal", "metadata", "objects", "source_bytes",
+    "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives",
+)  # fmt: skip
 """Facts that the table shows in its own words."""
 
 
@@ -306,3 +289,23 @@ def _in_words(value: Any) -> str:
     if value is None or value == "":
         return "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@click.command()
+@json_option
+def formats(*, as_json: bool) -> None:
+    """List the formats that can be read and written."""
+    from rich.table import Table
+
+    from pdecodec.formats import list_formats
+
+    entries = list_formats()
+    if as_json:
+        names = ("name", "title", "extensions", "reads", "writes", "extra", "keeps", "loses")
+        print_json({"formats": [{name: getattr(entry, name) for name in names} for entry in entries]})
+        return
+    table = Table("format", "extensions", "read", "write", "keeps", box=None)
+    for entry in entries:
+        writes = "yes" if entry.writes else entry.write_with or "no"
+        table.add_row(entry.title, " ".join(entry.extensions), "yes" if entry.reads else "no", writes, entry.keeps)
+    print_table(table)

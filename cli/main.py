@@ -30,26 +30,29 @@ TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 """Environment variable that, when set, shows the traceback of a bug instead of one line about it."""
 
 
-COMMANDS = (
-    "batch",
-    "check",
-    "coefficients",
-    "compare",
-    "convert",
-    "cut",
-    "decode",
-    "demo",
-    "encode",
-    "formats",
-    "info",
-    "join",
-    "report",
-    "reproduce",
-    "serve",
-    "simulate",
-    "stability",
-    "view",
-)
+MODULES = {
+    "batch": "batch",
+    "check": "check",
+    "coefficients": "coefficients",
+    "compare": "compare",
+    "convert": "convert",
+    "cut": "cut",
+    "decode": "decode",
+    "demo": "demo",
+    "encode": "encode",
+    "formats": "info",
+    "info": "info",
+    "join": "cut",
+    "report": "report",
+    "reproduce": "research",
+    "serve": "view",
+    "simulate": "simulate",
+    "stability": "research",
+    "view": "view",
+}
+"""The module of this package that has each command."""
+
+COMMANDS = tuple(MODULES)
 
 
 class CommandsOnDemand(click.Group):
@@ -61,7 +64,7 @@ class CommandsOnDemand(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(importlib.import_module(f"pdecodec.cli.{cmd_name}"), cmd_name)
+        command: click.Command = getattr(importlib.import_module(f"pdecodec.cli.{MODULES[cmd_name]}"), cmd_name)
         return command
 
     def resolve_command(

@@ -16,6 +16,7 @@ from pdecodec.cli.main import run
 from pdecodec.formats import list_formats, open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from spec.sealing import take_apart
+from tests.support.command_line import Capture, done, json_of
 
 FRAMES, ROWS, COLUMNS = 20, 10, 12
 TOLERANCE = 1e-3
@@ -24,8 +25,6 @@ SUMMARY = re.compile(
     r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ (?:kB|bytes) \([\d.]+:1\), "
     r"max error .* \(bound .*\), [\d.]+ s$"
 )
-
-Capture = pytest.CaptureFixture[str]
 
 
 def save_wave(path: Path, *, frames: int = FRAMES, phase: float = 0.0) -> Path:
@@ -59,20 +58,6 @@ def wave(folder: Path) -> Path:
 @pytest.fixture
 def animation(folder: Path) -> Path:
     return folder / "wave.pdeanim"
-
-
-def done(*arguments: object) -> None:
-    assert run([str(argument) for argument in arguments]) == 0
-
-
-def json_of(capsys: Capture, *arguments: object) -> dict[str, Any]:
-    """Standard output of a command that ends well, which must be one JSON object."""
-    code = run([*(str(argument) for argument in arguments), "--json"])
-    captured = capsys.readouterr()
-    assert code == 0, captured.err
-    found = json.loads(captured.out)
-    assert isinstance(found, dict)
-    return found
 
 
 def decoded(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

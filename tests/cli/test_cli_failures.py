@@ -29,10 +29,9 @@ from pdecodec.cli.main import run
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from spec.sealing import content, seal, sequence, take_apart, take_rows, with_section
+from tests.support.command_line import Capture, error_of
 
 ROOT = Path(__file__).resolve().parents[2]
-
-Capture = pytest.CaptureFixture[str]
 
 
 def save_line(path: Path) -> Path:
@@ -50,17 +49,6 @@ def animation(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = folder / "line.pdeanim"
     assert run(["encode", str(save_line(folder / "line.npz")), "-o", str(output)]) == 0
     return output
-
-
-def error_of(capsys: Capture, code: int, *arguments: object) -> str:
-    """The one line that a failing command writes, after checking that it is one and that the exit code is `code`."""
-    capsys.readouterr()
-    found = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    lines = [line for line in captured.err.splitlines() if line and not line.startswith("note: ")]
-    assert (found, captured.out, len(lines)) == (code, "", 1), captured.err
-    assert lines[0].startswith("error: ")
-    return lines[0]
 
 
 @pytest.mark.parametrize("content", [b"", bytes(range(256)) * 16, b"this is not a mesh\n" * 20, bytes(1000)])

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from pdecodec.cli.main import run as pdecodec_run
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -32,15 +34,20 @@ def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_commands_of_the_readme_run_in_order(tmp_path: Path) -> None:
-    commands = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
-    commands = [command for command in commands if not command.startswith(INSTALLED_ALREADY)]
-    assert len(commands) >= 8
+def run_commands(page: str) -> None:
+    """Run the commands of a page in order; what installs the package is for readers."""
+    commands = [line[2:] for block in blocks("console", page) for line in block.splitlines() if line.startswith("$ ")]
     for command in commands:
-        program, *arguments = command.split()
-        assert program == "pdecodec", f"the README runs {program}, which is not ours to test"
-        result = run([sys.executable, "-m", "pdecodec", *arguments], tmp_path)
-        assert result.returncode == 0, f"{command}: {result.stderr}"
+        program, *arguments = shlex.split(command)
+        if not command.startswith(INSTALLED_ALREADY):
+            assert program == "pdecodec", f"the page runs {program}, which is not ours to test"
+            assert pdecodec_run(arguments) == 0, command
+
+
+def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert README.count("\n$ pdecodec ") >= 8
+    run_commands(README)
 
 
 @pytest.mark.parametrize("code", blocks("python"))
@@ -115,17 +122,12 @@ def test_the_audit_is_answered_with_figures_of_the_run_that_is_kept() -> None:
 
 
 def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pdecodec.cli.main import run as run_here
-
     pytest.importorskip("dask")
     page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    [manifest], [commands], [code] = (blocks(language, page) for language in ("csv", "console", "python"))
+    [manifest], [code] = (blocks(language, page) for language in ("csv", "python"))
     Path("clips.csv").write_text(manifest, encoding="utf-8")
-    for command in commands.splitlines():
-        program, *arguments = shlex.split(command.removeprefix("$ "))
-        assert program == "pdecodec"
-        assert run_here(arguments) == 0, command
+    run_commands(page)
     assert Path("coded/shots/010/cloth.pdeanim").is_file()
     exec(compile(code, "docs/pipelines.md", "exec"), {})
 

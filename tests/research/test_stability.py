@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 from pdecodec.cli.main import pdecodec
-from pdecodec.cli.stability import SECTIONS as NAMED_SECTIONS
+from pdecodec.cli.research import SECTIONS as NAMED_SECTIONS
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EncodeSettings

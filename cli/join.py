@@ -1,5 +1,0 @@
-"""`pdecodec join`: see :mod:`pdecodec.cli.cut`."""
-
-from __future__ import annotations
-
-from pdecodec.cli.cut import join as join
