@@ -68,7 +68,7 @@ class View:
         self.box, self.low = box, corners[0]
         x, y, width, height = box
         low, high = corners
-        self._scale = float(np.min(np.array([width, height]) / np.maximum(high - low, np.finfo(np.float64).tiny)))
+        self._scale = float(np.min(np.array([width, height]) / np.maximum(high - low, 1e-9 * (1 + np.abs(high)))))
         self._shift = np.array([x + width / 2, y + height / 2]) - self._scale * np.array([1, -1]) * (low + high) / 2
         self.parts: list[str] = []
         if title:

@@ -23,6 +23,7 @@ from pdecodec.report.charts.figure import Figure, Report, Section, Table
 from pdecodec.report.charts.page import as_csv, render_page, value_text, write_report
 from pdecodec.report.charts.pictures import Picture, extent
 from pdecodec.report.charts.plots import BLUE, Axis, Fails, lines, panel
+from pdecodec.report.charts.vegalite import as_svg
 from pdecodec.research.reproduction.functions import space_functions, time_functions
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 from pdecodec.research.stability.alignment import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
@@ -215,32 +216,28 @@ def test_an_unknown_section_is_refused_by_name() -> None:
         make_atlas(["weather"])
 
 
-@pytest.fixture(scope="module")
-def atlas(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("atlas")
-    result = CliRunner().invoke(pdecodec, ["stability", "-o", str(folder), "--quick", "--json"], catch_exceptions=False)
-    assert result.exit_code == 0
-    assert len(json.loads(result.stdout)["figures"]) >= 18
-    return folder
-
-
-def test_every_entry_has_its_chart_its_sentence_and_its_figures(atlas: Path) -> None:
-    record = json.loads((atlas / "report.json").read_text())
-    page = (atlas / "index.html").read_text(encoding="utf-8")
-    for name, figure in record["figures"].items():
-        assert (atlas / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert len((atlas / f"{name}.csv").read_text().splitlines()) > 1
-        assert figure["lesson"].endswith(".")
-        assert f'id="{name}"' in page
-    assert page.count("<img") == len(record["figures"])
+def test_every_entry_has_its_chart_its_sentence_and_its_figures() -> None:
+    atlas = make_atlas(quick=True)
+    assert len(atlas.figures) >= 18
+    for figure in atlas.figures:
+        assert figure.lesson.endswith(".")
+        assert figure.table.rows
+        assert figure.chart is not None
+        assert as_svg(figure.chart).count("role-mark") > 0
 
 
 def test_one_section_alone_is_that_section(tmp_path: Path) -> None:
-    result = CliRunner().invoke(
-        pdecodec, ["stability", "-o", str(tmp_path), "--only", "parametrisation", "--quick"], catch_exceptions=False
-    )
+    arguments = ["stability", "-o", str(tmp_path), "--only", "parametrisation", "--quick", "--json"]
+    result = CliRunner().invoke(pdecodec, arguments, catch_exceptions=False)
     assert result.exit_code == 0
-    assert {path.name for path in tmp_path.glob("*.png")} == {"parameter-cases.png", "parameter-planar.png"}
+    names = {"parameter-cases", "parameter-planar"}
+    assert set(json.loads(result.stdout)["figures"]) == {path.stem for path in tmp_path.glob("*.png")} == names
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for name in names:
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len((tmp_path / f"{name}.csv").read_text().splitlines()) > 1
+        assert f'id="{name}"' in page
+    assert page.count("<img") == len(names)
 
 
 def test_a_table_of_sentences_names_its_columns_in_every_cell_for_narrow_screens() -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,32 +55,3 @@ def chromium() -> str:
     if found is None:
         pytest.skip("chromium is not here")
     return found
-
-
-@dataclass(frozen=True)
-class LoadedPage:
-    """What a browser made of a page.
-
-    Attributes
-    ----------
-    charts, drawn : int
-        Places of charts, and how many of them hold one.
-    errors : list of str
-        What it wrote on the console.
-    """
-
-    charts: int
-    drawn: int
-    errors: list[str]
-
-
-def load_page(file: Path, profile: Path) -> LoadedPage:
-    """Load a page from disk in headless Chromium."""
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=20000"]
-    command = [chromium(), *options, f"--user-data-dir={profile}", "--dump-dom", file.resolve().as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE)
-    assert "</html>" in done.stdout, done.stderr[-2000:]
-    places = re.findall(r'<div class="chart[^>]*>', done.stdout)
-    drawn = [place for place in places if 'data-drawn="yes"' in place]
-    assert done.stdout.count("marks") >= len(drawn), "a chart without marks"
-    return LoadedPage(len(places), len(drawn), re.findall(r".*CONSOLE.*", done.stderr))
