@@ -148,10 +148,7 @@ class Picture:
         self._views: list[View] = []
 
     def view(
-        self,
-        box: tuple[float, float, float, float],
-        corners: tuple[Float64Array, Float64Array],
-        title: str = "",
+        self, box: tuple[float, float, float, float], corners: tuple[Float64Array, Float64Array], title: str = ""
     ) -> View:
         """Add a view of what is between two corners; what is outside its box is cut off."""
         found = View(box, corners, title)

@@ -135,14 +135,7 @@ def rate_map_figure(findings: Findings) -> Figure:
                 mean,
                 "u of Eq. 24, as printed",
                 [
-                    dots(
-                        MAP_RATES[at_r],
-                        MAP_RATES[at_alpha],
-                        "white",
-                        size=22,
-                        stroke="black",
-                        strokeWidth=1,
-                    ),
+                    dots(MAP_RATES[at_r], MAP_RATES[at_alpha], "white", size=22, stroke="black", strokeWidth=1),
                     dots([PRINTED.r], [PRINTED.alpha], ORANGE, shape=STAR, size=160, stroke="black", strokeWidth=1),
                 ],
             ),

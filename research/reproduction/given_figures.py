@@ -121,10 +121,7 @@ def leak_figure(findings: Findings) -> Figure:
     rungs = findings.rungs
 
     drawn: list[Layers] = []
-    for way, colour, shift, width in (
-        ("aligned", GREY, -0.16, 3),
-        ("scene", ORANGE, 0.12, 6),
-    ):
+    for way, colour, shift, width in (("aligned", GREY, -0.16, 3), ("scene", ORANGE, 0.12, 6)):
         each = [(getattr(rung, way), row + shift) for row, rung in enumerate(rungs)]
         spans = [(max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN), row) for errors, row in each]
         drawn.append(segments([(low, high, row, row, colour) for low, high, row in spans], width=width))
@@ -217,11 +214,7 @@ def elimination_figure(findings: Findings) -> Figure:
         panel(
             x,
             Axis.around("", values, [1.0], log=True),
-            lines(
-                frames[1:],
-                dict(zip(names, zip(values.T, (BLUE, GREY, ORANGE), strict=True), strict=True)),
-                dots=40,
-            ),
+            lines(frames[1:], dict(zip(names, zip(values.T, (BLUE, GREY, ORANGE), strict=True), strict=True)), dots=40),
             level(x, 1.0, dashes=DOTTED),
             texts([(0.5, 1.0, "a rotation", INK)], dy=8, size=10.5),
             title="singular values of Eq. 23's matrix",
@@ -270,8 +263,7 @@ def sweep_figure(findings: Findings) -> Figure:
     found = findings.cells
     grids = {
         (name, phase): np.reshape(
-            [times_table_1(cell.errors[name]) for cell in found if cell.phase == phase],
-            (len(TURNS), len(FRAME_RATES)),
+            [times_table_1(cell.errors[name]) for cell in found if cell.phase == phase], (len(TURNS), len(FRAME_RATES))
         )
         for name in METHODS
         for phase in PHASES

@@ -246,10 +246,7 @@ def figure_6_known(findings: Findings) -> Figure:
         findings,
         "figure-6-known",
         "Figure 6 with what a decoder can know",
-        {
-            "PDE, u by index": (ORANGE, reconstruct(curve, HONEST).found),
-            "B-spline, fair": (GREEN, bspline.fair(curve)),
-        },
+        {"PDE, u by index": (ORANGE, reconstruct(curve, HONEST).found), "B-spline, fair": (GREEN, bspline.fair(curve))},
         "The same curve with u by index. Eight functions along 832 points cannot follow the twist of "
         "the rope; the B-spline, fitted and evaluated at one parameter, can.",
     )

@@ -290,7 +290,7 @@ def test_a_frame_of_ours_takes_as_long_a_step_as_the_scene_wants() -> None:
 @pytest.fixture(scope="module")
 def small_report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("reproduction")
-    arguments = ["reproduce", "-o", str(folder), "--rings", "96", "--sides", "4", "--json"]
+    arguments = ["reproduce", "-o", str(folder), "--rings", "64", "--sides", "4", "--json"]
     result = CliRunner().invoke(pdecodec, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     return folder, json.loads(result.stdout)
@@ -340,7 +340,7 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
     column = {name: index for index, name in enumerate(record["columns"])}
     rows = {row[0]: row for row in record["rows"]}
     raw = rows["raw positions"][column["total [bytes]"]]
-    assert raw == 96 * 4 * 11 * 12
+    assert raw == 64 * 4 * 11 * 12
     assert rows["PDE as printed"][column["u of Eq. 24 [bytes]"]] == raw
     assert rows["PDE as printed"][column["constants [bytes]"]] == 4 * 32 * 12
     # u by index is known: nothing but the constants is counted, nor for B-splines but their control points.
