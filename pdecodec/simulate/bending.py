@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.simulate.constraints import Linear, Method, RowShapes, SheetConstraints
+from pdecodec.simulate.constraints import Method, RowShapes, SheetConstraints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,11 +89,6 @@ class IsometricBendingConstraints(SheetConstraints):
 
     def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         sheets.add_bending(self.particles, self.coefficients, multipliers, self.scaling(substep, method))
-
-    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
-        coefficients = self.coefficients[index]
-        gradient = np.einsum("k,ai->aki", coefficients, np.eye(3))
-        return coefficients @ positions[self.particles[index]], gradient
 
     def values(self, positions: Float64Array) -> Float64Array:
         values: Float64Array = np.einsum("ck,cki->ci", self.coefficients, positions[self.particles])

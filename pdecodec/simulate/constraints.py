@@ -26,9 +26,6 @@ Method = Literal["xpbd", "pbd"]
 
 RowShapes = Mapping[str, tuple[int, ...] | None]
 
-Linear = tuple[Float64Array, Float64Array]
-"""A constraint and its gradient, see :meth:`Constraints.evaluate`."""
-
 
 class State(NamedTuple):
     """What a sweep works on: ``x_j`` [m], which it changes in place, ``x^n`` of the substep's start, and 1/kg."""
@@ -119,11 +116,6 @@ class Constraints(ABC):
     def compliances(self) -> Float64Array:
         """Inverse stiffness ``gamma`` of Eq. 2 for every row, in a shape that broadcasts to (constraints, rows)."""
 
-    def compliances_of(self, index: int, state: State, substep: float) -> Float64Array:
-        """``gamma`` of one constraint's rows, (rows,), as XPBD uses it in a substep of `substep` seconds."""
-        compliances: Float64Array = np.broadcast_to(self.compliances, (self.count, self.rows))[index]
-        return compliances
-
     def new_multipliers(self) -> Float64Array:
         """Lagrange multipliers at 0, (constraints, rows)."""
         return np.zeros((self.count, self.rows))
@@ -142,16 +134,6 @@ class Constraints(ABC):
         """
 
     @abstractmethod
-    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
-        """One constraint and its gradient, in plain numpy: what the compiled sweeps are compared with.
-
-        Returns
-        -------
-        value, gradient : (rows,) and (rows, particles of each, 3) float64
-            ``C`` and ``grad C``.
-        """
-
-    @abstractmethod
     def values(self, positions: Float64Array) -> Float64Array:
         """``C`` of all constraints, (constraints, rows)."""
 
@@ -159,32 +141,6 @@ class Constraints(ABC):
         """Elastic energy [J], Eq. 2; rigid rows store none."""
         inverse = np.divide(1.0, self.compliances, out=np.zeros_like(self.compliances), where=self.compliances > 0)
         return float(0.5 * (self.values(positions) ** 2 * inverse).sum())  # Eq. 2
-
-    def solve_plainly(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
-        """As :meth:`solve`, in plain numpy as the equations stand: what the compiled sweeps must equal.
-
-        XPBD solves the rows of one constraint together (Eq. 6). PBD (Mueller et al. 2007) has scalar constraints only
-        and takes row after row.
-        """
-        positions, previous, inverse_masses = state
-        for index, members in enumerate(self.particles):
-            weights = inverse_masses[members]
-            for row in range(self.rows if method == "pbd" and weights.any() else 0):
-                value, gradient = self.evaluate(index, positions, method=method)
-                slope = (weights[:, None] * gradient[row] ** 2).sum()
-                if slope > 0:
-                    positions[members] -= weights[:, None] * gradient[row] * self.stiffness * value[row] / slope
-            if method == "xpbd" and weights.any():
-                value, gradient = self.evaluate(index, positions)
-                scaled = self.compliances_of(index, state, substep) / substep**2  # Eq. 5
-                damping = self.damping / substep
-                system = np.einsum("aki,k,bki->ab", gradient, weights, gradient)
-                rate = np.einsum("aki,ki->a", gradient, positions[members] - previous[members])
-                right = -value - scaled * multipliers[index] - damping * rate
-                # Eq. 6, with the damping terms of Macklin et al. 2016, Eq. 26.
-                change = np.linalg.solve((1 + damping) * system + np.diag(scaled), right)
-                multipliers[index] += change
-                positions[members] += weights[:, None] * np.einsum("aki,a->ki", gradient, change)  # Eq. 7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -221,8 +177,7 @@ class UniformConstraints(Constraints):
 class SheetConstraints(UniformConstraints):
     """A batch that is swept together with others of its kind, with several constraints at once.
 
-    Those taken at once share no particle. So the bits are those of taking one after another, as
-    :meth:`solve_plainly` does.
+    Those taken at once share no particle. So the bits are those of taking one after another.
     """
 
     @abstractmethod

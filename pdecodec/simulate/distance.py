@@ -17,7 +17,7 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.simulate.constraints import Linear, MeasuredConstraints, Method, RowShapes, SheetConstraints
+from pdecodec.simulate.constraints import MeasuredConstraints, Method, RowShapes, SheetConstraints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,16 +60,6 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
             sheets.add_distances(self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
         else:
             sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
-
-    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
-        difference = np.diff(positions[self.particles[index]], axis=0)
-        lengths = np.linalg.norm(difference, axis=1)
-        directions = np.divide(difference, lengths[:, None], out=np.zeros_like(difference), where=lengths[:, None] > 0)
-        gradient = np.zeros((self.rows, self.rows + 1, 3))
-        links = np.arange(self.rows)
-        gradient[links, links] = -directions
-        gradient[links, links + 1] = directions
-        return lengths - self.lengths[index], gradient
 
     def lengths_at(self, positions: Float64Array) -> Float64Array:
         """Present lengths [m], in the shape of `lengths`."""

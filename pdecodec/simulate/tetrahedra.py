@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.simulate.constraints import Constraints, Linear, MeasuredConstraints, Method, RowShapes, State
+from pdecodec.simulate.constraints import Constraints, MeasuredConstraints, Method, RowShapes, State
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,13 +51,6 @@ class VolumeConstraints(MeasuredConstraints):
 
     def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         _core.solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), self.scaling(substep, method))
-
-    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
-        corners = positions[self.particles[index]]
-        first, second, third = corners[1:] - corners[0]
-        slopes = np.stack([np.cross(second, third), np.cross(third, first), np.cross(first, second)]) / 6
-        gradient = np.concatenate([-slopes.sum(axis=0, keepdims=True), slopes])[None]
-        return np.array([first @ np.cross(second, third) / 6 - self.volumes[index]]), gradient
 
     @staticmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
@@ -142,16 +135,6 @@ class NeoHookeanConstraints(Constraints):
         compliances: Float64Array = 1 / (self.volumes[:, None] * np.array([self.shear, self.bulk]))
         return compliances
 
-    def compliances_of(self, index: int, state: State, substep: float) -> Float64Array:
-        (size, determinant), _ = self.evaluate(index, state.positions)
-        inverse = self.inverse_rest[index]
-        slopes = np.r_[-inverse.sum(axis=0)[None], inverse]
-        spread = state.inverse_masses[self.particles[index]] @ (slopes**2).sum(axis=1)
-        pressure = self.bulk * abs(determinant) * size / math.sqrt(3)
-        once = substep**2 * self.volumes[index] * spread * (self.shear + pressure)
-        compliances: Float64Array = self.compliances[index] * max(1.0, once)
-        return compliances
-
     def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         if method == "pbd":
             _core.project_tetrahedra(state, self.particles, self.inverse_rest, self.stiffness)
@@ -159,20 +142,6 @@ class NeoHookeanConstraints(Constraints):
             shapes = (self.particles, self.inverse_rest, self.volumes)
             material = (self.shear, self.bulk, self.damping / substep)
             _core.solve_tetrahedra(state, *shapes, multipliers, *material, substep)
-
-    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
-        inverse = self.inverse_rest[index]
-        corners = positions[self.particles[index]]
-        deformation = (corners[1:] - corners[0]).T @ inverse
-        size = np.linalg.norm(deformation)
-        columns = deformation.T
-        cofactor = np.stack([np.cross(columns[(i + 1) % 3], columns[(i + 2) % 3]) for i in range(3)], axis=1)
-        gradient = np.zeros((2, 4, 3))
-        for row, slope in enumerate((deformation / size, cofactor)):
-            gradient[row, 1:] = (slope @ inverse.T).T
-            gradient[row, 0] = -gradient[row, 1:].sum(axis=0)
-        rest = (math.sqrt(3), 1.0) if method == "pbd" else (0.0, self.target)
-        return np.array([size - rest[0], np.linalg.det(deformation) - rest[1]]), gradient
 
     def values(self, positions: Float64Array) -> Float64Array:
         deformation = self.deformations(positions)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.simulate.bending import IsometricBendingConstraints
 from pdecodec.simulate.constraints import Constraints, Method, State
@@ -22,6 +21,7 @@ from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.surroundings import AIR_DENSITY, Ground, Pins, Sphere, Wind
 from pdecodec.simulate.system import System
 from pdecodec.simulate.tetrahedra import NeoHookeanConstraints, VolumeConstraints
+from tests.simulate.plain_constraints import evaluate, solve_plainly
 
 ONCE = {"substep": 0.1, "method": "xpbd"}
 
@@ -54,11 +54,11 @@ def test_gradient_is_the_derivative_of_the_constraint(kind: str, method: Method)
     batch, rest = make(kind)
     positions = rest + 0.1 * np.random.default_rng(1).normal(size=rest.shape)
     for index in range(batch.count):
-        _, gradient = batch.evaluate(index, positions, method=method)
+        _, gradient = evaluate(batch, index, positions, method)
         for (corner, particle), axis in product(enumerate(batch.particles[index]), range(3)):
             step = np.zeros_like(positions)
             step[particle, axis] = 1e-6
-            ahead, behind = (batch.evaluate(index, positions + s, method=method)[0] for s in (step, -step))
+            ahead, behind = (evaluate(batch, index, positions + s, method)[0] for s in (step, -step))
             np.testing.assert_allclose(gradient[:, corner, axis], (ahead - behind) / 2e-6, atol=2e-8)
 
 
@@ -72,12 +72,15 @@ def test_compiled_sweeps_equal_the_plain_form(kind: str, method: Method, damping
     inverse_masses = random.uniform(0.5, 2, size=len(rest))
     inverse_masses[[0, 4]] = 0
     results = []
-    for solve in (batch.solve, batch.solve_plainly):
+    for is_plain in (False, True):
         positions = previous + 0.05 * np.random.default_rng(3).normal(size=rest.shape)
         multipliers = batch.new_multipliers()
         for _ in range(3):
             state = State(positions, previous, inverse_masses)
-            solve(state, multipliers, substep=0.05, method=method)
+            if is_plain:
+                solve_plainly(batch, state, multipliers, 0.05, method)
+            else:
+                batch.solve(state, multipliers, substep=0.05, method=method)
         results.append((positions, multipliers))
     np.testing.assert_allclose(results[0][0], results[1][0], rtol=0, atol=1e-12)
     if method == "xpbd":
@@ -120,7 +123,7 @@ def test_values_are_those_of_each_constraint_and_energy_is_half_their_square_ove
     batch, rest = make(kind)
     positions = rest + 0.1 * np.random.default_rng(4).normal(size=rest.shape)
     values = batch.values(positions)
-    each = [batch.evaluate(index, positions)[0] for index in range(batch.count)]
+    each = [evaluate(batch, index, positions)[0] for index in range(batch.count)]
     np.testing.assert_allclose(values, each, atol=1e-13)
     expected = 0.5 * (values**2 / batch.compliances).sum()
     if "neo-hookean" in kind:
@@ -356,27 +359,25 @@ def test_halves_are_taken_first_and_what_is_across_the_middle_after_them(kind: s
     inverse_masses[::13] = 0
     start = rest + 0.05 * random.normal(size=rest.shape)
     batch, plain = make_batch(rest, particles, damping=damping), make_batch(rest, particles[order], damping=damping)
-    positions, expected = start.copy(), start.copy()
-    multipliers, others = batch.new_multipliers(), plain.new_multipliers()
-    sheets = _core.Sheets(inverse_masses, middle)
-    batch.add_to(sheets, multipliers, substep=0.05, method="xpbd")
-    for sweep in range(3):
-        sheets.solve(positions, rest, is_first=sweep == 0)
-        plain.solve_plainly(State(expected, rest, inverse_masses), others, substep=0.05, method="xpbd")
-    sheets.store()
-    np.testing.assert_allclose(positions, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(multipliers[order], others, rtol=1e-9, atol=1e-12)
-    assert np.abs(positions - start).max() > 0.01
+    scene = System(positions=start, inverse_masses=inverse_masses, constraints=(batch,), middle=middle, gravity=0.0)
+    solver = Solver(scene, substep=0.05, iterations=3)
+    solver.advance(1)
+    expected, multipliers = start.copy(), plain.new_multipliers()
+    for _ in range(3):
+        solve_plainly(plain, State(expected, start, inverse_masses), multipliers, 0.05, "xpbd")
+    np.testing.assert_allclose(solver.positions, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(solver.multipliers[0][order], multipliers, rtol=1e-9, atol=1e-12)
+    assert np.abs(expected - start).max() > 0.01
 
 
-def test_a_middle_that_chains_cross_twice_or_that_is_no_particle_is_refused() -> None:
-    sheets = _core.Sheets(np.ones(12), 6)
-    for chains in ([[0, 6, 1]], [[6, 1]], [[0, 1, 6], [2, 7, 8]]):
-        batch = ChainConstraints.from_positions(SHEET, chains)
-        with pytest.raises(ValueError, match="cross the middle of a sheet once, all at one link"):
-            batch.add_to(sheets, batch.new_multipliers(), substep=0.05, method="xpbd")
+def test_a_middle_that_is_no_particle_or_that_chains_cross_twice_is_refused() -> None:
     with pytest.raises(SettingsError, match="the middle must be one of the 12 particles, not 13"):
         System(positions=SHEET, inverse_masses=np.ones(12), middle=13)
+    for chains in ([[0, 6, 1]], [[6, 1]]):
+        batch = ChainConstraints.from_positions(SHEET, chains)
+        scene = System(positions=SHEET, inverse_masses=np.ones(12), constraints=(batch,), middle=6)
+        with pytest.raises(ValueError, match="cross the middle of a sheet once, all at one link"):
+            Solver(scene, substep=0.05).advance(1)
 
 
 def test_two_threads_give_the_bits_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
