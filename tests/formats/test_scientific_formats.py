@@ -419,19 +419,27 @@ def test_every_style_of_vtp_is_read(tmp_path: Path, style: str) -> None:
         assert_same_connectivity(read.connectivity, connectivity_of(4, [[0, 1, 2, 3]], [[0, 1]]))
 
 
-def test_xdmf_of_one_geometry_is_moved_by_its_displacement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_xdmf_of_one_geometry_is_moved_by_the_displacement_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)  # where meshio puts the data
     rest = np.eye(3, dtype=np.float32)
     with meshio.xdmf.TimeSeriesWriter(str(tmp_path / "x.xdmf"), data_format="HDF") as writer:
         writer.write_points_cells(rest, [("triangle", np.array([[0, 1, 2]]))])
         for time in (0.0, 0.5, 1.0):
             writer.write_data(time, point_data={"displacement": np.full((3, 3), time), "heat": np.zeros(3)})
-    with open_sequence(tmp_path / "x.xdmf") as read:
+    with open_sequence(tmp_path / "x.xdmf", displacement="displacement") as read:
         assert read.times.tolist() == [0, 0.5, 1]
         assert read.fps == 2
         assert np.array_equal(read.read_frames(0, 3), rest + np.array([0, 0.5, 1], np.float32)[:, None, None])
         assert read.connectivity.face_indices.tolist() == [0, 1, 2]
-        assert read.notices == ("not kept: heat",)
+        assert read.notices == (
+            "the vectors 'displacement' are added to the geometry: they move the mesh",
+            "point data 'heat' are not kept",
+        )
+    with open_sequence(tmp_path / "x.xdmf") as read:
+        assert np.array_equal(read.read_frames(0, 3), np.repeat(rest[None], 3, axis=0))
+        assert "nothing says that 'displacement' is its displacement" in read.notices[0]
 
 
 def test_an_xdmf_whose_data_are_gone_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,141 @@
+"""Topologies of XDMF: the kinds of cells that they are of, by name, and by number where they are mixed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pdecodec.errors import InputError
+from pdecodec.formats.vtk.cells import Cells
+from pdecodec.formats.vtk.xdmf_document import Element
+from pdecodec.formats.vtk.xdmf_items import Items
+from pdecodec.mesh.arrays import Int64Array
+
+_KINDS = {
+    "triangle": ("triangle", 3),
+    "quadrilateral": ("quad", 4),
+    "tetrahedron": ("tetra", 4),
+    "pyramid": ("pyramid", 5),
+    "wedge": ("wedge", 6),
+    "hexahedron": ("hexahedron", 8),
+    "edge_3": ("line", 3),
+    "triangle_6": ("triangle", 6),
+    "tri_6": ("triangle", 6),
+    "quadrilateral_8": ("quad", 8),
+    "quad_8": ("quad", 8),
+    "quadrilateral_9": ("quad", 9),
+    "quad_9": ("quad", 9),
+    "tetrahedron_10": ("tetra", 10),
+    "tet_10": ("tetra", 10),
+    "pyramid_13": ("pyramid", 13),
+    "wedge_15": ("wedge", 15),
+    "wedge_18": ("wedge", 18),
+    "hexahedron_20": ("hexahedron", 20),
+    "hex_20": ("hexahedron", 20),
+    "hexahedron_24": ("hexahedron", 24),
+    "hex_24": ("hexahedron", 24),
+    "hexahedron_27": ("hexahedron", 27),
+    "hex_27": ("hexahedron", 27),
+}
+"""Kind and nodes of each cell of a topology, by its name."""
+
+MIXED_KINDS = {
+    4: ("triangle", 3),
+    5: ("quad", 4),
+    6: ("tetra", 4),
+    7: ("pyramid", 5),
+    8: ("wedge", 6),
+    9: ("hexahedron", 8),
+    34: ("line", 3),
+    35: ("quad", 9),
+    36: ("triangle", 6),
+    37: ("quad", 8),
+    38: ("tetra", 10),
+    39: ("pyramid", 13),
+    40: ("wedge", 15),
+    41: ("wedge", 18),
+    48: ("hexahedron", 20),
+    49: ("hexahedron", 24),
+    50: ("hexahedron", 27),
+}
+"""Kind and nodes of cells of a mixed topology, by the number before them."""
+
+_MIXED_SOLIDS = frozenset({6, 7, 8, 9, *range(38, 51)})
+"""Those of them that are solids: added together, for there may be many."""
+
+_MIXED_COUNTED = {1: "polyline", 2: "polyline", 3: "polygon"}
+"""Points, lines and polygons of a mixed topology, which their number of nodes follows."""
+
+
+def cells_of(topology: Element, items: Items, path: Path) -> Cells:
+    """Return the cells of a topology.
+
+    Raises
+    ------
+    InputError
+        If it is of a kind that is not read, or its data are not what it declares.
+    """
+    cells = Cells()
+    kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
+    if "Order" in topology.attrib:
+        raise InputError(f"a topology whose nodes are in an Order of its own ({kind}) is not read", path=path)
+    if kind == "polyvertex" and not items.of(topology):
+        return cells
+    if kind not in (*_KINDS, "mixed", "polygon", "polyline", "polyvertex"):
+        raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=path)
+    numbers = items.only(topology)
+    if not (numbers == np.rint(numbers)).all():
+        raise InputError("the numbers of a topology's nodes are not whole; write it again", path=path)
+    indices: Int64Array = numbers.astype(np.int64)
+    first = int(topology.get("BaseOffset", "0"))
+    if kind == "mixed":
+        _add_mixed(cells, indices.reshape(-1), first, path)
+        return cells
+    name, size = _KINDS.get(kind, ("polygon" if kind == "polygon" else "polyline", 0))
+    size = size or _nodes_of_each(topology, indices, kind, path)
+    if indices.size % size:
+        raise InputError(
+            f"{indices.size} nodes are no cells of {size}, as its topology says; write it again", path=path
+        )
+    rows = indices.reshape(-1, size) - first
+    declared = topology.get("NumberOfElements", topology.get("Dimensions"))
+    if declared is not None and np.prod([int(part) for part in declared.split()]) != len(rows):
+        raise InputError(f"its topology declares {declared} cells, and holds {len(rows)}; write it again", path=path)
+    cells.add(name, rows)
+    return cells
+
+
+def _nodes_of_each(topology: Element, indices: Int64Array, kind: str, path: Path) -> int:
+    """Return how many nodes each cell has of a kind that may have any number."""
+    declared = topology.get("NodesPerElement")
+    if declared is not None and int(declared) >= (3 if kind == "polygon" else 1):
+        return int(declared)
+    if kind == "polyvertex":
+        return 1
+    if declared is None and indices.ndim == 2:
+        return max(1, int(indices.shape[1]))
+    raise InputError(f"a topology of type {kind} does not say how many nodes a cell has (NodesPerElement)", path=path)
+
+
+def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> None:
+    """Add the cells of a mixed topology: each a number for its kind, for some their number of nodes, and nodes."""
+    at = 0
+    solids: dict[str, list[Int64Array]] = {}
+    while at < numbers.size:
+        number = int(numbers[at])
+        if number in MIXED_KINDS:
+            (kind, size), at = MIXED_KINDS[number], at + 1
+        elif number in _MIXED_COUNTED and at + 1 < numbers.size:
+            kind, size, at = _MIXED_COUNTED[number], int(numbers[at + 1]), at + 2
+        else:
+            raise InputError(f"cells of number {number} in a mixed topology are not read", path=path)
+        if size < 1 or at + size > numbers.size:
+            raise InputError("its mixed topology ends inside a cell", path=path)
+        if number in _MIXED_SOLIDS:
+            solids.setdefault(f"{kind}{size}", []).append(numbers[at : at + size] - first)
+        else:
+            cells.add(kind, numbers[None, at : at + size] - first)
+        at += size
+    for name, rows in solids.items():
+        cells.add(name.rstrip("0123456789"), np.stack(rows))

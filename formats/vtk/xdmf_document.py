@@ -1,0 +1,264 @@
+"""The XML of an XDMF file: what it includes (XInclude) and refers to (``Reference``) is found where it stands.
+
+Both name elements by XPath. The part of it that XDMF files use is read: steps by name, ``*``, ``.`` and ``//``, with
+predicates of a position, of attributes and of ``self::NAME``, joined by ``and`` and ``or``. Anything else is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from pdecodec.errors import InputError
+
+Element = ElementTree.Element
+
+MOST_DOCUMENTS = 10_000
+"""Files that an XDMF file may include, itself among them."""
+
+_INCLUDE = re.compile(r"\{https?://www\.w3\.org/\d{4}/XInclude\}include")
+_XPOINTER = re.compile(r"xpointer\((?P<path>.*)\)", re.DOTALL)
+_CHILDREN = re.compile(r"element\((?P<numbers>(/\d+)+)\)")
+_STEP = re.compile(r"(?:child::)?(?P<test>[\w.-]+|\*)(?P<predicates>(?:\[.*\])*)", re.DOTALL)
+_POSITION = re.compile(r"(?:position\(\)\s*=\s*)?(?P<number>\d+|last\(\))")
+_ATTRIBUTE = re.compile(r"@(?P<name>[\w:.-]+)(?:\s*=\s*(?P<quote>[\"'])(?P<value>.*)(?P=quote))?", re.DOTALL)
+_SELF = re.compile(r"self::(?P<name>[\w.-]+|\*)")
+
+
+class Document:
+    """An XDMF document, with elements that it includes in their places.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    root : xml.etree.ElementTree.Element
+        Elements that are included in several places are in all of them.
+
+    Raises
+    ------
+    InputError
+        If it is no XML, includes what is not there, or itself.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._roots: dict[Path, Element] = {}
+        self._homes: dict[Element, tuple[Path, Element]] = {}
+        self.root = self._parse(path)
+        self._include()
+        self._check_finite()
+
+    def folder(self, element: Element) -> Path:
+        """Return the folder of the file that an element stands in: names in it are relative to that."""
+        return self._homes[element][0]
+
+    def resolved(self, element: Element) -> Element:
+        """Return the element that an element refers to, itself where it does not.
+
+        Raises
+        ------
+        InputError
+            If it refers to nothing, to several elements, to one of another kind, or to itself.
+        """
+        seen = {element}
+        while "Reference" in element.attrib:
+            reference = element.attrib["Reference"].strip()
+            path = (element.text or "").strip() if reference.upper() == "XML" else reference
+            found = self._at(path, self._homes[element][1])
+            if len(found) != 1 or found[0].tag != element.tag or found[0] in seen:
+                raise InputError(
+                    f"a {element.tag} refers to {path!r}, which is {len(found)} elements, or none of its kind; "
+                    "write it again",
+                    path=self.path,
+                )
+            element = found[0]
+            seen.add(element)
+        return element
+
+    def children(self, element: Element, tag: str) -> list[Element]:
+        """Return the children of a kind, references followed."""
+        return [self.resolved(child) for child in element if child.tag == tag]
+
+    def child(self, element: Element, tag: str) -> Element | None:
+        """Return the only child of a kind, None where there is none; InputError where there are several."""
+        found = self.children(element, tag)
+        if len(found) > 1:
+            name = element.get("Name", "")
+            raise InputError(
+                f"{element.tag} {name!r} has {len(found)} elements {tag}, and may have one", path=self.path
+            )
+        return found[0] if found else None
+
+    def _parse(self, path: Path) -> Element:
+        key = path.resolve()
+        if key not in self._roots:
+            if len(self._roots) >= MOST_DOCUMENTS:
+                raise InputError(f"includes more than {MOST_DOCUMENTS:,} files", path=self.path)
+            if path != self.path and not path.is_file():
+                raise InputError(f"includes {path.name!r}, which is missing; restore that file", path=self.path)
+            try:
+                self._roots[key] = ElementTree.parse(path).getroot()
+            except (ElementTree.ParseError, OSError) as error:
+                raise InputError(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
+            self._homes.update(dict.fromkeys(self._roots[key].iter(), (path.parent, self._roots[key])))
+        return self._roots[key]
+
+    def _include(self) -> None:
+        """Put elements in the places of those that include them; all are found before the first is moved."""
+        parents: list[Element] = []
+        targets: dict[Element, list[Element]] = {}
+        done: set[Path] = set()
+        while len(done) < len(self._roots):
+            for key, root in list(self._roots.items()):
+                if key in done:
+                    continue
+                done.add(key)
+                for parent in root.iter():
+                    for child in parent:
+                        if _INCLUDE.fullmatch(str(child.tag)):
+                            targets[child] = self._included(child, root)
+                            parents.append(parent)
+        for parent in dict.fromkeys(parents):
+            parent[:] = [found for child in parent for found in self._flat(child, targets, ())]
+
+    def _included(self, include: Element, root: Element) -> list[Element]:
+        """Return the elements that an element of XInclude stands for."""
+        name, pointer = include.get("href", ""), include.get("xpointer", "").strip()
+        if include.get("parse", "xml") != "xml" or (not name and not pointer) or "://" in name:
+            raise InputError(f"includes {name or 'text'!r}, which is no XDMF file beside it", path=self.path)
+        if name:
+            root = self._parse(self.folder(include) / name)
+        if not pointer:
+            return [root]
+        xpointer, numbers = _XPOINTER.fullmatch(pointer), _CHILDREN.fullmatch(pointer)
+        found: list[Element] = []
+        if xpointer is not None:
+            found = self._at(xpointer["path"], root)
+        elif numbers is not None:
+            found = _numbered(root, [int(part) for part in numbers["numbers"].split("/")[1:]])
+        else:
+            raise InputError(f"the pointer {pointer!r} of an include is not understood", path=self.path)
+        if not found:
+            raise InputError(f"includes {pointer!r}, and there is no such element; write it again", path=self.path)
+        return found
+
+    def _flat(
+        self, child: Element, targets: dict[Element, list[Element]], above: tuple[Element, ...]
+    ) -> Iterator[Element]:
+        if child in above:
+            raise InputError("includes itself; write it again", path=self.path)
+        if child not in targets:
+            yield child
+            return
+        for found in targets[child]:
+            yield from self._flat(found, targets, (*above, child))
+
+    def _check_finite(self) -> None:
+        """Raise InputError where an element is below itself."""
+        above: set[Element] = set()
+        done: set[Element] = set()
+        left: list[tuple[Element, bool]] = [(self.root, False)]
+        while left:
+            element, is_left = left.pop()
+            if is_left:
+                above.discard(element)
+                done.add(element)
+            elif element in above:
+                raise InputError("includes itself; write it again", path=self.path)
+            elif element not in done:
+                above.add(element)
+                left.append((element, True))
+                left += [(child, False) for child in element]
+
+    def _at(self, path: str, root: Element) -> list[Element]:
+        """Return the elements at an XPath that begins at the root."""
+        try:
+            return _select(path, root)
+        except ValueError as error:
+            raise InputError(f"the XPath {path!r} is not understood ({error})", path=self.path) from error
+
+
+def _numbered(root: Element, numbers: Sequence[int]) -> list[Element]:
+    """Return the element at a sequence of child numbers, the first one that of the root."""
+    if numbers[0] != 1:
+        return []
+    for number in numbers[1:]:
+        if not 1 <= number <= len(root):
+            return []
+        root = root[number - 1]
+    return [root]
+
+
+def _select(path: str, root: Element) -> list[Element]:
+    text = path.strip()
+    if not text.startswith("/"):
+        raise ValueError("it does not begin at the root")
+    above = Element("document")
+    above.append(root)
+    nodes, is_deep = [above], False
+    for step in _split(text[1:], "/"):
+        if step == "":
+            is_deep = True
+            continue
+        if is_deep:
+            nodes = list(dict.fromkeys(below for node in nodes for below in node.iter()))
+        is_deep = False
+        if step == ".":
+            continue
+        found = _STEP.fullmatch(step)
+        if found is None:
+            raise ValueError(f"step {step!r}")
+        predicates = [part[:-1] for part in _split(found["predicates"], "[")[1:]]
+        chosen: list[Element] = []
+        for node in nodes:
+            here = [child for child in node if _is_named(child, found["test"])]
+            for predicate in predicates:
+                here = [one for at, one in enumerate(here, 1) if _holds(predicate, one, at, len(here))]
+            chosen += here
+        nodes = list(dict.fromkeys(chosen))
+    return nodes
+
+
+def _is_named(element: Element, name: str) -> bool:
+    return name == "*" or str(element.tag).rpartition("}")[2] == name
+
+
+def _holds(predicate: str, element: Element, at: int, count: int) -> bool:
+    """Whether an element at a position, from 1, of so many fulfils a predicate."""
+    for joiner, combined in ((" or ", any), (" and ", all)):
+        parts = _split(predicate, joiner)
+        if len(parts) > 1:
+            return combined([_holds(part, element, at, count) for part in parts])
+    text = predicate.strip()
+    position, attribute, itself = (pattern.fullmatch(text) for pattern in (_POSITION, _ATTRIBUTE, _SELF))
+    if position is not None:
+        return at == (count if position["number"] == "last()" else int(position["number"]))
+    if attribute is not None:
+        value = element.get(attribute["name"])
+        return value is not None and (attribute["quote"] is None or value == attribute["value"])
+    if itself is not None:
+        return _is_named(element, itself["name"])
+    raise ValueError(f"predicate {text!r}")
+
+
+def _split(text: str, at: str) -> list[str]:
+    """Return the parts of a text between separators that are neither quoted nor, but for ``[``, in brackets."""
+    parts, depth, quote, start, place = [], 0, "", 0, 0
+    while place < len(text):
+        letter = text[place]
+        if not quote and (depth == 0) and text.startswith(at, place):
+            parts.append(text[start:place])
+            start = place + len(at)
+            if at != "[":
+                place = start
+                continue
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        else:
+            depth += (letter == "[") - (letter == "]")
+        place += 1
+    return [*parts, text[start:]]
