@@ -19,6 +19,7 @@ from pdecodec.errors import CorruptFileError
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute, MeshObject
 from spec.decoder import animation as independent
+from spec.sealing import table_end, take_apart
 from tests.support.decoders import assert_same
 from tests.support.mesh_cases import grid
 
@@ -207,9 +208,9 @@ def test_what_does_not_fit_a_file_is_not_joined_to_it(clip: Path, paper: Path, t
 def test_a_damaged_group_is_not_passed_on(clip: Path, tmp_path: Path) -> None:
     damaged, part = tmp_path / "damaged.pdeanim", tmp_path / "part.pdeanim"
     data = bytearray(clip.read_bytes())
-    with pdecodec.open(clip) as animation:
-        at = next(section.offset for section in animation._core.sections if section.type == "COEF")
-    data[at] ^= 1
+    parts = take_apart(bytes(data))
+    kinds = [part.kind for part in parts]
+    data[table_end(parts) + sum(len(part.content) for part in parts[: kinds.index("COEF")])] ^= 1
     damaged.write_bytes(data)
     edges = edges_of(clip)
     cut_animation(damaged, part, edges[1], edges[2])

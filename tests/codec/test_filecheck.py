@@ -14,6 +14,7 @@ from pdecodec.cli.main import run
 from pdecodec.codec.checking import CODES
 from spec.sealing import seal, take_apart, take_rows, with_section
 from spec.vector_files import ACCEPT, refused_vectors, write_refused
+from tests.support.damage import place_in_run
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ACCEPT / "groups_of_shapes.pdeanim"
@@ -99,8 +100,8 @@ def test_all_faults_are_found_not_only_the_first(tmp_path: Path) -> None:
 
 def test_damage_in_a_run_names_the_run_and_its_frames_in_the_whole(tmp_path: Path) -> None:
     with open_animation(RUNS) as animation:
-        starts, places = animation.run_starts.tolist(), animation._core.run_sections(2)
-    offset, length = next((offset, length) for kind, offset, length in places if kind == "REST")
+        starts = animation.run_starts.tolist()
+    offset, length = place_in_run(RUNS.read_bytes(), 2, "REST")
     found = check_file(changed(RUNS, offset + length - 1, tmp_path))
     inside = [one for one in found.findings if one.run is not None]
     assert [(one.code, one.section, one.run, one.frames) for one in inside] == [

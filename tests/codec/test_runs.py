@@ -39,6 +39,7 @@ from pdecodec.mesh.selection import ObjectSelection, select
 from spec.accepted import connectivity, grid, noise, runs, runs_of_one_frame, wave
 from spec.decoder import animation as independent
 from spec.sealing import content, take_apart, take_runs
+from tests.support.damage import place_in_run
 from tests.support.decoders import assert_same
 
 SHAPES: tuple[tuple[int, int], ...] = ((2, 3), (4, 5), (3, 7), (6, 2))
@@ -218,9 +219,7 @@ def test_an_animation_of_runs_and_each_of_its_runs_are_pickled(tmp_path: Path) -
 
 def test_damage_in_a_run_is_found_there_and_named_by_its_frame(tmp_path: Path) -> None:
     data = bytearray(encode(fluid([(2, 0), (3, 1)]), tolerance=1e-4).data or b"")
-    with open_animation(bytes(data)) as sound:
-        places = {name: (offset, length) for name, offset, length in sound._core.run_sections(1)}
-    data[places["COEF"][0]] ^= 1
+    data[place_in_run(bytes(data), 1, "COEF")[0]] ^= 1
     with open_animation(bytes(data)) as animation:
         animation.positions(0.0)
         with pytest.raises(CorruptFileError, match="damaged") as caught:

@@ -14,6 +14,7 @@ from pdecodec.codec.container import stored_sections
 from spec.sealing import take_apart
 from tests.codec.test_cutting import clip, paper, waves
 from tests.codec.test_runs import fluid
+from tests.support.damage import place_in_run
 
 __all__ = ["clip", "paper"]
 Capture = pytest.CaptureFixture[str]
@@ -173,7 +174,7 @@ def test_of_a_file_of_runs_other_runs_are_saved(changing: Path, tmp_path: Path, 
     with pdecodec.open(changing) as whole:
         assert isinstance(whole, pdecodec.ChangingSequence)
         assert whole.run_frames.tolist() == [40, 30, 1]
-        offset, length = next(place[1:] for place in whole._core.run_sections(1) if place[0] == "REST")
+        offset, length = place_in_run(changing.read_bytes(), 1, "REST")
         path = damaged(changing, tmp_path, offset + length - 1)
         with pdecodec.salvage(path) as saved:
             assert saved.missing == ((40, 70),)

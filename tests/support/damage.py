@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pdecodec.errors import CorruptFileError
+from spec.sealing import table_end, take_apart, take_runs
 
 
 def assert_cuts_are_refused(data: bytes, decode: Callable[[bytes], object]) -> None:
@@ -45,3 +46,17 @@ def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], objec
         except CorruptFileError:
             refused += 1
     return refused
+
+
+def place_in_run(data: bytes, run: int, kind: str) -> tuple[int, int]:
+    """Where a section of a run of a file of runs stands: offset and length."""
+    parts = take_apart(data)
+    kinds = [part.kind for part in parts]
+    offset = table_end(parts) + sum(len(part.content) for part in parts[: kinds.index("RDAT")])
+    runs = take_runs(parts)
+    offset += sum(len(before.data) for before in runs[:run])
+    for name, section in runs[run].sections.items():
+        if name == kind:
+            return offset, len(section or b"")
+        offset += len(section or b"")
+    raise KeyError(kind)
