@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Sdf, Tf, Ts, UsdGeom, UsdShade, Vt
 
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
@@ -141,6 +141,37 @@ def value_at(attribute: Any, at: float | None) -> Any:
     return attribute.Get(codes[0]) if codes else attribute.Get()
 
 
+def changes_with_time(attribute: Any) -> bool:
+    """Whether an attribute has different values at different times: one sample, or equal ones, are a constant."""
+    if attribute.HasSpline():
+        return True
+    codes = attribute.GetTimeSamples()
+    first = attribute.Get(codes[0]) if codes else None
+    return any(not np.array_equal(np.asarray(attribute.Get(code)), np.asarray(first)) for code in codes[1:])
+
+
+def spline_codes(attribute: Any, stage: Any) -> list[float]:
+    """Time codes between which an attribute follows its spline; none where it has no spline.
+
+    Where the spline goes on before its first knot or after its last one, the stage's range counts too.
+    """
+    if not attribute.HasSpline():
+        return []
+    spline = attribute.GetSpline()
+    codes = [float(code) for code in spline.GetKnots()]
+    if spline.HasInnerLoops():
+        loop = spline.GetInnerLoopParams()
+        length = loop.protoEnd - loop.protoStart
+        codes += [loop.protoStart - loop.numPreLoops * length, loop.protoEnd + loop.numPostLoops * length]
+    ends = (
+        (spline.GetPreExtrapolation(), stage.HasAuthoredMetadata("startTimeCode"), stage.GetStartTimeCode()),
+        (spline.GetPostExtrapolation(), stage.HasAuthoredMetadata("endTimeCode"), stage.GetEndTimeCode()),
+    )
+    still = (Ts.ExtrapHeld, Ts.ExtrapValueBlock)
+    codes += [float(code) for outside, is_authored, code in ends if is_authored and outside.mode not in still]
+    return sorted(codes)
+
+
 def _read_normals(mesh: Any, extras: Extras, at: float | None) -> None:
     attribute, interpolation, indices = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation(), None
     primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar(NORMALS)
@@ -155,14 +186,14 @@ def _read_normals(mesh: Any, extras: Extras, at: float | None) -> None:
 
 def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool, at: float | None) -> None:
     type_name = primvar.GetTypeName()
-    if at is None and primvar.ValueMightBeTimeVarying():
+    indices_of = primvar.GetIndicesAttr() if primvar.IsIndexed() else None
+    if at is None and any(changes_with_time(one) for one in (primvar.GetAttr(), indices_of) if one):
         extras.left_out.append(f"{name} (it changes with time)")
         return
     if moves and type_name.role == Sdf.ValueRoleNames.Normal:
         extras.left_out.append(f"{name} (normals that would stand still)")
         return
-    code = Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
-    stored = primvar.Get(code)
+    stored = value_at(primvar.GetAttr(), at)
     if at is not None and not np.size(stored):
         # What other runs of frames have.
         return
@@ -184,7 +215,7 @@ def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool, at: floa
         name = f"{UV}:{name}" if any(one.name == wanted for one in extras.attributes) else wanted
     elif type_name.role == Sdf.ValueRoleNames.Color:
         name = role_name(COLOR, name, ("displayColor",))
-    indices = np.array(primvar.GetIndices(code), np.int32) if primvar.IsIndexed() else None
+    indices = None if indices_of is None else np.array(value_at(indices_of, at), np.int32)
     extras.add(name, _DOMAINS.get(str(primvar.GetInterpolation()), "object"), values, indices, labels)
 
 
@@ -194,6 +225,8 @@ def _read_subsets(prim: Any, extras: Extras, at: float | None) -> None:
     for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)):
         name = str(subset.GetPrim().GetCustomDataByKey(NAME) or subset.GetPrim().GetName())
         members = np.array(value_at(subset.GetIndicesAttr(), at) or [], np.int64)
+        if at is None and changes_with_time(subset.GetIndicesAttr()):
+            extras.left_out.append(f"changes of subset {name} with time (its first sample is kept)")
         if at is not None and not members.size:
             # A set that other runs of frames have.
             continue

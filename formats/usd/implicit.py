@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pxr import Usd
 
 from pdecodec.formats.base.normals import normal_group
+from pdecodec.formats.usd.attributes import spline_codes
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
@@ -45,6 +46,10 @@ class Implicit:
     def GetTimeSamples(self) -> list[float]:  # noqa: N802 - as USD's attributes have it
         """Time codes at which a size is sampled, in order."""
         return sorted({code for attribute in self._sizes for code in attribute.GetTimeSamples()})
+
+    def spline_codes(self, stage: Any) -> list[float]:
+        """Time codes between which a size follows its spline, in order."""
+        return sorted({code for attribute in self._sizes for code in spline_codes(attribute, stage)})
 
     def Get(self, code: float) -> Float32Array:  # noqa: N802 - as USD's attributes have it
         """(points, 3) float32 at a time code."""

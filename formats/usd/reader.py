@@ -7,6 +7,7 @@ sampled there is USD's own value at that code.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -57,6 +58,7 @@ def open_usd(
     """
     with _stage_errors(path):
         stage = _open_stage(path)
+        _check_rates(stage)
         scan = ShapeScan(Refusals(skip=skip_unsupported))
         shapes = scan.shapes(stage)
         notices = scan.refusals.notices(shapes)
@@ -115,7 +117,15 @@ class UsdSequence(SceneSequence):
 
     def _read(self, shape: UsdShape, start: int, stop: int, out: Float32Array) -> None:
         for row, code in enumerate(self._codes[start:stop].tolist()):
-            points = to_float32(np.asarray(shape.points.Get(shape.code_within(code))).reshape(-1, 3))
+            stored = shape.points.Get(shape.code_within(code))
+            if stored is None:
+                raise InputError(
+                    f"the points of {shape.prim.GetPath()} have no value at time code {code:g} (blocked); "
+                    "give them a sample there",
+                    path=self._path,
+                    frame=self._first_frame + start + row,
+                )
+            points = to_float32(np.asarray(stored).reshape(-1, 3))
             if shape.skinning is not None:
                 points = shape.skinning.deform(points, code)
             out[row] = shape.fitted(points, self._path, self._first_frame + start + row)
@@ -140,8 +150,23 @@ class UsdSequence(SceneSequence):
 
 
 def _says_rate(stage: Any) -> bool:
-    """Whether a stage says how many time codes a second are; one that does not has 24 by USD's rule."""
-    return any(stage.HasAuthoredMetadata(name) for name in ("timeCodesPerSecond", "framesPerSecond"))
+    """Whether it is known how many time codes a second are.
+
+    Where no layer says it the rate may be asked for. Where one below the root does, USD has scaled its time codes to
+    those of the stage already, 24 a second unless the root says otherwise.
+    """
+    return any(layer.HasTimeCodesPerSecond() or layer.HasFramesPerSecond() for layer in stage.GetUsedLayers())
+
+
+def _check_rates(stage: Any) -> None:
+    """Refuse rates that are no positive numbers: USD divides the time codes of other layers by them."""
+    for layer in stage.GetUsedLayers():
+        for name, is_there, rate in (
+            ("timeCodesPerSecond", layer.HasTimeCodesPerSecond(), layer.timeCodesPerSecond),
+            ("framesPerSecond", layer.HasFramesPerSecond(), layer.framesPerSecond),
+        ):
+            if is_there and not (math.isfinite(rate) and rate > 0):
+                raise InputError(f"{name} of layer {layer.GetDisplayName()} is {rate:g}; it must be a positive number")
 
 
 def _codes_per_second(stage: Any, fps: float | None) -> float:

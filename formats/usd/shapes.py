@@ -24,7 +24,7 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.scene_space import mirrors
-from pdecodec.formats.usd.attributes import OWN, object_name, read_extras, value_at
+from pdecodec.formats.usd.attributes import OWN, object_name, read_extras, spline_codes, value_at
 from pdecodec.formats.usd.implicit import Implicit, read_implicit
 from pdecodec.formats.usd.instances import Instancer, open_instancer
 from pdecodec.formats.usd.skinning import Skinning, find_skinning
@@ -72,7 +72,9 @@ class UsdShape(Shape):
         Of the first lists, points move in straight lines between codes; of the second they need not.
         """
         straight: list[Any] = [self.points.GetTimeSamples(), self.described_at]
-        curved: list[Any] = []
+        curved: list[Any] = (
+            [self.points.spline_codes(self.prim.GetStage())] if isinstance(self.points, Implicit) else []
+        )
         if self.skinning is not None:
             (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
         prim = self.placed_by
@@ -86,9 +88,11 @@ class UsdShape(Shape):
         for prim in prims:
             xformable = UsdGeom.Xformable(prim)
             if xformable:
-                moving = [op for op in xformable.GetOrderedXformOps() if op.GetNumTimeSamples() > 1]
+                steps = xformable.GetOrderedXformOps()
+                moving = [op for op in steps if op.GetNumTimeSamples() > 1]
                 shifts = all(op.GetOpType() == UsdGeom.XformOp.TypeTranslate for op in moving)
                 (straight if shifts else curved).append(xformable.GetTimeSamples())
+                curved += [spline_codes(op.GetAttr(), prim.GetStage()) for op in steps]
         first, second = (
             [np.asarray(codes, np.float64) for codes in lists if len(codes)] for lists in (straight, curved)
         )
