@@ -95,20 +95,6 @@ def test_fields_and_weights_are_the_motion(tmp_path: Path) -> None:
         assert np.abs(evaluator.positions(animation.times[-1] + 2, outside="loop") - looped).max() < 1e-6
 
 
-def test_fields_stay_where_they_are_while_their_group_plays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    encode(long_clip(), tmp_path / "a.pdeanim", effort="fast", group_frames=RATE)
-    asked = []
-    fields = ArrayEvaluator._fields
-    monkeypatch.setattr(ArrayEvaluator, "_fields", lambda self, group: asked.append(group) or fields(self, group))
-    with open_clip(tmp_path / "a.pdeanim") as animation:
-        evaluator = ArrayEvaluator(animation, np)
-        for time in np.linspace(0, 3.5, 100):
-            evaluator.positions(time)
-    # Near its end a group counts together with the next one.
-    assert asked == sorted(set(asked))
-    assert set(asked) >= {0, 1, 2, 3}
-
-
 def test_what_cannot_be_is_refused() -> None:
     with (
         open_animation(ACCEPT / "runs.pdeanim") as several,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ import pdecodec
 from pdecodec import ArraySequence, InputError, SettingsError
 from pdecodec.cli.main import run
 from pdecodec.codec.editing import CodedFile, cut_animation, join_animations
-from pdecodec.codec.encode.auto_profile import AutoEncoder
-from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.errors import CorruptFileError
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute, MeshObject
@@ -158,22 +155,6 @@ def test_frames_are_appended_within_the_bound_and_nothing_before_them_changes(cl
     assert 0 < np.linalg.norm(found[FRAMES:] - more.points, axis=2).max() <= 1.001 * bound
     with pdecodec.open(longer) as animation:
         assert animation.times.tolist() == waves(FRAMES + 40).times.tolist()
-
-
-def test_frames_that_are_appended_without_a_search_may_be_many_groups(
-    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(EFFORTS, "fast", replace(EFFORTS["fast"], searched_clip=0))
-    monkeypatch.setattr("pdecodec.codec.encode.memory.LONGEST_GROUP", 16)
-    ruled, unsearched = AutoEncoder._ruled, []
-    monkeypatch.setattr(
-        AutoEncoder, "_ruled", lambda self, group, *rest: unsearched.append(group.frames) or ruled(self, group, *rest)
-    )
-    more, longer = waves(40, start=FRAMES), tmp_path / "longer.pdeanim"
-    join_animations(clip, [more], longer, effort="fast")
-    assert (np.diff(edges_of(longer))[-3:].tolist(), unsearched) == ([13, 13, 14], [13, 14])
-    bound = 1e-3 * pdecodec.mesh.metrics.frame_scale(waves(1).points[0])
-    assert np.linalg.norm(frames_of(longer)[FRAMES:] - more.points, axis=2).max() <= 1.001 * bound
 
 
 def test_what_is_appended_follows_in_time_or_is_moved(clip: Path, tmp_path: Path) -> None:

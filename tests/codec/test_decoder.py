@@ -48,18 +48,13 @@ PROFILE: dict[str, dict[str, Any]] = {
     "auto": {},
     "paper": {"profile": "paper", "tolerance": 1e-3, "paper": PaperSettings(segment_frames=5)},
 }
-"""Settings under which a clip of 20 frames has several groups; those of "auto" are cut short by the fixture."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _short_groups() -> Iterator[None]:
-    """Groups of five frames at most."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 5)
-        yield
+"""Settings under which a clip of 20 frames has several groups; :func:`encoded` cuts those of "auto" short."""
 
 
 def encoded(sequence: MeshSequence, **options: Any) -> bytes:
+    """In groups of five frames at most."""
+    if options.get("profile", "auto") == "auto":
+        options["group_frames"] = 5
     data = encode(sequence, **options).data
     assert data is not None
     return data
@@ -76,7 +71,7 @@ def restless() -> ArraySequence:
 
 
 @pytest.fixture(scope="module", params=["auto", "paper"])
-def data(request: pytest.FixtureRequest, _short_groups: None) -> bytes:
+def data(request: pytest.FixtureRequest) -> bytes:
     return encoded(restless(), **PROFILE[request.param], effort="fast")
 
 
@@ -221,16 +216,6 @@ def test_times_and_frames_that_are_none_are_refused(animation: Animation) -> Non
         with pytest.raises(IndexError):
             animation.read_frames(start, stop)
     assert animation.sample([]).shape == animation.read_frames(20, 20).shape == (0, 35, 3)
-
-
-def test_positions_are_written_into_the_callers_array(animation: Animation) -> None:
-    wanted = animation.sample([5.2, 5.1])
-    for out in (np.empty((2, 35, 3), np.float32), np.empty((35, 2, 3), np.float32).transpose(1, 0, 2)):
-        assert animation.sample([5.2, 5.1], out=out) is out
-        assert np.array_equal(out, wanted)
-    for wrong in (np.empty((1, 35, 3), np.float32), np.empty((2, 35, 3))):
-        with pytest.raises(SettingsError, match="the array to write to"):
-            animation.sample([5.2, 5.1], out=wrong)
 
 
 def test_a_quantity_at_one_time_is_written_into_the_callers_array(animation: Animation) -> None:
