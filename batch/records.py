@@ -20,7 +20,7 @@ from typing import Any
 
 from pdecodec.errors import InputError
 from pdecodec.system.storage import RemoteFile, is_address
-from pdecodec.system.whole_output import partial_path, write_errors
+from pdecodec.system.whole_output import whole_file, write_errors
 
 STATE_FOLDER = ".batch"
 """In the folder of the outputs."""
@@ -40,6 +40,22 @@ def place_of(folder: str, *steps: str) -> Place:
     if is_address(folder):
         return RemoteFile("/".join((folder.rstrip("/"), *steps)))
     return Path(folder, *steps)
+
+
+def is_there(place: Place) -> bool:
+    """Whether there is a file, or a link that leads nowhere."""
+    return place.exists() if isinstance(place, RemoteFile) else os.path.lexists(place)
+
+
+def write_text(place: Place, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all, in place of what is there; InputError where it cannot be written."""
+    if isinstance(place, RemoteFile):
+        place.write(text.encode())
+        return
+    with write_errors(place):
+        place.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(place, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8", newline="")
 
 
 def digest_of(path: Place) -> str:
@@ -128,15 +144,4 @@ def write_record(folder: str, output: str, record: Record) -> None:
     InputError
         If it cannot be written.
     """
-    path, text = record_place(folder, output), json.dumps({"version": RECORD_VERSION, "output": output, **vars(record)})
-    if isinstance(path, RemoteFile):
-        path.write(text.encode())
-        return
-    partial = partial_path(path)
-    with write_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            partial.write_text(text, encoding="utf-8")
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+    write_text(record_place(folder, output), json.dumps({"version": RECORD_VERSION, "output": output, **vars(record)}))

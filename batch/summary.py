@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pdecodec.batch.records import place_of
+from pdecodec.batch.records import place_of, write_text
 from pdecodec.batch.work import Result
 from pdecodec.errors import InputError
-from pdecodec.system.whole_output import whole_file
 
 SUMMARY = "summary"
 """Name of the tables, in the folder of the outputs; the extension is the notation's."""
@@ -106,12 +105,7 @@ def write_summary(results: Sequence[Result], folder: str) -> None:
     """Write the three tables into the folder of the outputs, in place of those of an earlier run."""
     texts = {"csv": as_csv(results), "json": json.dumps(as_json(results), indent=1), "md": as_markdown(results)}
     for ending, text in texts.items():
-        place = place_of(folder, f"{SUMMARY}.{ending}")
-        if isinstance(place, Path):
-            with whole_file(place, overwrite=True) as partial:
-                partial.write_text(text, encoding="utf-8", newline="")
-        else:
-            place.write(text.encode())
+        write_text(place_of(folder, f"{SUMMARY}.{ending}"), text)
 
 
 def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:

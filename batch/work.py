@@ -21,6 +21,7 @@ from pdecodec.batch.records import (
     Record,
     digest_of,
     digests_of,
+    is_there,
     place_of,
     read_record,
     stamp_of,
@@ -230,7 +231,7 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     """
     folder = work.folder
     path, record = place_of(folder, clip.output), read_record(folder, clip.output)
-    if not _is_there(path):
+    if not is_there(path):
         return None
     written = digest_of(path)
     if record is None or written not in (record.output_digest, record.replaces):
@@ -293,7 +294,7 @@ def _made(clip: Clip, work: Work) -> Result:
             source_stamp=stamp,
             options=clip.options.to_json(),
             output_digest=digest_of(written),
-            replaces=digest_of(path) if _is_there(path) else "",
+            replaces=digest_of(path) if is_there(path) else "",
             result=figures,
         )
         write_record(work.folder, clip.output, record)
@@ -303,10 +304,6 @@ def _made(clip: Clip, work: Work) -> Result:
             with write_errors(path):
                 move_into(written, path, overwrite=work.overwrite or bool(record.replaces))
     return Result(source=clip.source, output=clip.output, state="done", figures=figures)
-
-
-def _is_there(path: Place) -> bool:
-    return path.exists() if isinstance(path, RemoteFile) else os.path.lexists(path)
 
 
 @contextmanager

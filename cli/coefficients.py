@@ -58,18 +58,12 @@ def _arrays(forms: list[PaperForm]) -> dict[str, Any]:
     import numpy as np
 
     first = forms[0]
+    of_groups = ("alpha", "centre", "half_length", "first_frame")
     return {
         "coefficients": np.stack([form.coefficients for form in forms]),
         "condition": np.stack([form.condition for form in forms]),
-        "order": first.order,
-        "starts": first.starts,
-        "reference": first.reference,
-        "u": first.u,
-        "r": np.array(first.r),
-        "alpha": np.array([form.alpha for form in forms]),
-        "centre": np.array([form.centre for form in forms]),
-        "half_length": np.array([form.half_length for form in forms]),
-        "first_frame": np.array([form.first_frame for form in forms]),
+        **{name: np.array(getattr(first, name)) for name in ("order", "starts", "reference", "u", "r")},
+        **{name: np.array([getattr(form, name) for form in forms]) for name in of_groups},
         "times": np.concatenate([form.times for form in forms]),
     }
 

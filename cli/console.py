@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,6 @@ import click
 from pdecodec.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from pdecodec.codec.encode.report import Question
     from pdecodec.mesh.sequence import MeshSequence, Progress
 
@@ -88,10 +86,18 @@ def print_json(data: Mapping[str, Any]) -> None:
     put(json.dumps(data, indent=2, allow_nan=False))
 
 
-def print_table(table: Table) -> None:
-    """A table to standard output; to a file or a pipe, lines no wider than what they hold."""
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None, show_lines: bool = False
+) -> None:
+    """A table to standard output, framed if it has a title or lines; in a file or a pipe no wider than it need be."""
     from rich.console import Console
+    from rich.table import Table
 
+    table = Table(*columns, title=title, title_justify="left", show_lines=show_lines)
+    if title is None and not show_lines:
+        table.box = None
+    for row in rows:
+        table.add_row(*row)
     # Names in files may hold square brackets: they are no markup.
     if sys.stdout.isatty():
         with standard_output():

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices, say_rounding
-from pdecodec.cli.jobs import Job, do_jobs, job_options, say_plan, say_start
+from pdecodec.cli.jobs import Job, for_each_job, job_options, say_plan, say_start
 from pdecodec.cli.options import (
     bytes_of,
     input_options,
@@ -33,15 +32,7 @@ if TYPE_CHECKING:
 @overwrite_option
 @loudness_options
 @json_option
-def convert(
-    *,
-    paths: tuple[str, ...],
-    output: str | None,
-    extension: str | None,
-    dry_run: bool,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def convert(**options: Any) -> None:
     """Convert mesh sequences to another format.
 
     Frames are kept as they are; what OUT's format cannot hold is said. A .pdeanim file among IN is decoded at its
@@ -49,8 +40,7 @@ def convert(
     -o folder/ --to glb. Frames that a shell lists (walk.*.obj) are one sequence. Velocities are a .pdeanim file's own,
     else central differences.
     """
-    work = partial(_convert, dry_run=dry_run, as_json=as_json, **options)
-    do_jobs(work, paths=paths, output=output, extension=extension, dry_run=dry_run, as_json=as_json)
+    for_each_job(_convert)(**options)
 
 
 def _convert(

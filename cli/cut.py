@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
 """``A:B``, each part optional."""
+
+Number = TypeVar("Number", int, float)
 
 coded_effort_option = effort_option("Of frames that are coded.")
 
@@ -74,7 +77,7 @@ def cut(
         raise SettingsError("give either --frames or --times")
     _check_output(output, [source])
     with open_animation(source) as animation:
-        first, end = _frames(animation, frames) if times is None else _frames_at(animation, times)
+        first, end = _frames(animation, frames or "") if times is None else _frames_at(animation, times)
     with progress_bar() as progress:
         report = cut_animation(
             source, output, first, end, recode=recode, effort=effort, overwrite=overwrite, progress=progress
@@ -146,14 +149,20 @@ def _check_output(output: str, sources: list[str]) -> None:
     check_apart(sources, [output])
 
 
-def _frames(animation: Animation, text: str | None) -> tuple[int, int]:
-    found = SPAN.fullmatch(text or "")
+def _span(option: str, text: str, convert: Callable[[str], Number], remark: str) -> tuple[Number | None, Number | None]:
+    """Both ends of A:B, None where one is left out."""
+    found = SPAN.fullmatch(text)
     try:
         if found is None:
             raise ValueError
-        begin, end = (int(found[name]) if found[name] else None for name in ("begin", "end"))
+        begin, end = (convert(found[name]) if found[name] else None for name in ("begin", "end"))
     except ValueError as error:
-        raise SettingsError(f"--frames {text}: write A:B, positions counted from 0, B excluded") from error
+        raise SettingsError(f"{option} {text}: write A:B, {remark}") from error
+    return begin, end
+
+
+def _frames(animation: Animation, text: str) -> tuple[int, int]:
+    begin, end = _span("--frames", text, int, "positions counted from 0, B excluded")
     chosen = range(animation.frame_count)[begin:end]
     if not chosen:
         raise SettingsError(f"--frames {text}: none of the {animation.frame_count} frames is left")
@@ -163,20 +172,13 @@ def _frames(animation: Animation, text: str | None) -> tuple[int, int]:
 def _frames_at(animation: Animation, text: str) -> tuple[int, int]:
     import numpy as np
 
-    found = SPAN.fullmatch(text)
-    try:
-        if found is None:
-            raise ValueError
-        begin = float(found["begin"] or animation.times[0])
-        end = float(found["end"] or animation.times[-1])
-    except ValueError as error:
-        raise SettingsError(f"--times {text}: write A:B, seconds") from error
-    first, stop = np.searchsorted(animation.times, begin, "left"), np.searchsorted(animation.times, end, "right")
+    times = animation.times
+    begin, end = _span("--times", text, float, "seconds")
+    first = 0 if begin is None else int(np.searchsorted(times, begin, "left"))
+    stop = len(times) if end is None else int(np.searchsorted(times, end, "right"))
     if not first < stop:
-        raise SettingsError(
-            f"--times {text}: there is no frame; they run from {animation.times[0]:g} to {animation.times[-1]:g} s"
-        )
-    return int(first), int(stop)
+        raise SettingsError(f"--times {text}: there is no frame; they run from {times[0]:g} to {times[-1]:g} s")
+    return first, stop
 
 
 def _tell(report: CutReport, output: str, *, as_json: bool) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from pdecodec.cli.console import byte_size, counted, extent, print_json, progress_bar, say, say_notices
-from pdecodec.cli.jobs import STREAM, Job, do_jobs, job_options, say_plan, say_start
+from pdecodec.cli.jobs import STREAM, Job, for_each_job, job_options, say_plan, say_start
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
@@ -77,17 +77,7 @@ MUCH_OUTPUT = 10 * 10**9
 @loudness_options
 @json_option
 @click.pass_context
-def decode(
-    context: click.Context,
-    /,
-    *,
-    paths: tuple[str, ...],
-    output: str | None,
-    extension: str | None,
-    dry_run: bool,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def decode(context: click.Context, /, **options: Any) -> None:
     """Decode .pdeanim files at their frames, or at any time.
 
     Velocities go into OUT where its format holds them (Alembic, USD), else to a second file, OUT with '.velocities'.
@@ -98,8 +88,7 @@ def decode(
     With --salvage the exit code is 1 where a file was decoded and something of it is missing, 4 where nothing could be
     saved. Frames come at their own times; files numbered by frame count up from the first.
     """
-    work = partial(_decode, dry_run=dry_run, as_json=as_json, **options)
-    if not do_jobs(work, paths=paths, output=output, extension=extension, dry_run=dry_run, as_json=as_json):
+    if not for_each_job(_decode)(**options):
         context.exit(PdecodecError.exit_code)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,6 @@ from pdecodec.cli.console import byte_size, print_json, print_table, progress_ba
 from pdecodec.cli.options import json_option
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from pdecodec.mesh.surface_metrics import SurfaceDistortion
     from pdecodec.report.demo import Demonstration, Encoding
 
@@ -48,9 +47,7 @@ def demo(*, output: str, as_json: bool) -> None:
     if as_json:
         print_json(_as_json(found, seconds))
     else:
-        for table in (_encodings_table(found), _between_table(found), _sections_table(found)):
-            print_table(table)
-            put()
+        _print(found)
     first = found.encodings[0]
     for encoding in found.encodings:
         say(f"{encoding.report.path}: {encoding.report.summary}")
@@ -62,78 +59,66 @@ def demo(*, output: str, as_json: bool) -> None:
     )
 
 
-def _encodings_table(found: Demonstration) -> Table:
-    from rich.table import Table
-
-    clip = found.sequence
-    table = Table(
-        "",
-        *(encoding.name for encoding in found.encodings),
-        title=f"cube-rope: {clip.frame_count} frames of {clip.vertex_count:,} vertices, "
-        f"simulated in {found.simulate_seconds:.1f} s",
-        title_justify="left",
-    )
-
-    def row(label: str, *values: str) -> None:
-        table.add_row(label, *values)
-
-    each = found.encodings
-    row("profile", *("paper" if item.report.bound is None else "auto, tolerance 0.001" for item in each))
-    row("raw float32", *(byte_size(item.report.raw_bytes) for item in each))
-    row("file", *(byte_size(item.report.file_bytes) for item in each))
-    row("ratio", *(ratio(item.report.raw_bytes, item.report.file_bytes) for item in each))
-    row("bits per vertex and frame", *(f"{item.bits:.3f}" for item in each))
-    row("maximum error / diagonal", *(f"{item.distortion.e_m:.6f}" for item in each))
-    row("rms error / diagonal", *(f"{item.distortion.rms_error / item.distortion.scale:.6f}" for item in each))
-    row("E_A (Eq. 26)", *(f"{item.distortion.e_a:.6f}" for item in each))
-    row("E_M (Eq. 27)", *(f"{item.distortion.e_m:.6f}" for item in each))
-    row("KG error", *(f"{item.distortion.kg_error:.4f} %" for item in each))
-    for label, values in _surface_rows([item.surface for item in each]):
-        row(label, *values)
-    row("encode", *(f"{item.report.seconds:.2f} s" for item in each))
-    row("decode all frames", *(f"{item.decode_seconds:.2f} s" for item in each))
-    return table
-
-
-def _between_table(found: Demonstration) -> Table:
-    from rich.table import Table
-
-    table = Table(
-        "at the frames left out",
-        "decoded",
-        "straight lines",
-        title="every second frame left out",
-        title_justify="left",
-    )
-    pair = (found.between.decoded, found.between.linear)
-    table.add_row("maximum error / diagonal", *(f"{item.e_m:.6f}" for item in pair))
-    table.add_row("rms error / diagonal", *(f"{item.rms_error / item.scale:.6f}" for item in pair))
-    table.add_row("KG error", *(f"{item.kg_error:.4f} %" for item in pair))
-    for label, values in _surface_rows([found.between.decoded_surface, found.between.linear_surface]):
-        table.add_row(label, *values)
-    return table
-
-
-def _surface_rows(each: list[SurfaceDistortion]) -> list[tuple[str, list[str]]]:
-    return [
-        ("edge difference (STED)", [f"{item.sted:.6f}" for item in each]),
-        ("normals, mean angle", [f"{item.normal_error:.3f} degrees" for item in each]),
-        ("normals, 99 % within", [f"{item.normal_p99:.3f} degrees" for item in each]),
-    ]
-
-
-def _sections_table(found: Demonstration) -> Table:
-    from rich.table import Table
-
+def _print(found: Demonstration) -> None:
+    """Three tables: the encodings, what is between frames, and where bytes go."""
     from pdecodec.codec.encode.report import SECTION_TITLES
 
-    names = dict.fromkeys(name for item in found.encodings for name in item.report.sections)
-    table = Table("bytes", *(item.name for item in found.encodings), title="where they go", title_justify="left")
-    for name in names:
-        table.add_row(
-            SECTION_TITLES.get(name, name), *(f"{item.report.sections.get(name, 0):,}" for item in found.encodings)
-        )
-    return table
+    clip, each, between = found.sequence, found.encodings, found.between
+    names = [encoding.name for encoding in each]
+    rows: list[tuple[str, Callable[[Encoding], str]]] = [
+        ("profile", lambda item: "paper" if item.report.bound is None else "auto, tolerance 0.001"),
+        ("raw float32", lambda item: byte_size(item.report.raw_bytes)),
+        ("file", lambda item: byte_size(item.report.file_bytes)),
+        ("ratio", lambda item: ratio(item.report.raw_bytes, item.report.file_bytes)),
+        ("bits per vertex and frame", lambda item: f"{item.bits:.3f}"),
+        ("maximum error / diagonal", lambda item: f"{item.distortion.e_m:.6f}"),
+        ("rms error / diagonal", lambda item: f"{item.distortion.rms_error / item.distortion.scale:.6f}"),
+        ("E_A (Eq. 26)", lambda item: f"{item.distortion.e_a:.6f}"),
+        ("E_M (Eq. 27)", lambda item: f"{item.distortion.e_m:.6f}"),
+        ("KG error", lambda item: f"{item.distortion.kg_error:.4f} %"),
+    ]
+    print_table(
+        ("", *names),
+        [
+            *((label, *map(write, each)) for label, write in rows),
+            *_surface_rows([item.surface for item in each]),
+            ("encode", *(f"{item.report.seconds:.2f} s" for item in each)),
+            ("decode all frames", *(f"{item.decode_seconds:.2f} s" for item in each)),
+        ],
+        title=f"cube-rope: {clip.frame_count} frames of {clip.vertex_count:,} vertices, "
+        f"simulated in {found.simulate_seconds:.1f} s",
+    )
+    put()
+    pair = (between.decoded, between.linear)
+    print_table(
+        ("at the frames left out", "decoded", "straight lines"),
+        [
+            ("maximum error / diagonal", *(f"{item.e_m:.6f}" for item in pair)),
+            ("rms error / diagonal", *(f"{item.rms_error / item.scale:.6f}" for item in pair)),
+            ("KG error", *(f"{item.kg_error:.4f} %" for item in pair)),
+            *_surface_rows([between.decoded_surface, between.linear_surface]),
+        ],
+        title="every second frame left out",
+    )
+    put()
+    sections = dict.fromkeys(name for item in each for name in item.report.sections)
+    print_table(
+        ("bytes", *names),
+        [
+            (SECTION_TITLES.get(name, name), *(f"{item.report.sections.get(name, 0):,}" for item in each))
+            for name in sections
+        ],
+        title="where they go",
+    )
+    put()
+
+
+def _surface_rows(each: list[SurfaceDistortion]) -> list[tuple[str, ...]]:
+    return [
+        ("edge difference (STED)", *(f"{item.sted:.6f}" for item in each)),
+        ("normals, mean angle", *(f"{item.normal_error:.3f} degrees" for item in each)),
+        ("normals, 99 % within", *(f"{item.normal_p99:.3f} degrees" for item in each)),
+    ]
 
 
 def _as_json(found: Demonstration, seconds: float) -> dict[str, Any]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
-from pdecodec.cli.jobs import SAMPLES, Job, do_jobs, job_options, say_plan, say_sizes, say_start
+from pdecodec.cli.jobs import SAMPLES, Job, for_each_job, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
@@ -113,15 +112,7 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 @overwrite_option
 @loudness_options
 @json_option
-def encode(
-    *,
-    paths: tuple[str, ...],
-    output: str | None,
-    extension: str | None,
-    dry_run: bool,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def encode(*, extension: str | None, max_output: int | None, **options: Any) -> None:
     """Encode mesh sequences into .pdeanim files.
 
     The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns. Of
@@ -132,18 +123,9 @@ def encode(
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
     from pdecodec.codec.source import usual_limits
 
-    limits = decode_limits(options["max_memory"], options.pop("max_output"))
-    work = partial(_encode, dry_run=dry_run, as_json=as_json, **options)
+    limits = decode_limits(options["max_memory"], max_output)
     with usual_limits(limits):
-        do_jobs(
-            work,
-            paths=paths,
-            output=output,
-            extension=extension,
-            dry_run=dry_run,
-            as_json=as_json,
-            default="pdeanim",
-        )
+        for_each_job(_encode, default="pdeanim")(extension=extension, **options)
 
 
 def _encode(

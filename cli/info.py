@@ -295,8 +295,6 @@ def _in_words(value: Any) -> str:
 @json_option
 def formats(*, as_json: bool) -> None:
     """List the formats that can be read and written."""
-    from rich.table import Table
-
     from pdecodec.formats import list_formats
 
     entries = list_formats()
@@ -304,8 +302,8 @@ def formats(*, as_json: bool) -> None:
         names = ("name", "title", "extensions", "reads", "writes", "extra", "keeps", "loses")
         print_json({"formats": [{name: getattr(entry, name) for name in names} for entry in entries]})
         return
-    table = Table("format", "extensions", "read", "write", "keeps", box=None)
+    rows = []
     for entry in entries:
         writes = "yes" if entry.writes else entry.write_with or "no"
-        table.add_row(entry.title, " ".join(entry.extensions), "yes" if entry.reads else "no", writes, entry.keeps)
-    print_table(table)
+        rows.append((entry.title, " ".join(entry.extensions), "yes" if entry.reads else "no", writes, entry.keeps))
+    print_table(("format", "extensions", "read", "write", "keeps"), rows)

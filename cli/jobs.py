@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -65,24 +65,40 @@ job_options = option_group(
 """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
 
 
-def do_jobs(
-    work: Callable[[Job], bool | None],
-    *,
-    paths: Sequence[str],
-    output: str | None,
-    extension: str | None,
-    dry_run: bool,
-    as_json: bool,
-    default: str = "",
-) -> bool:
-    """Call `work` for each job of :func:`jobs`, with files in place of streams; return whether none returned False."""
-    if output == STREAM and as_json:
-        raise SettingsError("-o - and --json both want standard output; leave out one")
-    is_whole = True
-    for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
-        with streamed(job, extension=extension or default, dry_run=dry_run) as one:
-            is_whole &= work(one) is not False
-    return is_whole
+def for_each_job(work: Callable[..., bool | None], *, default: str = "") -> Callable[..., bool]:
+    """Return the function of a command with :data:`job_options` that calls `work` for each of its jobs.
+
+    Parameters
+    ----------
+    work : callable
+        ``work(job, dry_run=..., as_json=..., **options)``, with files in place of streams.
+    default : str
+        Extension of outputs in a folder or on standard output, where none is asked for.
+
+    Returns
+    -------
+    callable
+        It returns whether no call of `work` returned False.
+    """
+
+    def command(
+        *,
+        paths: tuple[str, ...],
+        output: str | None,
+        extension: str | None,
+        dry_run: bool,
+        as_json: bool,
+        **options: Any,
+    ) -> bool:
+        if output == STREAM and as_json:
+            raise SettingsError("-o - and --json both want standard output; leave out one")
+        is_whole = True
+        for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
+            with streamed(job, extension=extension or default, dry_run=dry_run) as one:
+                is_whole &= work(one, dry_run=dry_run, as_json=as_json, **options) is not False
+        return is_whole
+
+    return command
 
 
 def jobs(

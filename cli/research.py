@@ -27,8 +27,6 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     can know. DIR gets one HTML page that works offline (index.html), and a PNG and a CSV for each of its charts.
     Files of an earlier report in DIR are replaced.
     """
-    from rich.table import Table
-
     from pdecodec.report.charts.page import write_report
     from pdecodec.report.charts.vegalite import require_drawing
     from pdecodec.research.reproduction.findings import measure
@@ -49,10 +47,8 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     if as_json:
         print_json({"page": str(page), "seconds": seconds, "verdicts": [item._asdict() for item in verdicts]})
     else:
-        table = Table("claim", "paper", "this run", "verdict", show_lines=True)
-        for item in verdicts:
-            table.add_row(item.claim, item.printed, item.found, item.judgement)
-        print_table(table)
+        rows = [(item.claim, item.printed, item.found, item.judgement) for item in verdicts]
+        print_table(("claim", "paper", "this run", "verdict"), rows, show_lines=True)
     say(f"{page}: {len(verdicts)} claims judged, {seconds:.0f} s")
 
 
