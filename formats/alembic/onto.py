@@ -15,19 +15,18 @@ from typing import Any
 import imath
 from alembic3d import Abc, AbcGeom
 
-from pdecodec.errors import InputError
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_numpy, unsigned_array, vector_array
-from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, time_sampling
+from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, archive_file, time_sampling
 from pdecodec.formats.base.frame_meshes import not_kept
-from pdecodec.formats.base.normals import NormalRows, normal_rows
-from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
+from pdecodec.formats.base.normals import normal_rows
+from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import drawn_as
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
-from pdecodec.system.whole_output import ReservedRoom, failure_of
+from pdecodec.system.whole_output import ReservedRoom
 
 _GEOMETRY, _POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS = ".geom", "P", ".velocities", "N", ".selfBnds"
 """Names of a shape's properties that say where its points are."""
@@ -45,14 +44,8 @@ def write_alembic_onto(
     sequence: MeshSequence, original: AlembicSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
     """Write a copy of the original in which its shapes move as a sequence does."""
-    with output.whole_file() as path:
-        try:
-            notices = _Copy(sequence, original, fits, source, output, path).write()
-            ReservedRoom(path).release()
-            return notices
-        except RuntimeError as error:
-            reason = failure_of(path.parent, f"Alembic says {error}")
-            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+    with archive_file(output) as path:
+        return _Copy(sequence, original, fits, source, output, path).write()
 
 
 class _Copy:
@@ -93,10 +86,14 @@ class _Copy:
             text = json.dumps(dict(self._original.metadata), sort_keys=True)
             Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
         frame_bytes = sum(shape.frame_bytes for shape in self._shapes)
-        for start, block, speeds in blocks_onto(self._sequence, self._output, "Alembic"):
-            self._room.reserve(len(block) * frame_bytes)
-            for shape in self._shapes:
-                shape.write(block, speeds, start)
+        for _ in write_over(
+            self._shapes,
+            self._sequence,
+            self._output,
+            "Alembic",
+            lambda frames: self._room.reserve(frames * frame_bytes),
+        ):
+            pass
         return not_kept(self._lost)
 
     def _copy_object(self, old: Any, new: Any) -> None:
@@ -157,7 +154,7 @@ class _Copy:
             copy.setValue(value)
 
 
-class _ShapeOver:
+class _ShapeOver(ShapeOver):
     """Positions, bounds, normals and velocities of a shape whose other properties were copied."""
 
     def __init__(
@@ -171,21 +168,20 @@ class _ShapeOver:
         sampling: int,
         output: Output,
     ) -> None:
-        self._own, self._placed = own, placed
+        rows = normal_rows(item) if _NORMALS in headers and item.connectivity.face_count else None
+        super().__init__(
+            own, placed, rows, None if drawn_as(item.connectivity).gather is None else item.connectivity.line_indices
+        )
         position = headers[_POSITIONS]
         self._points = Abc.OArrayProperty(new, _POSITIONS, position.getDataType(), position.getMetaData(), sampling)
         self._bounds = Abc.OBox3dProperty(new, _BOUNDS, headers[_BOUNDS].getMetaData(), sampling)
         self._speeds = None if output.velocities is None else Abc.OV3fArrayProperty(new, _VELOCITIES, sampling)
-        self._gather = None if drawn_as(item.connectivity).gather is None else item.connectivity.line_indices
-        self._rows: NormalRows | None = None
         self._corner_rows: Any = None
-        if _NORMALS in headers and item.connectivity.face_count:
-            self._rows = normal_rows(item)
-        if self._rows is not None:
+        if rows is not None:
             stored = to_numpy(Abc.IInt32ArrayProperty(old, ".faceIndices").getValue())
             order = corner_order(stored, item.connectivity)
-            smooth = self._rows.is_smooth
-            self._corner_rows = None if smooth else unsigned_array(self._rows.corner_rows[order])
+            smooth = rows.is_smooth
+            self._corner_rows = None if smooth else unsigned_array(rows.corner_rows[order])
             scope = SCOPES["vertex" if smooth else "corner"]
             self._normals = AbcGeom.ON3fGeomParam(new, _NORMALS, not smooth, scope, 1, sampling)
 
@@ -196,20 +192,14 @@ class _ShapeOver:
         points = self._own.stop - self._own.start if self._gather is None else len(self._gather)
         return 4 * SAMPLE_BYTES + 12 * (points * (1 if self._speeds is None else 2) + normals)
 
-    def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
-        scene = block[:, self._own]
-        points = self._placed.points(scene, start)
-        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
-        normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
-        if self._gather is not None:
-            points = points[:, self._gather]
-            moving = None if moving is None else moving[:, self._gather]
-        for frame, rows in enumerate(normals):
-            self._points.setValue(vector_array(points[frame]))
-            low, high = (imath.V3d(*end.tolist()) for end in (points[frame].min(axis=0), points[frame].max(axis=0)))
-            self._bounds.setValue(imath.Box3d(low, high))
-            if rows is not None:
-                keep = Keep()
-                self._normals.set(normal_sample(self._placed.normals(rows, start + frame), self._corner_rows, keep))
-            if self._speeds is not None and moving is not None:
-                self._speeds.setValue(vector_array(moving[frame]))
+    def _sample(
+        self, frame: int, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None
+    ) -> None:
+        self._points.setValue(vector_array(points))
+        low, high = (imath.V3d(*end.tolist()) for end in (points.min(axis=0), points.max(axis=0)))
+        self._bounds.setValue(imath.Box3d(low, high))
+        if normals is not None:
+            keep = Keep()
+            self._normals.set(normal_sample(normals, self._corner_rows, keep))
+        if self._speeds is not None and speeds is not None:
+            self._speeds.setValue(vector_array(speeds))

@@ -7,7 +7,7 @@ not sampled there is a straight line between its own samples, as Alembic has it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,27 +16,13 @@ import numpy as np
 from alembic3d import Abc
 
 from pdecodec.errors import InputError
-from pdecodec.formats.alembic.attributes import (
-    FPS_PROPERTY,
-    METADATA_PROPERTY,
-)
+from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan, sample_times, samples_at, select
 from pdecodec.formats.base.registry import Transforms, read_errors
-from pdecodec.formats.base.scene_reading import (
-    Refusals,
-    SceneSequence,
-    runs_of_scene,
-)
-from pdecodec.formats.base.times import (
-    Timing,
-    merged_times,
-    rate_or_default,
-    resampled,
-    round_rate,
-    snapped_times,
-)
+from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
+from pdecodec.formats.base.times import Timing, merged_times, rate_or_default, resampled, round_rate, snapped_times
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import MeshSequence, Unsupported, check_frame_range
+from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 
@@ -64,13 +50,14 @@ def open_alembic(
         notices = scan.refusals.notices(shapes)
         times, rate, time_notices = _timing(archive, shapes, fps)
         metadata = _metadata(archive)
-    unsupported, timing = tuple(scan.refusals.found), (times, rate, (*time_notices, *notices))
+    timing = times, rate, (*time_notices, *notices)
+    facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
     def open_run(first: int, own: Timing) -> MeshSequence:
         with _archive_errors(path):
             walk = ShapeScan(Refusals(skip=skip_unsupported), float(times[first]), scan.changes)
             found = walk.shapes(archive) if scan.changes else shapes
-            return AlembicSequence(path, archive, found, own, transforms, metadata, unsupported, first)
+            return AlembicSequence(archive, facts, found, own, first)
 
     return runs_of_scene(times, [*scan.changes.values()], timing, open_run)
 
@@ -79,21 +66,10 @@ class AlembicSequence(SceneSequence):
     """Frames of one connectivity of an Alembic file, which stays open until :meth:`close`."""
 
     def __init__(
-        self,
-        path: Path,
-        archive: Any,
-        shapes: Sequence[AlembicShape],
-        timing: Timing,
-        transforms: Transforms,
-        metadata: Mapping[str, str],
-        unsupported: tuple[Unsupported, ...],
-        first_frame: int,
+        self, archive: Any, facts: SceneFacts, shapes: Sequence[AlembicShape], timing: Timing, first_frame: int
     ) -> None:
-        self._path, self._archive, self._first_frame = path, archive, first_frame
-        self.times, self.fps, self.notices = timing
-        self.metadata, self.unsupported = metadata, unsupported
-        with _archive_errors(path):
-            self._take(shapes, transforms)
+        self._archive = archive
+        self._begin(facts, shapes, timing, first_frame)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

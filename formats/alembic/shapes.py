@@ -15,12 +15,7 @@ from typing import Any
 import numpy as np
 from alembic3d import Abc, AbcGeom
 
-from pdecodec.formats.alembic.attributes import (
-    ADDED,
-    own_properties,
-    read_extras,
-    value_at,
-)
+from pdecodec.formats.alembic.attributes import ADDED, own_properties, read_extras, value_at
 from pdecodec.formats.alembic.values import matrix_rows, to_numpy
 from pdecodec.formats.base.attribute_roles import (
     CURVE_BASIS,
@@ -30,15 +25,8 @@ from pdecodec.formats.base.attribute_roles import (
     label_attribute,
     reversed_corners,
 )
-from pdecodec.formats.base.scene_reading import (
-    Extras,
-    SceneWalk,
-    Shape,
-    fault_of_faces,
-)
-from pdecodec.formats.base.times import (
-    SAME_TIME,
-)
+from pdecodec.formats.base.scene_reading import Extras, SceneWalk, Shape, fault_of_faces
+from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,7 @@ from pdecodec.formats.alembic.values import (
     unsigned_array,
     vector_array,
 )
-from pdecodec.formats.base.attribute_roles import (
-    UV,
-    reversed_corners,
-    source_name,
-    uv_sets,
-)
+from pdecodec.formats.base.attribute_roles import UV, reversed_corners, source_name, uv_sets
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
@@ -76,11 +72,17 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     if output.velocities is None and len(sequence.runs) == 1:
         sequence, moved = rigid_parts(sequence, output.rigid)
         turned += moved
+    with archive_file(output) as partial:
+        return (*turned, *_write(sequence, partial, output))
+
+
+@contextmanager
+def archive_file(output: Output) -> Iterator[Path]:
+    """A path for an archive, which becomes the output's when the block ends well, with its reserved room released."""
     with output.whole_file() as partial:
         try:
-            notices = _write(sequence, partial, output)
+            yield partial
             ReservedRoom(partial).release()
-            return (*turned, *notices)
         except RuntimeError as error:
             reason = failure_of(partial.parent, f"Alembic says {error}")
             raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error

@@ -8,7 +8,8 @@ original's shapes.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.companions import input_files, output_files
+from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
 from pdecodec.formats.base.times import times_kept
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 
 LOST = 1e-5
@@ -269,10 +271,54 @@ class Placed:
         return found
 
 
-def blocks_onto(
-    sequence: MeshSequence, output: Output, title: str
-) -> Iterator[tuple[int, Float32Array, Float32Array | None]]:
-    """First frame and positions of each block, and velocities at the same frames where they are asked for."""
+class ShapeOver(ABC):
+    """Samples that a shape of the original gets in the place of its own.
+
+    Parameters
+    ----------
+    own : slice
+        Which vertices of the sequence are the shape's.
+    placed : Placed
+    rows : NormalRows or None
+        Of the normals that it has.
+    gather : (points,) int32 or None
+        Vertex of each point of its curves, where that is not all of them in order.
+    """
+
+    def __init__(self, own: slice, placed: Placed, rows: NormalRows | None, gather: Int32Array | None) -> None:
+        self._own, self._placed, self._rows, self._gather = own, placed, rows, gather
+
+    def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
+        """Write samples of positions of all objects, and of velocities, from a frame on."""
+        scene = block[:, self._own]
+        points = self._placed.points(scene, start)
+        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
+        normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
+        if self._gather is not None:
+            points = points[:, self._gather]
+            moving = None if moving is None else moving[:, self._gather]
+        for number, rows in enumerate(normals):
+            turned = None if rows is None else self._placed.normals(rows, start + number)
+            self._sample(start + number, points[number], None if moving is None else moving[number], turned)
+
+    @abstractmethod
+    def _sample(
+        self, frame: int, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None
+    ) -> None:
+        """Write the sample of a frame, in the shape's own space."""
+
+
+def write_over(
+    shapes: Sequence[ShapeOver],
+    sequence: MeshSequence,
+    output: Output,
+    title: str,
+    before: Callable[[int], None] = lambda frames: None,
+) -> Iterator[None]:
+    """Write samples of all shapes, block by block; `before` is called with the frames of a block that comes next."""
     for start, block in output.blocks(sequence, title):
+        before(len(block))
         speeds = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
-        yield start, block, speeds
+        for shape in shapes:
+            shape.write(block, speeds, start)
+        yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -217,11 +217,30 @@ def runs_of_scene(
     return runs_of_frames([*zip(firsts, vertices, strict=True)], timing, open_run)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SceneFacts:
+    """What is the same in all runs of frames of a scene.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    transforms : {"bake", "keep"}
+    metadata : mapping of str to str
+    unsupported : tuple of Unsupported
+    """
+
+    path: Path
+    transforms: str
+    metadata: Mapping[str, str]
+    unsupported: tuple[Unsupported, ...]
+
+
 class SceneSequence(MeshSequence):
     """Shapes of a scene under transforms, which are applied to positions or kept as attributes."""
 
     _shapes: Sequence[Any]
     _keep: bool
+    _path: Path
     _first_frame = 0
     """Of its frames, where they are a run of others: errors name frames of the whole."""
 
@@ -237,6 +256,13 @@ class SceneSequence(MeshSequence):
     def shapes(self) -> Sequence[Any]:
         """What each object is in the file."""
         return self._shapes
+
+    def _begin(self, facts: SceneFacts, shapes: Sequence[Any], timing: Timing, first_frame: int) -> None:
+        """Take shapes as the objects of a run of frames from one on."""
+        self._path, self._first_frame = facts.path, first_frame
+        self.times, self.fps, self.notices = timing
+        self.metadata, self.unsupported = facts.metadata, facts.unsupported
+        self._take(shapes, facts.transforms)
 
     def _take(self, shapes: Sequence[Any], transforms: str) -> None:
         """Take shapes as objects, when times are known; `transforms` is ``bake`` or ``keep``."""

@@ -14,20 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils
+from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.normals import NormalRows, normal_rows
-from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
+from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import codes_of
-from pdecodec.formats.usd.attributes import NORMALS, SAMPLED, int_array, valid_name
+from pdecodec.formats.usd.attributes import NORMALS, SAMPLED, int_array
 from pdecodec.formats.usd.implicit import Implicit
 from pdecodec.formats.usd.reader import UsdSequence
-from pdecodec.formats.usd.writer import vectors
+from pdecodec.formats.usd.writer import layer_file, packed, stage_folder, vectors
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
-from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
+from pdecodec.system.whole_output import check_writable, move_into
 
 
 def write_usd_onto(
@@ -36,43 +36,35 @@ def write_usd_onto(
     """Write a copy of the original's root layer, or with ``output.layer`` a layer over it, that moves its prims."""
     path = output.path
     check_writable(path, overwrite=output.overwrite)
-    packed, from_package = path.suffix.lower() == ".usdz", source.suffix.lower() == ".usdz"
-    if packed and output.layer:
+    to_package, from_package = path.suffix.lower() == ".usdz", source.suffix.lower() == ".usdz"
+    if to_package and output.layer:
         raise InputError("a package does not hold a layer over another file; write a .usda or .usdc file")
-    with partial_folder(path) as folder, write_errors(path):
-        file = folder / (f"{valid_name(path.stem)}.usdc" if packed else path.name)
-        try:
-            if packed and from_package:
-                file = _unpacked(source, folder / "package")
-                layer = Sdf.Layer.FindOrOpen(str(file))
+    with stage_folder(output) as folder:
+        file = layer_file(folder, path)
+        if to_package and from_package:
+            file = _unpacked(source, folder / "package")
+            layer = Sdf.Layer.FindOrOpen(str(file))
+        else:
+            layer = Sdf.Layer.CreateNew(str(file))
+            below = original.root_layer
+            if output.layer:
+                layer.subLayerPaths.append(below.identifier)
+                for name in ("defaultPrim", "timeCodesPerSecond", "framesPerSecond", "upAxis", "metersPerUnit"):
+                    _hand_on(below, layer, name)
             else:
-                layer = Sdf.Layer.CreateNew(str(file))
-                below = original.root_layer
-                if output.layer:
-                    layer.subLayerPaths.append(below.identifier)
-                    for name in ("defaultPrim", "timeCodesPerSecond", "framesPerSecond", "upAxis", "metersPerUnit"):
-                        _hand_on(below, layer, name)
-                else:
-                    layer.TransferContent(below)
-                    UsdUtils.ModifyAssetPaths(layer, lambda text: _anchored(below, text))
-            notices = _Over(sequence, original, fits, Usd.Stage.Open(layer), output).write()
-            if packed:
-                package = folder / path.name
-                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
-                    raise InputError("USD cannot make this package; write a .usdc file")
-                file = package
-            else:
-                place = path.parent.resolve()
-                UsdUtils.ModifyAssetPaths(layer, lambda text: _relative(text, place))
-                # Saved again, a binary file would keep what it held before.
-                file = file.with_name(f"whole{path.suffix}")
-                layer.Export(str(file))
-        except Tf.ErrorException as error:
-            reason = str(error).strip().splitlines()[-1].strip()
-            reason = failure_of(folder, f"USD says {reason}")
-            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+                layer.TransferContent(below)
+                UsdUtils.ModifyAssetPaths(layer, lambda text: _anchored(below, text))
+        _Over(sequence, original, fits, Usd.Stage.Open(layer), output).write()
+        if to_package:
+            file = packed(file, path)
+        else:
+            place = path.parent.resolve()
+            UsdUtils.ModifyAssetPaths(layer, lambda text: _relative(text, place))
+            # Saved again, a binary file would keep what it held before.
+            file = file.with_name(f"whole{path.suffix}")
+            layer.Export(str(file))
         move_into(file, path, overwrite=output.overwrite)
-    return notices
+    return ()
 
 
 def _hand_on(below: Any, layer: Any, name: str) -> None:
@@ -121,7 +113,7 @@ class _Over:
     ) -> None:
         self._sequence, self._stage, self._output = sequence, stage, output
         per_second = stage.GetTimeCodesPerSecond()
-        self._codes = codes_of(sequence.times, per_second)
+        codes = codes_of(sequence.times, per_second)
         shapes = [original.shapes[one.index] for one in fits]
         of_points = [one.name for one in shapes if one.instancer is not None]
         if of_points:
@@ -131,9 +123,9 @@ class _Over:
             )
         for shape in shapes:
             self._alone(shape.prim.GetPath())
-        _note_range(stage, self._codes)
+        _note_range(stage, codes)
         self._prims = [
-            _PrimOver(stage.GetPrimAtPath(shape.prim.GetPath()), shape, one, original, sequence.times)
+            _PrimOver(stage.GetPrimAtPath(shape.prim.GetPath()), shape, one, original, sequence.times, codes)
             for shape, one in zip(shapes, fits, strict=True)
         ]
 
@@ -145,12 +137,9 @@ class _Over:
                 above = above.GetParent()
             above.SetInstanceable(False)
 
-    def write(self) -> tuple[str, ...]:
-        for start, block, speeds in blocks_onto(self._sequence, self._output, "USD"):
-            for prim in self._prims:
-                prim.write(block, speeds, start, self._codes[start : start + len(block)])
+    def write(self) -> None:
+        for _ in write_over(self._prims, self._sequence, self._output, "USD"):
             self._stage.GetRootLayer().Save()
-        return ()
 
 
 def _note_range(stage: Any, codes: Float64Array) -> None:
@@ -163,19 +152,28 @@ def _note_range(stage: Any, codes: Float64Array) -> None:
     stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
 
 
-class _PrimOver:
+class _PrimOver(ShapeOver):
     """Opinions about one prim."""
 
-    def __init__(self, prim: Any, shape: Any, fit: Fitted, original: UsdSequence, times: Float64Array) -> None:
-        self._own = fit.own
-        self._placed = Placed(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
+    def __init__(
+        self,
+        prim: Any,
+        shape: Any,
+        fit: Fitted,
+        original: UsdSequence,
+        times: Float64Array,
+        codes: Float64Array,
+    ) -> None:
+        self._codes = codes
         is_implicit = isinstance(shape.points, Implicit)
         item = original.objects[fit.index]
         if is_implicit:
             _make_mesh(prim, item.connectivity)
         geometry = UsdGeom.PointBased(prim)
         rows = normal_rows(item) if item.connectivity.face_count else None
-        self._rows = rows if is_implicit or _has_normals(geometry) else None
+        rows = rows if is_implicit or _has_normals(geometry) else None
+        placed = Placed(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
+        super().__init__(fit.own, placed, rows, None if shape.gather is None else item.connectivity.line_indices)
         if shape.skinning is not None:
             _let_go(prim)
         for attribute in (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
@@ -183,25 +181,19 @@ class _PrimOver:
         self._points, self._extent = geometry.CreatePointsAttr(), geometry.CreateExtentAttr()
         for attribute in (self._points, self._extent):
             attribute.Clear()
-        self._normals: Any = None if self._rows is None else _open_normals(geometry, self._rows, item.connectivity)
-        self._gather = None if shape.gather is None else item.connectivity.line_indices
+        self._normals: Any = None if rows is None else _open_normals(geometry, rows, item.connectivity)
         self._geometry = geometry
 
-    def write(self, block: Float32Array, speeds: Float32Array | None, start: int, codes: Float64Array) -> None:
-        scene = block[:, self._own]
-        points = self._placed.points(scene, start)
-        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
-        normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
-        if self._gather is not None:
-            points = points[:, self._gather]
-            moving = None if moving is None else moving[:, self._gather]
-        for frame, (code, rows) in enumerate(zip(codes.tolist(), normals, strict=True)):
-            self._points.Set(vectors(points[frame]), code)
-            self._extent.Set(vectors(np.stack([points[frame].min(axis=0), points[frame].max(axis=0)])), code)
-            if rows is not None:
-                self._normals.Set(vectors(self._placed.normals(rows, start + frame)), code)
-            if moving is not None:
-                self._geometry.CreateVelocitiesAttr().Set(vectors(moving[frame]), code)
+    def _sample(
+        self, frame: int, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None
+    ) -> None:
+        code = float(self._codes[frame])
+        self._points.Set(vectors(points), code)
+        self._extent.Set(vectors(np.stack([points.min(axis=0), points.max(axis=0)])), code)
+        if normals is not None:
+            self._normals.Set(vectors(normals), code)
+        if speeds is not None:
+            self._geometry.CreateVelocitiesAttr().Set(vectors(speeds), code)
 
 
 def _silence(attribute: Any) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import Transforms
-from pdecodec.formats.base.scene_reading import Refusals, SceneSequence, runs_of_scene
+from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.base.times import (
     Timing,
@@ -34,7 +34,7 @@ from pdecodec.formats.usd.attributes import METADATA, SAMPLED
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import MeshSequence, Unsupported
+from pdecodec.mesh.sequence import MeshSequence
 
 PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
 """What USD says of text that does not parse; behind "matching" stands a name of its sources."""
@@ -65,14 +65,13 @@ def open_usd(
         codes, timing = _timing(stage, shapes, fps)
         metadata = _metadata(stage)
     times, rate, time_notices = timing
-    unsupported = tuple(scan.refusals.found)
+    facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
     def open_run(first: int, own: Timing) -> MeshSequence:
         with _stage_errors(path):
             again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
             found = again.shapes(stage) if scan.changes else shapes
-            of_run = codes[first : first + own[0].size]
-            return UsdSequence(path, stage, found, of_run, own, transforms, metadata, unsupported, first)
+            return UsdSequence(stage, codes[first : first + own[0].size], facts, found, own, first)
 
     per_second = _codes_per_second(stage, fps)
     changes = [np.asarray(one) / per_second for one in scan.changes.values()]
@@ -84,32 +83,22 @@ class UsdSequence(SceneSequence):
 
     def __init__(
         self,
-        path: Path,
         stage: Any,
-        shapes: Sequence[UsdShape],
         codes: Float64Array,
+        facts: SceneFacts,
+        shapes: Sequence[UsdShape],
         timing: Timing,
-        transforms: Transforms,
-        metadata: Mapping[str, str],
-        unsupported: tuple[Unsupported, ...],
         first_frame: int,
     ) -> None:
-        self._path, self._stage, self._codes, self._first_frame = path, stage, codes, first_frame
-        self.times, self.fps, self.notices = timing
-        self.metadata, self.unsupported = metadata, unsupported
-        with _stage_errors(path):
-            self._take(shapes, transforms)
+        self._stage, self._codes = stage, codes
+        self._begin(facts, shapes, timing, first_frame)
 
     def _matrices(self, shape: UsdShape, start: int, stop: int) -> Float64Array:
-        found = []
-        cache = UsdGeom.XformCache()
-        for code in self._codes[start:stop].tolist():
-            cache.SetTime(Usd.TimeCode(code))
-            if shape.instancer is None:
-                found.append(np.array(cache.GetLocalToWorldTransform(shape.placed_by), np.float64))
-            else:
-                found.append(shape.instancer.placed(shape.instance, shape.placed_by, cache))
-        return np.array(found, np.float64).reshape(-1, 4, 4)
+        instancer, prim = shape.instancer, shape.placed_by
+        if instancer is None:
+            return _placed_at(self._codes[start:stop], lambda cache: cache.GetLocalToWorldTransform(prim))
+        instance = shape.instance
+        return _placed_at(self._codes[start:stop], lambda cache: instancer.placed(instance, prim, cache))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with _stage_errors(self._path):
@@ -137,16 +126,22 @@ class UsdSequence(SceneSequence):
 
     def prim_matrices(self, prim: Any, times: Float64Array) -> Float64Array:
         """(times, 4, 4) from the space of a prim of the stage to the scene's at times [s], for points that are rows."""
-        cache, found = UsdGeom.XformCache(), []
-        for code in codes_of(times, self._stage.GetTimeCodesPerSecond()).tolist():
-            cache.SetTime(Usd.TimeCode(code))
-            found.append(np.array(cache.GetLocalToWorldTransform(prim), np.float64))
-        return np.array(found, np.float64).reshape(-1, 4, 4)
+        codes = codes_of(times, self._stage.GetTimeCodesPerSecond())
+        return _placed_at(codes, lambda cache: cache.GetLocalToWorldTransform(prim))
 
     def close(self) -> None:
         # The stage closes when nothing refers to it any more.
         self._shapes = []
         self._stage = None
+
+
+def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array:
+    """(codes, 4, 4): what gives a matrix of a cache of transforms, at time codes."""
+    cache, found = UsdGeom.XformCache(), []
+    for code in codes.tolist():
+        cache.SetTime(Usd.TimeCode(code))
+        found.append(np.array(place(cache), np.float64))
+    return np.array(found, np.float64).reshape(-1, 4, 4)
 
 
 def _says_rate(stage: Any) -> bool:

@@ -5,8 +5,10 @@ A file is saved after every block of frames, so that memory does not grow with t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,16 +28,7 @@ from pdecodec.formats.base.scene_writing import (
     write_shapes,
 )
 from pdecodec.formats.base.times import codes_of
-from pdecodec.formats.usd.attributes import (
-    ADDED,
-    METADATA,
-    NAME,
-    NORMALS,
-    SAMPLED,
-    ExtrasWriter,
-    int_array,
-    valid_name,
-)
+from pdecodec.formats.usd.attributes import ADDED, METADATA, NAME, NORMALS, SAMPLED, ExtrasWriter, int_array, valid_name
 from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
@@ -59,22 +52,38 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     if output.velocities is None and len(sequence.runs) == 1:
         sequence, moved = rigid_parts(sequence, output.rigid)
     check_writable(path, overwrite=output.overwrite)
-    with partial_folder(path) as folder, write_errors(path):
-        packed = path.suffix.lower() == ".usdz"
-        file = folder / (f"{valid_name(path.stem)}.usdc" if packed else path.name)
+    with stage_folder(output) as folder:
+        file = layer_file(folder, path)
+        notices = _Stage(sequence, Usd.Stage.CreateNew(str(file)), output).write()
+        if file.name != path.name:
+            file = packed(file, path)
+        move_into(file, path, overwrite=output.overwrite)
+    return (*moved, *notices)
+
+
+@contextmanager
+def stage_folder(output: Output) -> Iterator[Path]:
+    """A folder for what is written before it is whole; what USD raises is an InputError."""
+    with partial_folder(output.path) as folder, write_errors(output.path):
         try:
-            notices = _Stage(sequence, Usd.Stage.CreateNew(str(file)), output).write()
-            if packed:
-                package = folder / path.name
-                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
-                    raise InputError("USD cannot make this package; write a .usdc file")
-                file = package
+            yield folder
         except Tf.ErrorException as error:
             reason = str(error).strip().splitlines()[-1].strip()
             reason = failure_of(folder, f"USD says {reason}")
             raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
-        move_into(file, path, overwrite=output.overwrite)
-    return (*moved, *notices)
+
+
+def layer_file(folder: Path, path: Path) -> Path:
+    """Where in a folder to write a layer that becomes `path`, or the layer that its package holds."""
+    return folder / (f"{valid_name(path.stem)}.usdc" if path.suffix.lower() == ".usdz" else path.name)
+
+
+def packed(file: Path, path: Path) -> Path:
+    """The package of a layer, beside it, named as `path` is."""
+    package = file.with_name(path.name)
+    if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
+        raise InputError("USD cannot make this package; write a .usdc file")
+    return package
 
 
 class _Stage:

@@ -16,15 +16,7 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.scene_space import place
 from pdecodec.formats.usd import shapes
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
-from tests.support.scene_cases import (
-    OUTWARD,
-    TETRAHEDRON,
-    array_of,
-    assert_same_scene,
-    broken_rules,
-    scene,
-    volume,
-)
+from tests.support.scene_cases import OUTWARD, TETRAHEDRON, array_of, assert_same_scene, broken_rules, scene, volume
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
