@@ -35,6 +35,12 @@ UV, COLOR, GROUP, MATERIAL, ID = "uv", "color", "group", "material", "id"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
 
 
+def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
+    """Which vertices of a sequence are each object's."""
+    ends = np.cumsum([item.vertex_count for item in objects], dtype=np.int64).tolist()
+    return [slice(end - item.vertex_count, end) for item, end in zip(objects, ends, strict=True)]
+
+
 def is_role(attribute: Attribute, role: str) -> bool:
     """Whether an attribute's name is a role's, or begins with it and a colon."""
     return attribute.name == role or attribute.name.startswith(f"{role}:")

@@ -16,7 +16,7 @@ from pdecodec.formats.base.attribute_roles import ID
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, find_frames, frames_there, is_frame_pattern, parse_pattern
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import Timing, timing_of_numbers
-from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
@@ -225,6 +225,14 @@ def join_cells(
         joined.append(np.concatenate([np.zeros(0, np.int32), *(np.full(len(row), row.shape[1]) for row in rows)]))
         joined.append(np.concatenate([np.zeros(0, np.int64), *(row.reshape(-1) for row in rows)]))
     return Connectivity(vertices, *joined)
+
+
+def strip_triangles(strip: NDArray[np.integer]) -> Int64Array:
+    """(triangles, 3) int64: the triangles of a strip of vertices, every second one turned round."""
+    steps = np.arange(max(0, strip.size - 2))
+    odd = steps % 2
+    corners: Int64Array = strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)].astype(np.int64)
+    return corners
 
 
 FrameBytes = Callable[[Float32Array, int], bytes]

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import expanded
+from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
 
@@ -227,7 +227,7 @@ class VertexNormals:
 
     def __init__(self, sequence: MeshSequence) -> None:
         self._rows = [normal_rows(item) for item in sequence.objects]
-        self._counts = [item.vertex_count for item in sequence.objects]
+        self._places = vertex_slices(sequence.objects)
         self.held = any(self._rows) and all(
             rows.is_smooth if rows is not None else not item.connectivity.face_count
             for item, rows in zip(sequence.objects, self._rows, strict=True)
@@ -240,11 +240,9 @@ class VertexNormals:
     def at(self, points: Float32Array) -> Float32Array:
         """(vertices, 3) float32 at positions (vertices, 3)."""
         normals = np.tile(np.array(_NOWHERE, np.float32), (len(points), 1))
-        first = 0
-        for rows, count in zip(self._rows, self._counts, strict=True):
+        for rows, own in zip(self._rows, self._places, strict=True):
             if rows is not None:
-                normals[first : first + count] = rows.of(points[None, first : first + count])[0]
-            first += count
+                normals[own] = rows.of(points[None, own])[0]
         return normals
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, SettingsError, naming_file
-from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.formats.base.attribute_roles import reversed_corners, vertex_slices
 from pdecodec.formats.base.companions import input_files, output_files
 from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.base.opening import open_sequence
@@ -158,11 +158,9 @@ def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tupl
                 f"object {name!r} is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
                 "encode the file that it is to go onto, or leave them out (--object)"
             )
-    found, first = [], 0
+    found = []
     next_of = {name: iter(alike) for name, alike in places.items()}
-    for item in sequence.objects:
-        own = slice(first, first + item.vertex_count)
-        first = own.stop
+    for item, own in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
         if item.name not in places:
             known = listed([one.name for one in original.objects])
             raise InputError(f"object {item.name!r} is not in {source.name}, which has {known}; name it alike")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribute, transform_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
@@ -313,10 +314,9 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
 
 def _places(sequence: MeshSequence) -> dict[int, slice]:
     """Vertices of each mesh that is not under a transform yet."""
-    ends = np.cumsum([item.vertex_count for item in sequence.objects]).tolist()
     return {
-        index: slice(end - item.vertex_count, end)
-        for index, (item, end) in enumerate(zip(sequence.objects, ends, strict=True))
+        index: own
+        for index, (item, own) in enumerate(zip(sequence.objects, vertex_slices(sequence.objects), strict=True))
         if item.connectivity.face_count and transform_of(item) is None
     }
 
@@ -374,10 +374,7 @@ class RigidParts(DerivedSequence):
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.array(self._source.read_frames(start, stop))
-        first = 0
-        for item, moved in zip(self.objects, self._moved, strict=True):
-            own = slice(first, first + item.vertex_count)
+        for own, moved in zip(vertex_slices(self.objects), self._moved, strict=True):
             if moved:
                 points[:, own] = self._rest[own]
-            first = own.stop
         return points

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups
+from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups, vertex_slices
 from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
@@ -286,14 +286,12 @@ class SceneSequence(MeshSequence):
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
-        first = 0
-        for shape in self._shapes if start < stop else ():
-            own = points[:, first : first + shape.connectivity.vertex_count]
+        for shape, place in zip(self._shapes, vertex_slices(self.objects), strict=True) if start < stop else ():
+            own = points[:, place]
             self._read(shape, start, stop, own)
             matrices = None if self._keep else self._matrices(shape, start, stop)
             if matrices is not None:
                 own[:] = apply_matrices(own, matrices)
-            first += shape.connectivity.vertex_count
         return points
 
 

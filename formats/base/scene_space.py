@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.formats.base.attribute_roles import reversed_corners, vertex_slices
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.runs import changed
@@ -167,11 +167,9 @@ class PlacedSequence(DerivedSequence):
         factors = self._turn[axes, np.arange(3)].astype(np.float32)
         with np.errstate(over="ignore"):
             placed: Float32Array = points[..., axes] * factors
-        first = 0
-        for item, kept in zip(self.objects, self._kept, strict=True):
+        for own, kept in zip(vertex_slices(self.objects), self._kept, strict=True):
             if kept:
-                placed[:, first : first + item.vertex_count] = points[:, first : first + item.vertex_count]
-            first += item.vertex_count
+                placed[:, own] = points[:, own]
         return placed
 
 
@@ -279,12 +277,9 @@ class BakedTransforms(DerivedSequence):
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = self._source.read_frames(start, stop).copy()
-        first = 0
-        for item, transform in zip(self.objects, self._transforms, strict=True):
-            own = points[:, first : first + item.vertex_count]
+        for own, transform in zip(vertex_slices(self.objects), self._transforms, strict=True):
             if transform is not None:
-                own[:] = apply_matrices(own, matrices_at(transform, self.times[start:stop]))
-            first += item.vertex_count
+                points[:, own] = apply_matrices(points[:, own], matrices_at(transform, self.times[start:stop]))
         return points
 
 

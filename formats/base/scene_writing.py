@@ -31,6 +31,7 @@ from pdecodec.formats.base.attribute_roles import (
     is_role,
     label_of,
     uv_sets,
+    vertex_slices,
 )
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_rows
 from pdecodec.formats.base.registry import Output
@@ -274,14 +275,12 @@ def _begin_run(
 ) -> dict[ShapeKey, Any]:
     """Let shapes go on to a run; which of its vertices each of them is drawn with."""
     objects = run.objects if every else _there(run)
-    firsts = np.cumsum([item.vertex_count for item in objects]).tolist()
-    found = dict(zip(_keys_of(objects), zip(objects, firsts, strict=True), strict=True))
+    found = dict(zip(_keys_of(objects), zip(objects, vertex_slices(objects), strict=True), strict=True))
     places: dict[ShapeKey, Any] = {}
     for key, shape in shapes.items():
-        item, end = found.get(key, (MeshObject(key.name, Connectivity(0)), 0))
+        item, own = found.get(key, (MeshObject(key.name, Connectivity(0)), slice(0, 0)))
         shape.begin(item, times)
-        first = end - item.vertex_count
-        places[key] = slice(first, end) if shape.drawn.gather is None else first + shape.drawn.gather
+        places[key] = own if shape.drawn.gather is None else own.start + shape.drawn.gather
     return places
 
 

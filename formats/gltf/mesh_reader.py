@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
+from pdecodec.formats.base.frame_meshes import strip_triangles
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf.file import (
@@ -346,14 +347,10 @@ def _influences(source: PrimitiveRows, rows: int) -> tuple[Int64Array | None, Fl
 def _triangles(mode: int, indices: Int64Array) -> Int32Array:
     if mode == TRIANGLES:
         return indices[: indices.size // 3 * 3].reshape(-1, 3).astype(np.int32)
-    count = max(0, indices.size - 2)
-    steps = np.arange(count)
-    if mode == TRIANGLE_FAN:
-        corners = np.stack([np.zeros(count, np.int64), steps + 1, steps + 2], axis=1)
-    else:
-        odd = steps % 2
-        corners = np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)
-    return indices[corners].astype(np.int32)
+    if mode == TRIANGLE_STRIP:
+        return strip_triangles(indices).astype(np.int32)
+    steps = np.arange(max(0, indices.size - 2))
+    return indices[np.stack([0 * steps, steps + 1, steps + 2], axis=1)].astype(np.int32)
 
 
 def _lines(mode: int, indices: Int64Array) -> list[Int32Array]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import left_out, uv_sets
+from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import RigidKeys, rigid_keys, rigid_notices
@@ -205,12 +205,10 @@ class _Scene(GltfScene):
         sequence, builder = self._sequence, self._builder
         frames = self._read()
         between = self._between()
-        first = smoothed = 0
+        smoothed = 0
         coarsest = steepest = 0.0
         approximate: list[RigidKeys] = []
-        for item in sequence.objects:
-            own = slice(first, first + item.vertex_count)
-            first = own.stop
+        for item, own in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
             if not item.vertex_count:
                 # glTF has no mesh of nothing: its node keeps the name.
                 self._node(item.name, {})

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import write_frames
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
@@ -55,8 +56,7 @@ class _Template:
 
     def __init__(self, text: ObjText, original: MeshSequence, fits: Sequence[Fitted], folder: Path) -> None:
         self._rest = original.read_frames(0, 1)[0]
-        ends = np.cumsum([item.vertex_count for item in original.objects]).tolist()
-        self._places = [slice(end - item.vertex_count, end) for item, end in zip(original.objects, ends, strict=True)]
+        self._places = vertex_slices(original.objects)
         self._moves = [(one.own, self._places[one.index]) for one in fits]
         self._folder, self._source = folder, text.path
         moved = np.zeros(len(self._rest), bool)

@@ -19,7 +19,15 @@ from plyfile import PlyData, PlyParseError
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, UV, joined_colors, lost_by_joining
-from pdecodec.formats.base.frame_meshes import FrameBytes, MeshFile, Positions, not_kept, open_frames, write_frames
+from pdecodec.formats.base.frame_meshes import (
+    FrameBytes,
+    MeshFile,
+    Positions,
+    not_kept,
+    open_frames,
+    strip_triangles,
+    write_frames,
+)
 from pdecodec.formats.base.normals import VertexNormals, normal_group
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.obj.text import is_far, meant_by_text
@@ -124,13 +132,8 @@ def _faces(face: Any) -> tuple[NDArray[Any], NDArray[Any]]:
 
 def _strips(numbers: Int64Array) -> Int64Array:
     """Corners of the triangles of strips, one after the other, -1 between them."""
-    found = []
-    for strip in np.split(numbers, np.flatnonzero(numbers < 0)):
-        corners = strip[strip >= 0]
-        steps = np.arange(max(0, corners.size - 2))
-        odd = steps % 2
-        found.append(corners[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)].reshape(-1))
-    return np.concatenate(found)
+    strips = np.split(numbers, np.flatnonzero(numbers < 0))
+    return np.concatenate([strip_triangles(strip[strip >= 0]).reshape(-1) for strip in strips])
 
 
 STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_meshes import MeshFile, not_kept
+from pdecodec.formats.base.frame_meshes import MeshFile, not_kept, strip_triangles
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.mesh.arrays import Int64Array
@@ -144,7 +144,7 @@ def read_with_vtk(path: Path) -> MeshFile:
 
     faces = cells(data.GetPolys())
     lines = [np.concatenate(both) for both in zip(cells(data.GetVerts()), cells(data.GetLines()), strict=True)]
-    strips = [_triangles(row) for row in _rows(*cells(data.GetStrips()))]
+    strips = [strip_triangles(row) for row in _rows(*cells(data.GetStrips()))]
     if strips:
         corners = np.concatenate(strips)
         faces = np.append(faces[0], np.full(len(corners), 3)), np.append(faces[1], corners)
@@ -197,10 +197,3 @@ def _check_cells(data: Any, path: Path) -> None:
 
 def _rows(counts: Int64Array, indices: Int64Array) -> list[Int64Array]:
     return np.split(indices, np.cumsum(counts)[:-1]) if counts.size else []
-
-
-def _triangles(strip: Int64Array) -> Int64Array:
-    """(triangles, 3): every second one turned round."""
-    steps = np.arange(max(0, strip.size - 2))
-    odd = steps % 2
-    return strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)]

@@ -19,6 +19,7 @@ from pdecodec.formats.base.isolated import IsolatedSequence
 from pdecodec.formats.base.rigid_motion import RIGID
 from pdecodec.formats.base.scene_space import DifferencedVelocities, bake_transforms, place, transform_attribute
 from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import (
@@ -304,12 +305,13 @@ def test_a_file_without_mesh_animation_is_refused_by_a_clear_line(shared_data: P
 def test_an_encoded_scene_of_29_moving_objects_decodes_with_its_tree_and_names(
     shared_data: Path, tmp_path: Path
 ) -> None:
-    with open_sequence(shared_data / "files" / "abc" / "destruction.abc") as clip:
+    with open_sequence(shared_data / "files" / "abc" / "destruction.abc") as whole:
+        clip = FrameSelection(whole, range(0, 120, 4))
         report = encode(clip, tmp_path / "x.pdeanim", tolerance=1e-2)
         with open_animation(tmp_path / "x.pdeanim") as animation, written(animation, tmp_path / "x.abc") as read:
             assert len(read.objects) == 29
-            error = np.linalg.norm(read.read_frames(0, 120) - clip.read_frames(0, 120), axis=2).max()
+            error = np.linalg.norm(read.read_frames(0, 30) - clip.read_frames(0, 30), axis=2).max()
             assert report.bound is not None
             assert error <= report.bound
-            exact = ArraySequence(read.read_frames(0, 120), objects=clip.objects, times=clip.times, fps=clip.fps)
+            exact = ArraySequence(read.read_frames(0, 30), objects=clip.objects, times=clip.times, fps=clip.fps)
             assert_same_scene(read, exact)

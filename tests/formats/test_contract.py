@@ -357,7 +357,7 @@ def test_a_file_cut_or_changed_anywhere_gives_frames_or_our_error(held: Holds, t
     held.write(scene([body() if held.attributes else MeshObject("mesh", SOUP)], frames=2, **SPACE), path)
     file = next(one for one in sorted(tmp_path.rglob("*")) if one.is_file())
     whole = file.read_bytes()
-    step = max(1, len(whole) // 40)
+    step = max(1, len(whole) // 25)
     damaged = [whole[:length] for length in range(0, len(whole), step)]
     # The binding of Alembic may crash on a file that is damaged inside.
     places = () if ".abc" in path else (*range(16), *range(16, len(whole), step))

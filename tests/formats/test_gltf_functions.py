@@ -11,7 +11,7 @@ from pdecodec.mesh.arrays import Float64Array
 BOUND = 1e-5
 
 
-def motion_of_functions(count: int, samples: int = 600, vertices: int = 200) -> Float64Array:
+def motion_of_functions(count: int, samples: int = 300, vertices: int = 100) -> Float64Array:
     """(samples, vertices, 3): a place, and as many cosines of time times shapes."""
     rng = np.random.default_rng(5)
     cosines = np.cos(np.outer(np.linspace(0, np.pi, samples), np.arange(1, count + 1)))
@@ -19,7 +19,7 @@ def motion_of_functions(count: int, samples: int = 600, vertices: int = 200) -> 
 
 
 @pytest.mark.parametrize(
-    ("count", "samples"), [(1, 600), (SKETCH - 1, 600), (2 * SKETCH + 1, 600), (SKETCH, 3 * SKETCH)]
+    ("count", "samples"), [(1, 300), (SKETCH - 1, 300), (2 * SKETCH - 1, 300), (SKETCH, 3 * SKETCH)]
 )
 def test_as_many_functions_are_found_as_a_motion_has(count: int, samples: int) -> None:
     points = motion_of_functions(count, samples)

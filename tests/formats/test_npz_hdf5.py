@@ -36,7 +36,7 @@ KIND = {"x.npz": "array", "x.h5": "dataset"}
 each_format = pytest.mark.parametrize("name", SAVE)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(sequences())
 def test_any_sequence_comes_back(tmp_path_factory: pytest.TempPathFactory, sequence: ArraySequence) -> None:
     for name in SAVE:

@@ -229,7 +229,7 @@ as_programs_write = st.builds(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(st.lists(decimal_tokens | as_programs_write, min_size=3, max_size=30))
 def test_any_number_is_what_python_reads_rounded_to_float32(
     tmp_path_factory: pytest.TempPathFactory, tokens: list[str]
@@ -245,7 +245,7 @@ coordinates = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.data())
 def test_any_mesh_is_read_as_the_plain_loop_reads_it(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject):
     vertices = data.draw(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=3, max_size=12))

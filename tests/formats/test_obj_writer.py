@@ -68,7 +68,7 @@ def test_everything_an_obj_file_says_comes_back_and_gives_the_same_bytes_again(t
     assert (tmp_path / "again.obj").read_bytes() == (tmp_path / "out.obj").read_bytes()
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(st.lists(finite, min_size=18, max_size=18), st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3))
 def test_any_positions_and_times_come_back_to_the_last_bit_in_the_fewest_digits(
     tmp_path_factory: pytest.TempPathFactory, numbers: list[float], steps: list[float]
