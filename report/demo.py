@@ -23,7 +23,7 @@ from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surfaces
 from pdecodec.report.charts.pictures import Picture, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.plots import BLUE, ORANGE, Axis, boxes, dots, line, panel, texts
+from pdecodec.report.charts.plots import BLUE, ORANGE, Axis, Panel, beside
 from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
@@ -235,26 +235,20 @@ def _stacked(seen: Float64Array) -> Float64Array:
 def _rates_chart(demonstration: Demonstration) -> Chart:
     rates, paper = demonstration.rates, demonstration.encodings[1]
     bits, errors = [item.bits for item in rates], [item.distortion.e_m for item in rates]
-    return panel(
-        Axis.around("bits per vertex and frame (raw: 96)", [*bits, paper.bits], log=True),
-        Axis.around("maximum error over the diagonal", [*errors, paper.distortion.e_m], log=True),
-        line(bits, errors, ORANGE, dots=40),
-        dots([paper.bits], [paper.distortion.e_m], BLUE, shape="square"),
-        texts([(paper.bits, paper.distortion.e_m, "profile paper", BLUE)], dx=8),
-        title="rate and distortion",
-        width=190,
-        height=190,
-    )
+    x = Axis.around("bits per vertex and frame (raw: 96)", [*bits, paper.bits], log=True)
+    y = Axis.around("maximum error over the diagonal", [*errors, paper.distortion.e_m], log=True)
+    panel = Panel(x, y, title="rate and distortion", width=190, height=190)
+    panel.line(bits, errors, ORANGE, dots=40)
+    panel.dots([paper.bits], [paper.distortion.e_m], BLUE, shape="square")
+    panel.text(paper.bits, paper.distortion.e_m, "profile paper", BLUE, dx=8)
+    return beside(panel)
 
 
 def _sections_chart(demonstration: Demonstration) -> Chart:
     report = demonstration.encodings[0].report
     sections = sorted(report.sections.items(), key=lambda item: -item[1])[:SECTIONS_SHOWN]
-    return panel(
-        Axis("kB", 0, 1.05 * sections[0][1] / 1000),
-        Axis.of_rows([SECTION_TITLES.get(name, name) for name, _ in sections]),
-        boxes((0, size / 1000, row - 0.35, row + 0.35, ORANGE) for row, (_, size) in enumerate(sections)),
-        title=f"where the {report.file_bytes / 1000:,.0f} kB go",
-        width=130,
-        height=190,
-    )
+    x = Axis("kB", 0, 1.05 * sections[0][1] / 1000)
+    y = Axis.of_rows([SECTION_TITLES.get(name, name) for name, _ in sections])
+    panel = Panel(x, y, title=f"where the {report.file_bytes / 1000:,.0f} kB go", width=130, height=190)
+    panel.boxes((0, size / 1000, row - 0.35, row + 0.35, ORANGE) for row, (_, size) in enumerate(sections))
+    return beside(panel)

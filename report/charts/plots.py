@@ -1,6 +1,6 @@
 """Describe a chart in a few words: panels with two axes, and lines, dots, boxes, cells and texts on them.
 
-What is returned are Vega-Lite views for :attr:`pdecodec.report.charts.figure.Figure.chart`. Colours are those of Okabe
+A :class:`Panel` collects layers; :func:`beside` makes them the Vega-Lite view of a figure. Colours are those of Okabe
 and Ito, which colour-blind eyes tell apart; lines are named at their ends, and the side on which a method fails is
 shaded. Coordinates are in units of the data unless they say pixels.
 """
@@ -113,272 +113,242 @@ class Axis:
         return length * (ends[2] - ends[0]) / (ends[1] - ends[0])
 
 
-@dataclass(frozen=True)
-class Ends:
-    """Names of lines beside where they end, moved apart where they end together: (x, y, text, colour) each."""
+Corners = tuple[float, float, float, float, str]
+"""x, x2, y, y2 and a colour."""
 
-    items: Sequence[tuple[float, float, str, str]]
-
-
-@dataclass(frozen=True)
-class Fails:
-    """The side of a panel on which a method fails, shaded, and why; `at` places the words along the panel's width."""
-
-    text: str
-    above: float | None = None
-    right_of: float | None = None
-    left_of: float | None = None
-    at: float = 0.01
-
-
-@dataclass(frozen=True)
-class Legend:
-    """Names in their colours, one below the other at the right of a panel."""
-
-    names: Mapping[str, str]
-
-
-Layer = Mapping[str, Any] | Ends | Fails | Legend
-Layers = Layer | Sequence["Layers"]
-
-
-def panel(
-    x: Axis, y: Axis, *layers: Layers, title: str = "", width: float = 330.0, height: float = 280.0
-) -> dict[str, Any]:
-    """Return a view of layers on two axes; width and height in pixels are those of the plotting area."""
-    parts = _flat(layers)
-    views: list[Any] = [part for fails in parts if isinstance(fails, Fails) for part in _failing(x, y, fails, width)]
-    views += [part for part in parts if isinstance(part, Mapping)]
-    for part in parts:
-        if isinstance(part, Ends):
-            views += _end_labels(y, part.items, height)
-        if isinstance(part, Legend):
-            row = 0
-            for name, colour in part.names.items():
-                views.append(text_at(name, width + 10.0, 8.0 + 16.0 * row, colour))
-                row += 1 + name.count("\n")
-    named = {"title": title} if title else {}
-    encoding = {"x": x.channel("x"), "y": y.channel("y")}
-    for axis, name in ((x, "x"), (y, "y")):
-        for row in (row for view in views for row in view["data"]["values"] if axis.log and name in row):
-            # A logarithm has no place for zero: far beyond the axis, where lines are cut off.
-            row[name] = row[name] if row[name] is None or row[name] > 0 else BEYOND * min(axis.low, axis.high)
-    return {"width": width, "height": height, **named, "encoding": encoding, "layer": views}
-
-
-def _flat(layers: Layers) -> list[Layer]:
-    if isinstance(layers, Mapping | Ends | Fails | Legend):
-        return [layers]
-    return [part for each in layers for part in _flat(each)]
-
-
-def beside(*panels: Chart, columns: int | None = None, spacing: int = 24) -> Chart:
-    """Return panels in one row, or in as many as so many columns take."""
-    shared = {"scale": {"color": "shared"}}
-    return {"concat": list(panels), "columns": columns or len(panels), "spacing": spacing, "resolve": shared}
-
-
-def line(
-    x: ArrayLike,
-    y: ArrayLike,
-    colour: str,
-    *,
-    name: str = "",
-    dashes: Sequence[float] = (),
-    dots: float = 0,
-    width: float = 1.8,
-) -> dict[str, Any]:
-    """Return a line through points in their order, broken where y is not finite; `dots` are their square pixels."""
-    mark: dict[str, Any] = {"type": "line", "color": colour, "strokeWidth": width, "clip": True, "tooltip": TOLD}
-    if dashes:
-        mark["strokeDash"] = list(dashes)
-    if dots:
-        mark["point"] = {"filled": True, "color": colour, "size": dots}
-    order = {"order": {"field": "at", "type": "quantitative"}}
-    return {"data": _data(x=x, y=y, name=name, at=np.arange(np.size(x))), "mark": mark, "encoding": order}
-
+RAW_COLOUR = {"field": "colour", "type": "nominal", "scale": None}
+"""An encoding of colours that are in the data as they are."""
 
 TOLD = {"content": "data"}
 """A tooltip of all that a mark was drawn from."""
 
 
-def lines(
-    x: ArrayLike,
-    named: Mapping[str, tuple[ArrayLike, str]],
-    *,
-    dashed: Iterable[str] = (),
-    labels: bool = True,
-    **more: Any,
-) -> Layers:
-    """Return lines over the same x by name, (values, colour) each, and their names at their ends; `more` as `line`."""
-    dashed = set(dashed)
-    drawn = [
-        line(x, values, colour, name=name, dashes=DASHES if name in dashed else (), **more)
-        for name, (values, colour) in named.items()
-    ]
-    last = float(np.asarray(x)[-1])
-    ends = [(last, float(np.asarray(values)[-1]), name, colour) for name, (values, colour) in named.items()]
-    return [*drawn, Ends(ends)] if labels else drawn
+class Panel:
+    """Layers on two axes, each drawn over those before; width and height [pixels] are those of the plotting area."""
+
+    def __init__(self, x: Axis, y: Axis, *, title: str = "", width: float = 330.0, height: float = 280.0) -> None:
+        self.x, self.y = x, y
+        self._title, self._width, self._height = title, width, height
+        self._layers: list[dict[str, Any]] = []
+
+    def view(self) -> dict[str, Any]:
+        """Return the Vega-Lite view."""
+        for axis, name in ((self.x, "x"), (self.y, "y")):
+            for row in (row for layer in self._layers for row in layer["data"]["values"] if axis.log and name in row):
+                # A logarithm has no place for zero: far beyond the axis, where lines are cut off.
+                row[name] = row[name] if row[name] is None or row[name] > 0 else BEYOND * min(axis.low, axis.high)
+        encoding = {"x": self.x.channel("x"), "y": self.y.channel("y")}
+        named = {"title": self._title} if self._title else {}
+        return {"width": self._width, "height": self._height, **named, "encoding": encoding, "layer": self._layers}
+
+    def line(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        colour: str,
+        *,
+        name: str = "",
+        dashes: Sequence[float] = (),
+        dots: float = 0,
+        width: float = 1.8,
+    ) -> None:
+        """Draw a line through points in their order, broken where y is not finite; `dots` are their square pixels."""
+        mark: dict[str, Any] = {"type": "line", "color": colour, "strokeWidth": width, "clip": True, "tooltip": TOLD}
+        mark |= {"strokeDash": list(dashes)} if dashes else {}
+        mark |= {"point": {"filled": True, "color": colour, "size": dots}} if dots else {}
+        data = _data(x=x, y=y, name=name, at=np.arange(np.size(x)))
+        self._add(data, mark, order={"field": "at", "type": "quantitative"})
+
+    def lines(
+        self,
+        x: ArrayLike,
+        named: Mapping[str, tuple[ArrayLike, str]],
+        *,
+        dashed: Iterable[str] = (),
+        labels: bool = True,
+        **more: Any,
+    ) -> None:
+        """Draw lines over the same x by name, (values, colour) each, named at their ends; `more` as :meth:`line`."""
+        for name, (values, colour) in named.items():
+            self.line(x, values, colour, name=name, dashes=DASHES if name in dashed else (), **more)
+        if labels:
+            last = float(np.asarray(x)[-1])
+            self.ends([(last, float(np.asarray(values)[-1]), name, c) for name, (values, c) in named.items()])
+
+    def ends(self, items: Sequence[tuple[float, float, str, str]]) -> None:
+        """Name lines beside where they end, (x, y, text, colour) each, apart where they end together."""
+        heights = [self._height - self.y.pixel(value, self._height) for _, value, _, _ in items]
+        placed = np.array(heights)
+        for before, after in pairwise(np.argsort(heights, kind="stable")):
+            placed[after] = max(placed[after], placed[before] + LABEL_GAP)
+        # Moved down only so far: the whole column is put back around where it belongs.
+        placed -= (placed - heights).mean() if len(heights) else 0.0
+        low, high = sorted((self.y.low, self.y.high))
+        for (x, value, text, colour), moved in zip(items, (placed - heights).tolist(), strict=True):
+            at = min(max(value, low), high) if math.isfinite(value) else high
+            self.text(x, at, text, colour, dx=6, dy=moved)
+
+    def dots(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        colour: str,
+        *,
+        name: str = "",
+        shape: str = "circle",
+        size: float = 60,
+        **more: Any,
+    ) -> None:
+        """Draw marks of so many square pixels; `more` are properties of Vega-Lite's mark, as ``filled=False``."""
+        mark = {"type": "point", "filled": True, "opacity": 1, "clip": True, "tooltip": TOLD, "color": colour}
+        self._add(_data(x=x, y=y, name=name), {**mark, "shape": shape, "size": size, **more})
+
+    def boxes(self, items: Iterable[Corners]) -> None:
+        """Fill boxes."""
+        self._between(items, {"type": "rect"}, "fill")
+
+    def segments(self, items: Iterable[Corners], *, width: float = 1.0, dashes: Sequence[float] = ()) -> None:
+        """Draw straight lines from corner to corner."""
+        mark = {"type": "rule", "strokeWidth": width} | ({"strokeDash": list(dashes)} if dashes else {})
+        self._between(items, mark, "stroke")
+
+    def _between(self, items: Iterable[Corners], mark: dict[str, Any], channel: str) -> None:
+        x, x2, y, y2, colours = zip(*items, strict=True)
+        data = _data(x=x, x2=x2, y=y, y2=y2, colour=colours)
+        self._add(data, {**mark, "clip": True}, x2={"field": "x2"}, y2={"field": "y2"}, **{channel: RAW_COLOUR})
+
+    def area(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str) -> None:
+        """Fill the area between two lines over the same x."""
+        self._add(_data(x=x, y=low, y2=high), {"type": "area", "color": colour, "clip": True}, y2={"field": "y2"})
+
+    def level(self, *, x: float | None = None, y: float | None = None, dashes: Sequence[float] = DASHES) -> None:
+        """Draw a thin line over the whole panel, at an x or at a y."""
+        if x is not None:
+            self.segments([(x, x, self.y.low, self.y.high, INK)], dashes=dashes)
+        if y is not None:
+            self.segments([(self.x.low, self.x.high, y, y, INK)], dashes=dashes)
+
+    def texts(
+        self,
+        items: Iterable[tuple[float, float, str, str]],
+        *,
+        align: str = "left",
+        dx: float = 0,
+        dy: float = 0,
+        size: float = 11,
+        bold: bool = False,
+    ) -> None:
+        """Write words at places, (x, y, text, colour) each, `dx` and `dy` pixels to the right and below them."""
+        x, y, words, colours = zip(*items, strict=True)
+        mark = {"type": "text", "align": align, "baseline": "middle", "dx": dx, "dy": dy, "fontSize": size}
+        mark |= {"lineBreak": "\n", "fontWeight": "bold" if bold else "normal"}
+        data = _data(x=x, y=y, text=words, colour=colours)
+        self._add(data, mark, text={"field": "text", "type": "nominal"}, fill=RAW_COLOUR)
+
+    def text(self, x: float, y: float, text: str, colour: str = INK, **more: Any) -> None:
+        """Write words at a place; `more` as :meth:`texts`."""
+        self.texts([(x, y, text, colour)], **more)
+
+    def text_at(self, text: str, x: float, y: float, colour: str, **more: Any) -> None:
+        """Write words at a place in pixels from the panel's upper left corner."""
+        self.text(self.x.low, self.y.low, text, colour, **more)
+        self._layers[-1]["encoding"] |= {"x": {"value": x}, "y": {"value": y}}
+
+    def legend(self, names: Mapping[str, str]) -> None:
+        """Write names in their colours, one below the other at the right of the panel."""
+        row = 0
+        for name, colour in names.items():
+            self.text_at(name, self._width + 10.0, 8.0 + 16.0 * row, colour)
+            row += 1 + name.count("\n")
+
+    def fails(
+        self,
+        text: str,
+        *,
+        above: float | None = None,
+        right_of: float | None = None,
+        left_of: float | None = None,
+        at: float = 0.01,
+    ) -> None:
+        """Shade the side of the panel on which a method fails, and say why; `at` places the words along the border."""
+        first, last, low, high = self.x.low, self.x.high, self.y.low, self.y.high
+        if above is not None:
+            low = max(above, min(low, high))
+            if low >= high:
+                return
+            place = (self._width * at + 3.0, 9.0)
+        else:
+            first, last = first if right_of is None else right_of, last if left_of is None else left_of
+            place = (self.x.pixel(first, self._width) + 4.0, 9.0 + self._height * at)
+        self.boxes([(first, last, low, high, FAILING)])
+        self.text_at(text, *place, FAILURE, size=10.5)
+
+    def cells(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        values: ArrayLike,
+        *,
+        colours: str | Sequence[str],
+        low: float,
+        high: float,
+        title: str = "",
+        marks: Mapping[Any, str] | None = None,
+    ) -> None:
+        """Draw a map of coloured cells between edges x and y, (len(y) - 1, len(x) - 1) values.
+
+        `colours` are from low to high, or the name of one of Vega's schemes, which is turned round. With a title there
+        is a legend, with marks by value.
+        """
+        grid = np.asarray(values, np.float64)
+        rows, columns = (each.ravel() for each in np.indices(grid.shape))
+        left, lower = np.asarray(x), np.asarray(y)
+        data = _data(x=left[columns], x2=left[columns + 1], y=lower[rows], y2=lower[rows + 1], value=grid.ravel())
+        legend: dict[str, Any] | None = None
+        if title:
+            ticks, names = (json.dumps(list(each)) for each in ((marks or {}).keys(), (marks or {}).values()))
+            legend = {"values": list(marks or ()), "gradientLength": 180, "titleLimit": 400}
+            legend["labelExpr"] = f"{names}[indexof({ticks}, datum.value)]"
+        is_scheme = isinstance(colours, str)
+        scale = {"scheme": colours, "reverse": True} if is_scheme else {"range": list(colours)}
+        scale |= {"domain": np.linspace(low, high, 2 if is_scheme else len(colours)).tolist(), "clamp": True}
+        colour = {
+            "field": "value",
+            "type": "quantitative",
+            "scale": scale,
+            "legend": legend,
+            "title": title.split("\n"),
+        }
+        mark = {"type": "rect", "clip": True, "tooltip": TOLD}
+        self._add(data, mark, x2={"field": "x2"}, y2={"field": "y2"}, color=colour)
+
+    def borders(self, x: ArrayLike, y: ArrayLike, is_inside: ArrayLike, *, dashes: Sequence[float] = ()) -> None:
+        """Draw the border between cells of a map that are inside and those that are not."""
+        inside, x, y = np.asarray(is_inside, bool), np.asarray(x, np.float64), np.asarray(y, np.float64)
+        across, along = np.argwhere(inside[:, 1:] != inside[:, :-1]), np.argwhere(inside[1:] != inside[:-1])
+        found: list[Corners] = [(x[j + 1], x[j + 1], y[i], y[i + 1], "black") for i, j in across]
+        found += [(x[j], x[j + 1], y[i + 1], y[i + 1], "black") for i, j in along]
+        if found:
+            self.segments(found, width=1.6, dashes=dashes)
+
+    def _add(self, data: dict[str, Any], mark: dict[str, Any], **encoding: Any) -> None:
+        self._layers.append({"data": data, "mark": mark, "encoding": encoding})
 
 
-def dots(
-    x: ArrayLike, y: ArrayLike, colour: str, *, name: str = "", shape: str = "circle", size: float = 60, **more: Any
-) -> dict[str, Any]:
-    """Return marks of so many square pixels; `more` are properties of Vega-Lite's mark, as ``filled=False``."""
-    mark = {"type": "point", "filled": True, "opacity": 1, "clip": True, "tooltip": TOLD, "color": colour}
-    return {"data": _data(x=x, y=y, name=name), "mark": {**mark, "shape": shape, "size": size, **more}}
+def beside(*panels: Panel, columns: int | None = None) -> Chart:
+    """Return panels in one row, or in as many as so many columns take."""
+    if len(panels) == 1:
+        return panels[0].view()
+    views, shared = [panel.view() for panel in panels], {"scale": {"color": "shared"}}
+    return {"concat": views, "columns": columns or len(panels), "spacing": 24, "resolve": shared}
 
 
-Corners = tuple[float, float, float, float, str]
-"""x, x2, y, y2 and a colour."""
-
-
-def boxes(items: Iterable[Corners]) -> dict[str, Any]:
-    """Return filled boxes."""
-    return _between(items, {"type": "rect", "clip": True})
-
-
-def segments(items: Iterable[Corners], *, width: float = 1.0, dashes: Sequence[float] = ()) -> dict[str, Any]:
-    """Return straight lines from corner to corner."""
-    mark: dict[str, Any] = {"type": "rule", "strokeWidth": width, "clip": True}
-    return _between(items, mark | ({"strokeDash": list(dashes)} if dashes else {}))
-
-
-def _between(items: Iterable[Corners], mark: dict[str, Any]) -> dict[str, Any]:
-    x, x2, y, y2, colours = zip(*items, strict=True)
-    channel = "fill" if mark["type"] == "rect" else "stroke"
-    encoding = {**{name: {"field": name} for name in ("x2", "y2")}, channel: RAW_COLOUR}
-    return {"data": _data(x=x, x2=x2, y=y, y2=y2, colour=colours), "mark": mark, "encoding": encoding}
-
-
-def area(x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str) -> dict[str, Any]:
-    """Return the filled area between two lines over the same x."""
-    mark = {"type": "area", "color": colour, "clip": True}
-    return {"data": _data(x=x, y=low, y2=high), "mark": mark, "encoding": {"y2": {"field": "y2"}}}
-
-
-RAW_COLOUR = {"field": "colour", "type": "nominal", "scale": None}
-"""An encoding of colours that are in the data as they are."""
-
-
-def level(axis: Axis, value: float, *, along: str = "y", dashes: Sequence[float] = DASHES) -> dict[str, Any]:
-    """Return a thin line over the whole panel at a value of the other axis; `axis` is the one that it runs along."""
-    if along == "y":
-        return segments([(axis.low, axis.high, value, value, INK)], dashes=dashes)
-    return segments([(value, value, axis.low, axis.high, INK)], dashes=dashes)
-
-
-def texts(
-    items: Iterable[tuple[float, float, str, str]],
-    *,
-    align: str = "left",
-    dx: float = 0,
-    dy: float = 0,
-    size: float = 11,
-    bold: bool = False,
-) -> dict[str, Any]:
-    """Return words at places, (x, y, text, colour) each, `dx` and `dy` pixels to the right and below them."""
-    x, y, words, colours = zip(*items, strict=True)
-    mark = {"type": "text", "align": align, "baseline": "middle", "dx": dx, "dy": dy, "fontSize": size}
-    mark |= {"lineBreak": "\n", "fontWeight": "bold" if bold else "normal"}
-    encoding = {"text": {"field": "text", "type": "nominal"}, "fill": RAW_COLOUR}
-    return {"data": _data(x=x, y=y, text=words, colour=colours), "mark": mark, "encoding": encoding}
-
-
-def text_at(text: str, x: float, y: float, colour: str, **more: Any) -> dict[str, Any]:
-    """Return words at a place in pixels from the panel's upper left corner."""
-    found = texts([(0.0, 0.0, text, colour)], **more)
-    return {**found, "encoding": {**found["encoding"], "x": {"value": x}, "y": {"value": y}}}
-
-
-def cells(
-    x: ArrayLike,
-    y: ArrayLike,
-    values: ArrayLike,
-    *,
-    scheme: str | Sequence[str],
-    low: float,
-    high: float,
-    title: str = "",
-    ticks: Sequence[float] = (),
-    names: Sequence[str] = (),
-    reverse: bool = False,
-) -> dict[str, Any]:
-    """Return a map of coloured cells between edges x and y, (len(y) - 1, len(x) - 1) values; the legend has a title."""
-    grid = np.asarray(values, np.float64)
-    rows, columns = np.indices(grid.shape)
-    left, lower = np.asarray(x), np.asarray(y)
-    data = _data(
-        x=left[columns.ravel()],
-        x2=left[columns.ravel() + 1],
-        y=lower[rows.ravel()],
-        y2=lower[rows.ravel() + 1],
-        value=grid.ravel(),
-    )
-    legend: dict[str, Any] | None = None
-    if title:
-        legend = {"values": list(ticks), "gradientLength": 180, "titleLimit": 400}
-        if names:
-            legend["labelExpr"] = f"{json.dumps(list(names))}[indexof({json.dumps(list(ticks))}, datum.value)]"
-    palette = {"scheme": scheme, "reverse": reverse} if isinstance(scheme, str) else {"range": list(scheme)}
-    scale = {**palette, "domain": list(np.linspace(low, high, 2 if isinstance(scheme, str) else len(scheme)))}
-    colour = {
-        "field": "value",
-        "type": "quantitative",
-        "scale": {**scale, "clamp": True},
-        "legend": legend,
-        "title": title.split("\n"),
-    }
-    encoding = {"x2": {"field": "x2"}, "y2": {"field": "y2"}, "color": colour}
-    return {"data": data, "mark": {"type": "rect", "clip": True, "tooltip": TOLD}, "encoding": encoding}
-
-
-def edges(values: Sequence[float], *, log: bool = False) -> list[float]:
+def edges(values: ArrayLike, *, log: bool = False) -> list[float]:
     """Return the borders of cells around values: half-way between neighbours."""
     at = np.log(np.asarray(values, np.float64)) if log else np.asarray(values, np.float64)
     middle = 0.5 * (at[:-1] + at[1:])
     found = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
     return list((np.exp(found) if log else found).tolist())
-
-
-def borders(x: ArrayLike, y: ArrayLike, is_inside: ArrayLike, *, dashes: Sequence[float] = ()) -> list[dict[str, Any]]:
-    """Return the border between cells of a map that are inside and those that are not; none where there is none."""
-    inside, x, y = np.asarray(is_inside, bool), np.asarray(x, np.float64), np.asarray(y, np.float64)
-    found: list[Corners] = [
-        (x[j + 1], x[j + 1], y[i], y[i + 1], "black") for i, j in np.argwhere(inside[:, 1:] != inside[:, :-1])
-    ]
-    found += [(x[j], x[j + 1], y[i + 1], y[i + 1], "black") for i, j in np.argwhere(inside[1:] != inside[:-1])]
-    return [segments(found, width=1.6, dashes=dashes)] if found else []
-
-
-def _failing(x: Axis, y: Axis, fails: Fails, width: float) -> list[dict[str, Any]]:
-    low, high = y.low, y.high
-    first, last = x.low, x.high
-    if fails.above is not None:
-        low = max(fails.above, min(low, high))
-        if low >= high:
-            return []
-        at = width * fails.at + 3
-    else:
-        first = first if fails.right_of is None else fails.right_of
-        last = last if fails.left_of is None else fails.left_of
-        at = x.pixel(first, width) + 4
-    words = text_at(fails.text, at, 9.0 + (0 if fails.above is not None else 240.0 * fails.at), FAILURE, size=10.5)
-    return [boxes([(first, last, low, high, FAILING)]), words]
-
-
-def _end_labels(y: Axis, items: Sequence[tuple[float, float, str, str]], height: float) -> list[dict[str, Any]]:
-    heights = [height - y.pixel(value, height) for _, value, _, _ in items]
-    placed = np.array(heights)
-    for before, after in pairwise(np.argsort(heights, kind="stable")):
-        placed[after] = max(placed[after], placed[before] + LABEL_GAP)
-    # Moved down only so far: the whole column is put back around where it belongs.
-    placed -= (placed - heights).mean() if len(heights) else 0.0
-    low, high = sorted((y.low, y.high))
-    return [
-        texts([(x, min(max(value, low), high) if math.isfinite(value) else high, text, colour)], dx=6, dy=moved)
-        for (x, value, text, colour), moved in zip(items, (placed - heights).tolist(), strict=True)
-    ]
 
 
 def _data(**columns: Any) -> dict[str, Any]:

@@ -8,25 +8,7 @@ import numpy as np
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.plots import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    STAR,
-    Axis,
-    Layers,
-    Legend,
-    beside,
-    cells,
-    dots,
-    edges,
-    level,
-    lines,
-    panel,
-    segments,
-    texts,
-)
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, STAR, Axis, Panel, beside, edges
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import MAP_RATES, Findings
 from pdecodec.research.reproduction.method import (
@@ -62,21 +44,17 @@ def table_1_figure(findings: Findings) -> Figure:
     frames = np.arange(len(found.average))
     panels = []
     for measure, title in (("E_A", "average"), ("E_M", "maximum")):
-        drawn = {
+        lines = {
             "B-spline, paper": (columns[f"B-spline {measure}, paper"], GREEN),
             "B-spline at u of Eq. 24, ours": (columns[f"B-spline {measure}, ours"], GREEN),
             "B-spline, fair": (columns[f"fair B-spline {measure}"], GREY),
             "PDE, paper": (columns[f"PDE {measure}, paper"], BLUE),
             "PDE at u of Eq. 24, ours": (columns[f"PDE {measure}, ours"], BLUE),
         }
-        panels.append(
-            panel(
-                Axis("frame", 0, 10, ticks=frames),
-                Axis("error over D (rope's length)", 2e-5, 1, log=True),
-                lines(frames, drawn, dashed=[name for name in drawn if "paper" in name], dots=25),
-                title=f"{title} error {measure}",
-            )
-        )
+        y = Axis("error over D (rope's length)", 2e-5, 1, log=True)
+        panel = Panel(Axis("frame", 0, 10, ticks=frames), y, title=f"{title} error {measure}")
+        panel.lines(frames, lines, dashed=[name for name in lines if "paper" in name], dots=25)
+        panels.append(panel)
     chart = beside(*panels)
 
     return Figure(
@@ -106,42 +84,21 @@ def rate_map_figure(findings: Findings) -> Figure:
     inside: BoolArray = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= WITHIN
     chosen = findings.printed_chosen
 
-    at = edges(MAP_RATES.tolist(), log=True)
-    at_alpha, at_r = np.nonzero(inside)
+    at = edges(MAP_RATES, log=True)
     x = Axis("r, over u in [0, 1]", at[0], at[-1], log=True, grid=False)
     y = replace(x, title="alpha, over t in [0, 1]")
-    panels = [
-        panel(
-            x,
-            y,
-            cells(
-                at,
-                at,
-                np.log10(grid),
-                scheme="cividis",
-                reverse=True,
-                low=-2.5,
-                high=-1.0,
-                title="mean E_A over D",
-                ticks=(-2.5, -2, -1.5, -1),
-                names=("0.003", "0.01", "0.03", "0.1"),
-            ),
-            texts([(0.06, 13.0, "fails: nothing near a constant left", "white")]),
-            marks,
-            title=title,
+    marks = {-2.5: "0.003", -2: "0.01", -1.5: "0.03", -1: "0.1"}
+    panels = []
+    for grid, title in ((mean, "u of Eq. 24, as printed"), (honest[0], "u by index, in the scene")):
+        panel = Panel(x, y, title=title)
+        panel.cells(
+            at, at, np.log10(grid), colours="cividis", low=-2.5, high=-1.0, title="mean E_A over D", marks=marks
         )
-        for grid, title, marks in (
-            (
-                mean,
-                "u of Eq. 24, as printed",
-                [
-                    dots(MAP_RATES[at_r], MAP_RATES[at_alpha], "white", size=22, stroke="black", strokeWidth=1),
-                    dots([PRINTED.r], [PRINTED.alpha], ORANGE, shape=STAR, size=160, stroke="black", strokeWidth=1),
-                ],
-            ),
-            (honest[0], "u by index, in the scene", []),
-        )
-    ]
+        panel.text(0.06, 13.0, "fails: nothing near a constant left", "white")
+        panels.append(panel)
+    at_alpha, at_r = np.nonzero(inside)
+    panels[0].dots(MAP_RATES[at_r], MAP_RATES[at_alpha], "white", size=22, stroke="black", strokeWidth=1)
+    panels[0].dots([PRINTED.r], [PRINTED.alpha], ORANGE, shape=STAR, size=160, stroke="black", strokeWidth=1)
     chart = beside(*panels)
 
     alphas, rates = np.meshgrid(MAP_RATES, MAP_RATES, indexing="ij")
@@ -212,29 +169,17 @@ def splines_figure(findings: Findings) -> Figure:
     names += ["PDE, u by index\n32 constants", f"PDE, {PIECES} pieces a curve\n{32 * PIECES} constants"]
     errors = [*(item.first for item in readings), honest, pieces]
     colours = [ORANGE, *[GREEN] * (len(names) - 3), BLUE, BLUE]
-    y = Axis.of_rows(names)
-    spans = [
-        (item.mean, item.largest, row, row, colour)
-        for row, (item, colour) in enumerate(zip(errors, colours, strict=True))
-    ]
-    chart = panel(
-        Axis("error over D: mean E_A (dot) to largest E_M (bar)", 2e-3, 1.0, log=True),
-        y,
-        segments(spans, width=2.5),
-        [dots([mean], [row], colour) for mean, _, row, _, colour in spans],
-        [
-            dots([most], [row], colour, shape="stroke", size=160, angle=90, strokeWidth=2.5)
-            for _, most, row, _, colour in spans
-        ],
-        texts([(most, row, f"{mean:.4f} to {most:.3f}", colour) for mean, most, row, _, colour in spans], dx=9),
-        [level(y, value, along="x") for value in (printed.SPLINE_MEAN, printed.SPLINE_LARGEST)],
-        [
-            texts([(value, -0.5, f"paper: {word}", GREY)], dx=-4, align="right", size=10)
-            for value, word in ((printed.SPLINE_MEAN, "mean"), (printed.SPLINE_LARGEST, "largest"))
-        ],
-        width=480,
-        height=330,
-    )
+    x = Axis("error over D: mean E_A (dot) to largest E_M (bar)", 2e-3, 1.0, log=True)
+    panel = Panel(x, Axis.of_rows(names), width=480, height=330)
+    for row, (found, colour) in enumerate(zip(errors, colours, strict=True)):
+        panel.segments([(found.mean, found.largest, row, row, colour)], width=2.5)
+        panel.dots([found.mean], [row], colour)
+        panel.segments([(found.largest, found.largest, row - 0.2, row + 0.2, colour)], width=2.5)
+        panel.text(found.largest, row, f"{found.mean:.4f} to {found.largest:.3f}", colour, dx=9)
+    for value, text in ((printed.SPLINE_MEAN, "paper: mean"), (printed.SPLINE_LARGEST, "paper: largest")):
+        panel.level(x=value)
+        panel.text(value, -0.5, text, GREY, dx=-4, align="right", size=10)
+    chart = beside(panel)
 
     literal, fair, cubic, equal = (
         findings.spline(reading).first
@@ -291,23 +236,16 @@ def variants_figure(findings: Findings) -> Figure:
     # What was chosen for a variant follows it in the list.
     follower = dict(zip((item.variant for item in every[::2]), every[1::2], strict=True))
 
-    drawn: list[Layers] = []
-    for name, colour, shift in (("aligned", BLUE, -0.14), ("scene", ORANGE, 0.14)):
-        at = [row + shift for row in range(len(STEPS))]
-        ours, chosen = (
-            [getattr(which[variant], name).mean for variant in STEPS.values()] for which in (fixed, follower)
-        )
-        drawn += [dots(ours, at, colour), dots(chosen, at, colour, filled=False, size=120)]
-        said = [(max(a, b), row, f"{a:.4f}", colour) for a, b, row in zip(ours, chosen, at, strict=True)]
-        drawn.append(texts(said, dx=9, size=10))
-    chart = panel(
-        Axis("mean E_A over D", 2e-3, 0.3, log=True),
-        Axis.of_rows([f"{name} ({item.numbers})" for name, item in STEPS.items()]),
-        drawn,
-        Legend({"frames aligned, as the paper measures": BLUE, "in the scene, decoded": ORANGE}),
-        width=480,
-        height=330,
-    )
+    names = Axis.of_rows([f"{name} ({item.numbers})" for name, item in STEPS.items()])
+    panel = Panel(Axis("mean E_A over D", 2e-3, 0.3, log=True), names, width=480, height=330)
+    for row, variant in enumerate(STEPS.values()):
+        for name, colour, at in (("aligned", BLUE, row - 0.14), ("scene", ORANGE, row + 0.14)):
+            ours, chosen = (getattr(which[variant], name).mean for which in (fixed, follower))
+            panel.dots([ours], [at], colour)
+            panel.dots([chosen], [at], colour, filled=False, size=120)
+            panel.text(max(ours, chosen), at, f"{ours:.4f}", colour, dx=9, size=10)
+    panel.legend({"frames aligned, as the paper measures": BLUE, "in the scene, decoded": ORANGE})
+    chart = beside(panel)
 
     def error(name: str) -> float:
         return fixed[STEPS[name]].scene.mean

@@ -4,34 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-
-import numpy as np
+from operator import attrgetter
+from typing import Any
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import (
-    BLUE,
-    DASHES,
-    DOTTED,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    Axis,
-    Layers,
-    Legend,
-    beside,
-    boxes,
-    dots,
-    level,
-    line,
-    panel,
-    segments,
-    texts,
-)
-from pdecodec.report.charts.vegalite import WIDTH, Chart
+from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREEN, GREY, INK, ORANGE, PURPLE, Axis, Panel, beside
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.rates import AUTO, NUMBER_BYTES, PAPER, PDE, POLYNOMIALS, SPLINES, Point
@@ -42,37 +22,25 @@ def bytes_figure(findings: Findings) -> Figure:
     kept = findings.stores
     parts = tuple(dict.fromkeys(part for store in kept for part in store.parts))
     raw, literal, honest, splines = kept
-    sizes = {name: [point for point in findings.models if point.model == name] for name in (PDE, SPLINES)}
+    sizes = {name: found for name, found in _lines(findings.models).items() if name in (PDE, SPLINES)}
 
-    x = Axis("kB that a decoder needs as float32, connectivity not counted", 4, 4e4, log=True)
-    y = Axis("largest error over D, all curves", 1e-3, 0.2, log=True)
-    drawn: list[Layers] = []
-    for name, colour in ((PDE, BLUE), (SPLINES, GREEN)):
-        kilobytes = [(point.plain_bytes or 0) / 1e3 for point in sizes[name]]
-        drawn.append(line(kilobytes, [point.unrounded.largest for point in sizes[name]], colour, name=name, dots=30))
+    panel = Panel(
+        Axis("kB that a decoder needs as float32, connectivity not counted", 4, 4e4, log=True),
+        Axis("largest error over D, all curves", 1e-3, 0.2, log=True),
+        width=WIDTH,
+        height=320,
+    )
+    _draw_models(panel, sizes, lambda p: (p.plain_bytes or 0) / 1e3, lambda p: p.unrounded.largest)
     for store, colour, dy in ((honest, BLUE, -14), (literal, ORANGE, 18), (splines, GREEN, -16)):
         place = (store.total / 1e3, store.largest_error or 0.0)
         largest = max(store.parts, key=lambda part: store.parts[part])
         label = f"{store.name}: {store.variables:,} variables, {store.total / 1e3:,.1f} kB, mostly {largest}"
-        drawn += [
-            dots([place[0]], [place[1]], colour, shape="diamond", size=130),
-            texts([(*place, label, colour)], dx=10, dy=dy),
-        ]
-    chart = panel(
-        x,
-        y,
-        drawn,
-        level(y, raw.total / 1e3, along="x", dashes=DOTTED),
-        texts([(raw.total / 1e3, 1.2e-3, "raw positions, exact", INK)], dx=5, size=10.5),
-        Legend(
-            {
-                f"{name.split(',')[0]}, u by index,\nfitted to all frames": c
-                for name, c in ((PDE, BLUE), (SPLINES, GREEN))
-            }
-        ),
-        width=WIDTH,
-        height=320,
-    )
+        panel.dots([place[0]], [place[1]], colour, shape="diamond", size=130)
+        panel.text(*place, label, colour, dx=10, dy=dy)
+    panel.level(x=raw.total / 1e3, dashes=DOTTED)
+    panel.text(raw.total / 1e3, 1.2e-3, "raw positions, exact", dx=5, size=10.5)
+    panel.legend({f"{name.split(',')[0]}, u by index,\nfitted to all frames": COLOURS[name] for name in sizes})
+    chart = beside(panel)
 
     return Figure(
         name="bytes",
@@ -106,15 +74,12 @@ def speed_figure(findings: Findings) -> Figure:
     names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
     seconds = [*(item.seconds for item in found), printed.SECONDS_PDE, printed.SECONDS_SPLINE]
     colours = [BLUE] * (len(found) - 1) + [GREEN, GREY, GREY]
-    bars = list(zip(range(len(names)), seconds, colours, strict=True))
-    chart = panel(
-        Axis("CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]", 0, 1.05 * max(seconds)),
-        Axis.of_rows(names),
-        boxes((0, value, row - 0.3, row + 0.3, colour) for row, value, colour in bars),
-        texts([(value, row, f"{value:.3f} s", INK) for row, value, _ in bars], dx=5),
-        width=480,
-        height=210,
-    )
+    x = Axis("CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]", 0, 1.05 * max(seconds))
+    panel = Panel(x, Axis.of_rows(names), width=480, height=210)
+    for row, (value, colour) in enumerate(zip(seconds, colours, strict=True)):
+        panel.boxes([(0, value, row - 0.3, row + 0.3, colour)])
+        panel.text(value, row, f"{value:.3f} s", dx=5)
+    chart = beside(panel)
 
     normal, values, product, splines = found
     return Figure(
@@ -146,48 +111,18 @@ def time_figure(findings: Findings) -> Figure:
     fine, sampled, doubled, _, coarse = ways
 
     y = Axis.of_rows([route.name.replace(", ", ",\n", 1) for route in ways])
-    chart = beside(
-        panel(
-            Axis("CPU time for 11 frames [s]", 0, 1.05 * max(route.seconds for route in ways)),
-            y,
-            boxes((0, route.simulation_seconds, row - 0.3, row + 0.3, BLUE) for row, route in enumerate(ways)),
-            boxes(
-                (route.simulation_seconds, route.seconds, row - 0.3, row + 0.3, ORANGE)
-                for row, route in enumerate(ways)
-            ),
-            texts(
-                [
-                    (route.seconds, row, f"{route.seconds:.2f} s, {route.seconds / fine.seconds:.0%}", INK)
-                    for row, route in enumerate(ways)
-                ],
-                dx=5,
-            ),
-            title="XPBD (blue) and fit (orange)",
-            height=230,
-        ),
-        panel(
-            Axis("error over D, mean to largest", 0, 0.12),
-            replace(y, names=[""] * len(ways)),
-            segments([(r.errors.mean, r.errors.largest, row, row, GREY) for row, r in enumerate(ways)], width=3),
-            texts(
-                [
-                    (
-                        route.errors.largest,
-                        row,
-                        "what is compared with"
-                        if route is fine
-                        else f"{route.errors.mean:.4f} to {route.errors.largest:.3f}",
-                        INK,
-                    )
-                    for row, route in enumerate(ways)
-                ],
-                dx=6,
-            ),
-            title="error against XPBD's own step",
-            width=220,
-            height=230,
-        ),
-    )
+    x = Axis("CPU time for 11 frames [s]", 0, 1.05 * max(route.seconds for route in ways))
+    left = Panel(x, y, title="XPBD (blue) and fit (orange)", height=230)
+    x, y = Axis("error over D, mean to largest", 0, 0.12), replace(y, names=[""] * len(ways))
+    right = Panel(x, y, title="error against XPBD's own step", width=220, height=230)
+    for row, route in enumerate(ways):
+        left.boxes([(0, route.simulation_seconds, row - 0.3, row + 0.3, BLUE)])
+        left.boxes([(route.simulation_seconds, route.seconds, row - 0.3, row + 0.3, ORANGE)])
+        left.text(route.seconds, row, f"{route.seconds:.2f} s, {route.seconds / fine.seconds:.0%}", dx=5)
+        right.segments([(route.errors.mean, route.errors.largest, row, row, GREY)], width=3)
+        errors = f"{route.errors.mean:.4f} to {route.errors.largest:.3f}"
+        right.text(route.errors.largest, row, "what is compared with" if route is fine else errors, dx=6)
+    chart = beside(left, right)
 
     own = (printed.SECONDS_KEYFRAMES + printed.SECONDS_PDE) / printed.SECONDS_ALL_FRAMES
     return Figure(
@@ -218,42 +153,45 @@ def time_figure(findings: Findings) -> Figure:
 COLOURS = {PDE: BLUE, POLYNOMIALS: ORANGE, SPLINES: GREEN, AUTO: PURPLE, PAPER: GREY}
 
 
+MEASURES = {"mean E_A": "mean", "largest E_M": "largest"}
+"""Fields of errors that are drawn, by the titles of their panels."""
+
+
 def _lines(points: list[Point]) -> dict[str, list[Point]]:
-    return {name: [point for point in points if point.model == name] for name in COLOURS}
+    return {name: found for name in COLOURS if (found := [point for point in points if point.model == name])}
+
+
+def _draw_models(
+    panel: Panel,
+    models: Mapping[str, list[Point]],
+    x: Callable[[Point], float],
+    y: Callable[[Point], float],
+    **look: Any,
+) -> None:
+    """Draw a line for each model, through its sizes."""
+    for name, points in models.items():
+        options = {"dots": 100 if name == PAPER else 35, **look}
+        panel.line([x(point) for point in points], [y(point) for point in points], COLOURS[name], name=name, **options)
+
+
+def _kilobytes(point: Point) -> float:
+    return point.coded_bytes / 1e3
 
 
 def constants_figure(findings: Findings) -> Figure:
     """Error against the number of constants."""
-    drawn = {name: found for name, found in _lines(findings.models).items() if found}
+    drawn = _lines(findings.models)
 
-    x = Axis(
-        "constants a curve and axis",
-        28,
-        1600,
-        log=True,
-        ticks=(32, 128, 440, 1408),
-        names=("32", "128", "440", "1,408"),
-    )
-    panels: list[Chart] = []
-    for measure, title, table_1 in (
-        ("mean", "mean E_A", printed.PDE_MEAN),
-        ("largest", "largest E_M", printed.PDE_LARGEST),
-    ):
-        errors = {name: [getattr(point.unrounded, measure) for point in points] for name, points in drawn.items()}
-        panels.append(
-            panel(
-                x,
-                Axis("error over D, all curves, in the scene", 3e-5, 0.1, log=True),
-                [
-                    line([point.constants or 0 for point in points], errors[name], COLOURS[name], name=name, dots=40)
-                    for name, points in drawn.items()
-                ],
-                level(x, table_1),
-                texts([(30, table_1, "Table 1", INK)], dy=8, size=10.5),
-                [Legend({name: COLOURS[name] for name in drawn})] if panels else [],
-                title=title,
-            )
-        )
+    names = ("32", "128", "440", "1,408")
+    x = Axis("constants a curve and axis", 28, 1600, log=True, ticks=(32, 128, 440, 1408), names=names)
+    panels = []
+    for (measure, field), table_1 in zip(MEASURES.items(), (printed.PDE_MEAN, printed.PDE_LARGEST), strict=True):
+        panel = Panel(x, Axis("error over D, all curves, in the scene", 3e-5, 0.1, log=True), title=measure)
+        _draw_models(panel, drawn, lambda p: p.constants or 0, attrgetter(f"unrounded.{field}"))
+        panel.level(y=table_1)
+        panel.text(30, table_1, "Table 1", dy=8, size=10.5)
+        panels.append(panel)
+    panels[-1].legend({name: COLOURS[name] for name in drawn})
     chart = beside(*panels)
 
     needed = {
@@ -284,31 +222,18 @@ def rate_figure(findings: Findings) -> Figure:
     drawn = _lines([*models, *(file.point for file in files)])
 
     x = Axis("kB that a decoder needs, connectivity not counted", 0.4, 4e4, log=True)
-    y = Axis("error over D, all curves, in the scene", 3e-5, 0.2, log=True)
     raw = NUMBER_BYTES * findings.curves.size / 1e3
-    panels: list[Chart] = []
-    for measure, title in (("mean", "mean E_A"), ("largest", "largest E_M")):
-        layers: list[Layers] = []
-        for name, points in drawn.items():
-            values = [getattr(point.errors, measure) for point in points]
-            kilobytes = [point.coded_bytes / 1e3 for point in points]
-            layers.append(line(kilobytes, values, COLOURS[name], name=name, dots=100 if name == PAPER else 35))
-            if points[0].plain_bytes is not None:
-                plain = [(point.plain_bytes or 0) / 1e3 for point in points]
-                layers.append(
-                    line(plain, values, COLOURS[name], name=f"{name}, float32", dashes=DASHES, dots=15, width=1)
-                )
-        panels.append(
-            panel(
-                x,
-                y,
-                layers,
-                level(y, raw, along="x", dashes=DOTTED),
-                texts([(raw, 0.14, "raw float32", INK)], dx=-4, align="right", size=10.5),
-                [Legend({**COLOURS, "solid: range coded": INK, "dashed: float32": INK})] if panels else [],
-                title=title,
-            )
-        )
+    plain = _lines(models)
+    panels = []
+    for measure, field in MEASURES.items():
+        panel = Panel(x, Axis("error over D, all curves, in the scene", 3e-5, 0.2, log=True), title=measure)
+        _draw_models(panel, drawn, _kilobytes, attrgetter(f"errors.{field}"))
+        thin = {"dashes": DASHES, "dots": 15, "width": 1}
+        _draw_models(panel, plain, lambda p: (p.plain_bytes or 0) / 1e3, attrgetter(f"errors.{field}"), **thin)
+        panel.level(x=raw, dashes=DOTTED)
+        panel.text(raw, 0.14, "raw float32", dx=-4, align="right", size=10.5)
+        panels.append(panel)
+    panels[-1].legend({**COLOURS, "solid: range coded": INK, "dashed: float32": INK})
     chart = beside(*panels)
 
     one = models[0]
@@ -342,39 +267,16 @@ def surface_figure(findings: Findings) -> Figure:
     }
 
     x = Axis("kB coded, no connectivity", 0.4, 2e3, log=True)
-    panels: list[Chart] = []
+    points = [point for each in drawn.values() for point in each]
+    p99 = [point.surface.normal_p99 or 0.0 for point in points]
+    panels = []
     for label, value in read.items():
-        layers = [
-            line(
-                [point.coded_bytes / 1e3 for point in points],
-                [value(point) for point in points],
-                COLOURS[name],
-                name=name,
-                dots=100 if name == PAPER else 35,
-            )
-            for name, points in drawn.items()
-        ]
-        if label == list(read)[-1]:
-            layers += [
-                line(
-                    [point.coded_bytes / 1e3 for point in points],
-                    [point.surface.normal_p99 or 0.0 for point in points],
-                    COLOURS[name],
-                    dashes=DASHES,
-                    width=1,
-                )
-                for name, points in drawn.items()
-            ]
-        every = [row["y"] for layer in layers for row in layer["data"]["values"]]
-        panels.append(
-            panel(
-                x,
-                Axis.around(label, every, log=True),
-                layers,
-                [Legend(COLOURS)] if label == list(read)[-1] else [],
-                width=250,
-            )
-        )
+        y = Axis.around(label, [value(point) for point in points], p99 if "99 %" in label else [], log=True)
+        panel = Panel(x, y, width=250)
+        _draw_models(panel, drawn, _kilobytes, value)
+        panels.append(panel)
+    _draw_models(panels[-1], drawn, _kilobytes, lambda p: p.surface.normal_p99 or 0.0, dashes=DASHES, dots=0, width=1)
+    panels[-1].legend(COLOURS)
     chart = beside(*panels)
 
     one = findings.models[0]
@@ -423,26 +325,13 @@ def fit_time_figure(findings: Findings) -> Figure:
     """CPU time against error."""
     drawn = _lines([*findings.models, *(file.point for file in findings.files)])
 
-    y = Axis("mean E_A over D", 5e-5, 0.05, log=True)
-    simulated = findings.routes[0].seconds
-    chart = panel(
-        Axis("CPU time of fit and evaluation, or of encoding [s]", 2e-3, 60, log=True),
-        y,
-        [
-            line(
-                [point.seconds for point in points],
-                [point.errors.mean for point in points],
-                COLOURS[name],
-                name=name,
-                dots=100 if name == PAPER else 35,
-            )
-            for name, points in drawn.items()
-        ],
-        level(y, simulated, along="x", dashes=DOTTED),
-        texts([(simulated, 0.035, "XPBD, 11 frames", INK)], dx=-4, align="right", size=10.5),
-        Legend(COLOURS),
-        width=560,
-    )
+    x = Axis("CPU time of fit and evaluation, or of encoding [s]", 2e-3, 60, log=True)
+    panel = Panel(x, Axis("mean E_A over D", 5e-5, 0.05, log=True), width=560)
+    _draw_models(panel, drawn, lambda p: p.seconds, lambda p: p.errors.mean)
+    panel.level(x=findings.routes[0].seconds, dashes=DOTTED)
+    panel.text(findings.routes[0].seconds, 0.035, "XPBD, 11 frames", dx=-4, align="right", size=10.5)
+    panel.legend(COLOURS)
+    chart = beside(panel)
 
     quickest = min(findings.models, key=lambda point: point.seconds)
     auto = [file.point for file in findings.files if file.point.model == AUTO]
@@ -475,22 +364,17 @@ def gap_figure(findings: Findings) -> Figure:
     colours = (BLUE, ORANGE, GREEN, GREY, PURPLE)
     shades = dict(zip(paper.parts, colours, strict=True))
 
-    spans = []
-    for row, (*_, parts) in enumerate(bars):
-        ends = np.cumsum([0, *parts.values()]) / 1e3
-        spans += [
-            (a, b, row - 0.3, row + 0.3, shades[part]) for part, a, b in zip(parts, ends[:-1], ends[1:], strict=True)
-        ]
     totals = [sum(parts.values()) / 1e3 for *_, parts in bars]
-    chart = panel(
-        Axis("kB of the file", 0, 1.2 * max(totals)),
-        Axis.of_rows([f"{name}\nmean E_A {error:.4f}" for name, _, error, _ in bars]),
-        boxes(spans),
-        texts([(total, row, f"{total:.2f} kB", INK) for row, total in enumerate(totals)], dx=5),
-        Legend(shades),
-        width=480,
-        height=220,
-    )
+    names = [f"{name}\nmean E_A {error:.4f}" for name, _, error, _ in bars]
+    panel = Panel(Axis("kB of the file", 0, 1.2 * max(totals)), Axis.of_rows(names), width=480, height=220)
+    for row, (*_, parts) in enumerate(bars):
+        start = 0.0
+        for part, size in parts.items():
+            panel.boxes([(start, start + size / 1e3, row - 0.3, row + 0.3, shades[part])])
+            start += size / 1e3
+        panel.text(totals[row], row, f"{totals[row]:.2f} kB", dx=5)
+    panel.legend(shades)
+    chart = beside(panel)
 
     coding = 1 - one.coded_bytes / (one.plain_bytes or 1)
     rows: list[tuple[Value, ...]] = [

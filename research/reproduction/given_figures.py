@@ -7,27 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import (
-    BLUE,
-    DASHES,
-    DOTTED,
-    GREY,
-    INK,
-    ORANGE,
-    Axis,
-    Layers,
-    Legend,
-    beside,
-    borders,
-    boxes,
-    cells,
-    level,
-    line,
-    lines,
-    panel,
-    segments,
-    texts,
-)
+from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREY, ORANGE, Axis, Panel, beside
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.leak import ELIMINATIONS, KNOWN_TO_A_DECODER
@@ -60,31 +40,16 @@ def choices_figure(findings: Findings) -> Figure:
     rows = tuple(KNOWN_TO_A_DECODER)
     given, known = rows[0], rows[-1]
 
-    places = [(j, i, found[row, column]) for i, row in enumerate(rows) for j, column in enumerate(ELIMINATIONS)]
-    ratios = np.array([times_table_1(errors) for *_, errors in places]).reshape(len(rows), -1)
-    chart = panel(
-        Axis.of_columns("", list(ELIMINATIONS)),
-        Axis.of_rows([KNOWN_TO_A_DECODER[row].replace(", ", ",\n") for row in rows]),
-        cells(
-            np.arange(len(ELIMINATIONS) + 1) - 0.5,
-            np.arange(len(rows) + 1) - 0.5,
-            np.log2(ratios),
-            scheme="cividis",
-            reverse=True,
-            low=-2,
-            high=3,
-        ),
-        [
-            texts(
-                [(x, y, f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion", colour)],
-                align="center",
-            )
-            for x, y, errors in places
-            for colour in ["white" if times_table_1(errors) > DARK else "black"]
-        ],
-        width=760,
-        height=220,
-    )
+    names = Axis.of_rows([KNOWN_TO_A_DECODER[row].replace(", ", ",\n") for row in rows])
+    panel = Panel(Axis.of_columns("", list(ELIMINATIONS)), names, width=760, height=220)
+    at_x, at_y = (np.arange(count + 1) - 0.5 for count in (len(ELIMINATIONS), len(rows)))
+    ratios = np.array([[times_table_1(found[row, column]) for column in ELIMINATIONS] for row in rows])
+    panel.cells(at_x, at_y, np.log2(ratios), colours="cividis", low=-2, high=3)
+    for (y, x), ratio in np.ndenumerate(ratios):
+        errors = found[rows[y], list(ELIMINATIONS)[x]]
+        text = f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion"
+        panel.text(x, y, text, "white" if ratio > DARK else "black", align="center")
+    chart = beside(panel)
 
     kept, plain = ({row: found[row, column] for row in rows} for column in ("Eq. 23, kept", "nothing removed"))
     return Figure(
@@ -120,25 +85,18 @@ def leak_figure(findings: Findings) -> Figure:
     """What remains of the accuracy when the decoder is given less of the answer."""
     rungs = findings.rungs
 
-    drawn: list[Layers] = []
-    for way, colour, shift, width in (("aligned", GREY, -0.16, 3), ("scene", ORANGE, 0.12, 6)):
-        each = [(getattr(rung, way), row + shift) for row, rung in enumerate(rungs)]
-        spans = [(max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN), row) for errors, row in each]
-        drawn.append(segments([(low, high, row, row, colour) for low, high, row in spans], width=width))
-        said = [
-            "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
-            for errors, _ in each
-        ]
-        ends = [(high, row, text, colour) for (_, high, row), text in zip(spans, said, strict=True)]
-        drawn.append(texts(ends, dx=6, size=10.5))
-    chart = panel(
-        Axis("error over D, mean E_A to largest E_M", LEAST_SHOWN, 1.0, log=True),
-        Axis.of_rows([f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs]),
-        drawn,
-        Legend({"after Eq. 23, as the\npaper measures": GREY, "in the scene": ORANGE}),
-        width=480,
-        height=330,
+    labels = Axis.of_rows([f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs])
+    panel = Panel(
+        Axis("error over D, mean E_A to largest E_M", LEAST_SHOWN, 1.0, log=True), labels, width=480, height=330
     )
+    for row, rung in enumerate(rungs):
+        for errors, colour, at, width in ((rung.aligned, GREY, row - 0.16, 3), (rung.scene, ORANGE, row + 0.12, 6)):
+            mean, largest = max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN)
+            panel.segments([(mean, largest, at, at, colour)], width=width)
+            text = "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
+            panel.text(largest, at, text, colour, dx=6, size=10.5)
+    panel.legend({"after Eq. 23, as the\npaper measures": GREY, "in the scene": ORANGE})
+    chart = beside(panel)
 
     everything, nothing = rungs[1], rungs[-2]
     return Figure(
@@ -178,12 +136,12 @@ def knot_figure(findings: Findings) -> Figure:
     }
 
     x, y = (Axis(f"{axis} over its range", -0.15, 1.15) for axis in "xy")
-    chart = beside(
-        *(
-            panel(x, y, line(points[:, 0], points[:, 1], colour, width=2.2), title=title, width=250, height=250)
-            for points, colour, title in shown.values()
-        )
-    )
+    panels = []
+    for points, colour, title in shown.values():
+        panel = Panel(x, y, title=title, width=250, height=250)
+        panel.line(points[:, 0], points[:, 1], colour, width=2.2)
+        panels.append(panel)
+    chart = beside(*panels)
 
     listed = slice(0, None, LISTED)
     columns = {
@@ -208,25 +166,15 @@ def elimination_figure(findings: Findings) -> Figure:
     frames = np.arange(len(found.motion_left))
     names = ("largest", "middle", "smallest")
 
-    x = Axis("frame", 0.4, len(frames) - 0.4, ticks=frames[1:])
-    values = found.singular_values[1:]
-    chart = beside(
-        panel(
-            x,
-            Axis.around("", values, [1.0], log=True),
-            lines(frames[1:], dict(zip(names, zip(values.T, (BLUE, GREY, ORANGE), strict=True), strict=True)), dots=40),
-            level(x, 1.0, dashes=DOTTED),
-            texts([(0.5, 1.0, "a rotation", INK)], dy=8, size=10.5),
-            title="singular values of Eq. 23's matrix",
-        ),
-        panel(
-            x,
-            Axis("share", 0, 1.1),
-            boxes((at - 0.35, at + 0.35, 0, left, BLUE) for at, left in enumerate(found.motion_left[1:].tolist(), 1)),
-            level(x, 1.0, dashes=DOTTED),
-            title="motion left after Eq. 23, over that after Eq. 19",
-        ),
-    )
+    x, values = Axis("frame", 0.4, len(frames) - 0.4, ticks=frames[1:]), found.singular_values[1:]
+    left = Panel(x, Axis.around("", values, [1.0], log=True), title="singular values of Eq. 23's matrix")
+    left.lines(frames[1:], dict(zip(names, zip(values.T, (BLUE, GREY, ORANGE), strict=True), strict=True)), dots=40)
+    left.text(0.5, 1.0, "a rotation", dy=8, size=10.5)
+    right = Panel(x, Axis("share", 0, 1.1), title="motion left after Eq. 23, over that after Eq. 19")
+    right.boxes((at - 0.35, at + 0.35, 0, share, BLUE) for at, share in enumerate(found.motion_left[1:].tolist(), 1))
+    for panel in (left, right):
+        panel.level(y=1.0, dashes=DOTTED)
+    chart = beside(left, right)
 
     return Figure(
         name="elimination",
@@ -273,34 +221,25 @@ def sweep_figure(findings: Findings) -> Figure:
         Axis.of_columns("", [str(rate) for rate in FRAME_RATES]),
         Axis.of_columns("", [f"{turn:g}" for turn in TURNS]),
     )
-    at_x, at_y = np.arange(len(FRAME_RATES) + 1) - 0.5, np.arange(len(TURNS) + 1) - 0.5
+    at_x, at_y = (np.arange(count + 1) - 0.5 for count in (len(FRAME_RATES), len(TURNS)))
+    low, high = np.log2([SMALLEST_SHOWN, LARGEST_SHOWN]).tolist()
+    title = "error over Table 1's\n(the larger of mean E_A\nand largest E_M)"
+    marks = dict(enumerate(("1/4", "1/2", "1", "2", "4", "8"), -2))
     panels = []
     for (name, phase), grid in grids.items():
-        words = [(j, i, f"{value:.1f}", "white" if value > DARK else "black") for (i, j), value in np.ndenumerate(grid)]
-        panels.append(
-            panel(
-                replace(x, title="frames a second" if name == HONEST_NAME else ""),
-                replace(y, title=f"{name.replace(', ', ',' + chr(10))}\nturns" if phase == "from rest" else ""),
-                cells(
-                    at_x,
-                    at_y,
-                    np.log2(grid),
-                    scheme="cividis",
-                    reverse=True,
-                    low=float(np.log2(SMALLEST_SHOWN)),
-                    high=float(np.log2(LARGEST_SHOWN)),
-                    title="error over Table 1's\n(the larger of mean E_A\nand largest E_M)",
-                    ticks=range(-2, 4),
-                    names=("1/4", "1/2", "1", "2", "4", "8"),
-                ),
-                borders(at_x, at_y, grid > 1.0),
-                borders(at_x, at_y, grid > WITHIN, dashes=DASHES),
-                texts(words, align="center", size=10),
-                title=phase if name == PRINTED_NAME else "",
-                width=230,
-                height=150,
-            )
+        panel = Panel(
+            replace(x, title="frames a second" if name == HONEST_NAME else ""),
+            replace(y, title=f"{name.replace(', ', ',' + chr(10))}\nturns" if phase == "from rest" else ""),
+            title=phase if name == PRINTED_NAME else "",
+            width=230,
+            height=150,
         )
+        panel.cells(at_x, at_y, np.log2(grid), colours="cividis", low=low, high=high, title=title, marks=marks)
+        panel.borders(at_x, at_y, grid > 1.0)
+        panel.borders(at_x, at_y, grid > WITHIN, dashes=DASHES)
+        words = [(j, i, f"{value:.1f}", "white" if value > DARK else "black") for (i, j), value in np.ndenumerate(grid)]
+        panel.texts(words, align="center", size=10)
+        panels.append(panel)
     chart = beside(*panels, columns=len(PHASES))
 
     rows: list[tuple[Value, ...]] = [

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, Axis, beside, boxes, lines, panel, texts
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, Axis, Panel, beside
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.functions import (
@@ -29,16 +29,13 @@ def equation_figure(findings: Findings) -> Figure:
     solves = found.printed < ROUNDING
     short = growth_exponent(SHORT_WAVES, ALPHA, R) / math.log(10)
 
-    shown = [(j, i, *((BLUE, "+K") if is_solved else (ORANGE, "-K"))) for (i, j), is_solved in np.ndenumerate(solves)]
-    chart = panel(
-        Axis.of_columns("", NAMES_OF_SPACE),
-        Axis.of_rows(NAMES_OF_TIME),
-        boxes((x - 0.47, x + 0.47, y - 0.45, y + 0.45, colour) for x, y, colour, _ in shown),
-        texts([(x, y, text, "white") for x, y, _, text in shown], align="center", bold=True),
-        title="solves m w_tt = +K w_uuuu, Eq. 10 (blue), or m w_tt = -K w_uuuu (orange)",
-        width=760,
-        height=200,
-    )
+    title = "solves m w_tt = +K w_uuuu, Eq. 10 (blue), or m w_tt = -K w_uuuu (orange)"
+    x, y = Axis.of_columns("", NAMES_OF_SPACE), Axis.of_rows(NAMES_OF_TIME)
+    panel = Panel(x, y, title=title, width=760, height=200)
+    for (i, j), is_solved in np.ndenumerate(solves):
+        panel.boxes([(j - 0.47, j + 0.47, i - 0.45, i + 0.45, BLUE if is_solved else ORANGE)])
+        panel.text(j, i, "+K" if is_solved else "-K", "white", align="center", bold=True)
+    chart = beside(panel)
 
     return Figure(
         name="equation",
@@ -72,24 +69,14 @@ def beam_figure(findings: Findings) -> Figure:
     colours = {TIED: BLUE, PLAIN: ORANGE, SPLINES: GREEN, TWO: PURPLE}
 
     at = int(np.argmin(np.abs(PERIODS - 1.0)))
+    x, y = Axis("periods within the clip", 0.1, 2.0, ticks=(0.5, 1.0, 1.5, 2.0)), Axis("", 1e-17, 10, log=True)
+    left = Panel(x, replace(y, title="error over the motion (rms)"), title="second mode")
+    left.lines(PERIODS, {name: (values, colours[name]) for name, values in second.items()})
     numbers = list(found)
-    left = Axis("error over the motion (rms)", 1e-17, 10, log=True)
-    of_modes = {name: ([drawn[name][at] for drawn in found.values()], colour) for name, colour in colours.items()}
-    chart = beside(
-        panel(
-            Axis("periods within the clip", 0.1, 2.0, ticks=(0.5, 1.0, 1.5, 2.0)),
-            left,
-            lines(PERIODS, {name: (values, colours[name]) for name, values in second.items()}),
-            title="second mode",
-        ),
-        panel(
-            Axis("mode of the beam", 0.7, 4.3, ticks=numbers),
-            replace(left, title=""),
-            lines(numbers, of_modes, labels=False, dots=40),
-            title="one period within the clip",
-            width=240,
-        ),
-    )
+    right = Panel(Axis("mode of the beam", 0.7, 4.3, ticks=numbers), y, title="one period within the clip", width=240)
+    for name, colour in colours.items():
+        right.line(numbers, [drawn[name][at] for drawn in found.values()], colour, name=name, dots=40)
+    chart = beside(left, right)
 
     rows: list[tuple[Value, ...]] = [
         (number, float(periods), *(float(drawn[name][i]) for name in colours))
@@ -120,25 +107,17 @@ def tied_figure(findings: Findings) -> Figure:
     """The rope with alpha = r^2 sqrt(K/m)."""
     found = findings.tied
 
-    plain = np.full(TIED_RATES.size, found.polynomials)
-    drawn = {
+    shown = (0.5, 2, 4, 6, 8, 10, 12)
+    names = [f"{r:g}\n{found.factor * r**2:.2g}" for r in shown]
+    x = Axis("r, over u in [0, 1]; below, the alpha that goes with it", 0, 12, ticks=shown, names=names)
+    panel = Panel(x, Axis("mean E_A over D, in the scene", 0.01, 1.0, log=True), width=WIDTH)
+    lines = {
         "alpha = r^2 sqrt(K/m)": (found.tied, BLUE),
         f"best alpha of {', '.join(f'{value:g}' for value in FREE_ALPHAS)}": (found.free, GREEN),
-        "polynomials": (plain, GREY),
+        "polynomials": (np.full(TIED_RATES.size, found.polynomials), GREY),
     }
-    shown = (0.5, 2, 4, 6, 8, 10, 12)
-    chart = panel(
-        Axis(
-            "r, over u in [0, 1]; below, the alpha that goes with it",
-            0,
-            12,
-            ticks=shown,
-            names=[f"{r:g}\n{found.factor * r**2:.2g}" for r in shown],
-        ),
-        Axis("mean E_A over D, in the scene", 0.01, 1.0, log=True),
-        lines(TIED_RATES, drawn),
-        width=WIDTH,
-    )
+    panel.lines(TIED_RATES, lines)
+    chart = beside(panel)
 
     best = int(np.argmin(found.tied))
     return Figure(

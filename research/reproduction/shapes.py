@@ -9,7 +9,7 @@ import numpy as np
 from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, Axis, Legend, beside, line, panel, text_at
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, Axis, Panel, beside
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import HONEST, PRINTED, frame_errors, reconstruct
@@ -267,29 +267,18 @@ def _overlays(
 
     x = Axis("", low[0] - margin[0], high[0] + margin[0])
     y = Axis("", low[1] - 2 * margin[1], high[1] + 2 * margin[1])
-    legend = Legend({"XPBD": BLUE, **{label: colour for label, (colour, _) in drawn.items()}})
     panels = []
-    for frame in range(len(curve)):
-        said = [
-            text_at(f"E_A {errors[label].average[frame]:.4f}", 226, 140 - 15.0 * row, colour, align="right", size=10)
-            for row, (label, (colour, _)) in enumerate(drawn.items())
-        ]
-        panels.append(
-            panel(
-                replace(x, title="x [m]" if frame > 7 else ""),
-                replace(y, title="y [m]" if frame % 3 == 0 else ""),
-                line(curve[frame, ::THINNED, 0], curve[frame, ::THINNED, 1], BLUE, name="XPBD", width=3.2),
-                [
-                    line(at[frame, ::THINNED, 0], at[frame, ::THINNED, 1], colour, name=label, width=1.1)
-                    for label, (colour, at) in drawn.items()
-                ],
-                said,
-                [legend] if frame == len(curve) - 1 else [],
-                title=f"frame {frame}" + (", keyframe" if frame % 2 == 0 else ""),
-                width=230,
-                height=150,
-            )
-        )
+    for frame, points in enumerate(curve[:, ::THINNED]):
+        title = f"frame {frame}" + (", keyframe" if frame % 2 == 0 else "")
+        labels = replace(x, title="x [m]" if frame > 7 else ""), replace(y, title="y [m]" if frame % 3 == 0 else "")
+        panel = Panel(*labels, title=title, width=230, height=150)
+        panel.line(points[:, 0], points[:, 1], BLUE, name="XPBD", width=3.2)
+        for row, (label, (colour, found)) in enumerate(drawn.items()):
+            panel.line(found[frame, ::THINNED, 0], found[frame, ::THINNED, 1], colour, name=label, width=1.1)
+            error = f"E_A {errors[label].average[frame]:.4f}"
+            panel.text_at(error, 226, 140 - 15.0 * row, colour, align="right", size=10)
+        panels.append(panel)
+    panels[-1].legend({"XPBD": BLUE, **{label: colour for label, (colour, _) in drawn.items()}})
     chart = beside(*panels, columns=3)
 
     table = Table.from_columns({"frame": np.arange(len(curve)), **columns})

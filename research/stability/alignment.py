@@ -9,20 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Section, Table
-from pdecodec.report.charts.plots import (
-    BLUE,
-    FAILING,
-    FAILURE,
-    GREEN,
-    GREY,
-    ORANGE,
-    Axis,
-    Fails,
-    boxes,
-    lines,
-    panel,
-    texts,
-)
+from pdecodec.report.charts.plots import BLUE, FAILING, FAILURE, GREEN, GREY, ORANGE, Axis, Panel, beside
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 
@@ -105,13 +92,14 @@ def thinning_figure(count: int) -> Figure:
         if name != PLAIN
     }
 
-    chart = panel(
+    panel = Panel(
         Axis("thickness of the curve, over its length", 1.0, 1e-12, log=True),
         Axis("turn between equal frames [degrees]", 1e-6, 400, log=True),
-        Fails("fails: the curve spins by rounding alone", above=JITTERS),
-        lines(thickness, {name: (values, METHODS[name][1]) for name, values in found.items()}),
         width=WIDTH,
     )
+    panel.fails("fails: the curve spins by rounding alone", above=JITTERS)
+    panel.lines(thickness, {name: (values, METHODS[name][1]) for name, values in found.items()})
+    chart = beside(panel)
 
     fails_at = float(thickness[found[PROPER] > JITTERS].max(initial=0.0))
     ours = found[LEAST]
@@ -160,15 +148,13 @@ def case_figure() -> Figure:
 
     verdicts = [verdict(row[3], row[4], row[6]) for row in rows]
 
-    places = [(*divmod(index, len(METHODS)), text, fine) for index, (text, fine) in enumerate(verdicts)]
-    chart = panel(
-        Axis.of_columns("", [f"{kind},\n{change}" for kind, change in shown]),
-        Axis.of_rows(list(METHODS)),
-        boxes((x - 0.47, x + 0.47, y - 0.45, y + 0.45, "#DCE9F5" if fine else FAILING) for x, y, _, fine in places),
-        texts([(x, y, text, "#112233" if fine else FAILURE) for x, y, text, fine in places], align="center", size=10),
-        width=760,
-        height=220,
-    )
+    columns = Axis.of_columns("", [f"{kind},\n{change}" for kind, change in shown])
+    panel = Panel(columns, Axis.of_rows(list(METHODS)), width=760, height=220)
+    for index, (text, fine) in enumerate(verdicts):
+        x, y = divmod(index, len(METHODS))
+        panel.boxes([(x - 0.47, x + 0.47, y - 0.45, y + 0.45, "#DCE9F5" if fine else FAILING)])
+        panel.text(x, y, text, "#112233" if fine else FAILURE, align="center", size=10)
+    chart = beside(panel)
 
     def failing(name: str) -> int:
         return sum(not fine for row, (_, fine) in zip(rows, verdicts, strict=True) if row[2] == name)
@@ -209,13 +195,14 @@ def turn_figure(count: int) -> Figure:
     }
     found = {name: [halfway_error(between, angle) for angle in degrees.tolist()] for name, (between, _) in ways.items()}
 
-    chart = panel(
+    panel = Panel(
         Axis("turn from one keyframe to the next [degrees]", 0, 360, ticks=range(0, 361, 60)),
         Axis("error half-way, over the curve's size", 0, 2.1),
-        Fails("nobody can know:\nit may have turned the other way", right_of=180.0, at=0.25),
-        lines(degrees, {name: (values, ways[name][1]) for name, values in found.items()}),
         width=WIDTH,
     )
+    panel.fails("nobody can know:\nit may have turned the other way", right_of=180.0, at=0.2)
+    panel.lines(degrees, {name: (values, ways[name][1]) for name, values in found.items()})
+    chart = beside(panel)
 
     def value(name: str, angle: float) -> float:
         return found[name][int(np.argmin(np.abs(degrees - angle)))]

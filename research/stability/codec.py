@@ -17,8 +17,7 @@ from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_di
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surface
 from pdecodec.report.charts.figure import Figure, Section, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Fails, Legend, beside, dots, line, lines, panel
-from pdecodec.report.charts.vegalite import Chart
+from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Panel, beside
 from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
 
 TOLERANCE = 1e-3
@@ -77,39 +76,17 @@ def stress_figure(side: int, frames: int) -> Figure:
             kg_error = item.kg_error if math.isfinite(item.kg_error) else None
             rows.append((name, profile, item.bits, item.error, kg_error, *astuple(item.surface)))
 
-    rows_axis = replace(Axis.of_rows(list(clips)), grid=True)
-    measures: dict[str, tuple[Axis, Fails]] = {
-        "bits": (
-            Axis("bits a vertex and frame", 0.02, 600, log=True),
-            Fails("larger\nthan raw", right_of=RAW_BITS, at=0.05),
-        ),
-        "error": (
-            Axis("largest error over the tolerance of 1e-3", 3e-4, 1e9, log=True),
-            Fails("fails: beyond the bound", right_of=1.0),
-        ),
-    }
-    chart = beside(
-        *(
-            panel(
-                axis,
-                rows_axis,
-                fails,
-                [
-                    dots(
-                        [max(getattr(item, field), 4e-4) for item in found[name].values()],
-                        range(len(clips)),
-                        colour,
-                        name=name,
-                        shape=shape,
-                        size=80,
-                    )
-                    for (name, (_, colour)), shape in zip(PROFILES.items(), ("circle", "diamond"), strict=True)
-                ],
-                [Legend({name: colour for name, (_, colour) in PROFILES.items()})] if field == "error" else [],
-            )
-            for field, (axis, fails) in measures.items()
-        )
-    )
+    names = replace(Axis.of_rows(list(clips)), grid=True)
+    left = Panel(Axis("bits a vertex and frame", 0.02, 600, log=True), names)
+    left.fails("larger\nthan raw", right_of=RAW_BITS, at=0.05)
+    right = Panel(Axis("largest error over the tolerance of 1e-3", 3e-4, 1e9, log=True), names)
+    right.fails("fails: beyond the bound", right_of=1.0)
+    for (name, (_, colour)), shape in zip(PROFILES.items(), ("circle", "diamond"), strict=True):
+        for panel, field in ((left, "bits"), (right, "error")):
+            values = [max(getattr(item, field), 4e-4) for item in found[name].values()]
+            panel.dots(values, range(len(clips)), colour, name=name, shape=shape, size=80)
+    right.legend({name: colour for name, (_, colour) in PROFILES.items()})
+    chart = beside(left, right)
 
     worst = {profile: max((item.error, name) for name, item in found[profile].items()) for profile in PROFILES}
     dearest = max((item.bits, name) for name, item in found["auto"].items())
@@ -171,24 +148,18 @@ def between_figure(side: int, samples: int) -> Figure:
         for i, t in enumerate(times[name])
     ]
 
-    panels: list[Chart] = []
+    panels = []
     for name, (clip, axis) in clips.items():
         x = times[name] * FPS
         inside = np.arange(np.ceil(x[0]), np.floor(x[-1]) + 1).astype(int)
         shown = clip.points[inside, vertex, axis]
         curves = {curve: (found[name, curve], colour) for curve, colour in colours.items()}
-        panels.append(
-            panel(
-                Axis("frame", float(x[0]), float(x[-1])),
-                Axis.around(
-                    f"{'xyz'[axis]} of one vertex, sheet of side 1", shown, *(item for item, _ in curves.values())
-                ),
-                lines(x, curves, dashed=[UNBROKEN], labels=False),
-                dots(inside, shown, INK, size=40),
-                [Legend({**colours, "frames (dots)": INK})] if panels else [],
-                title=name,
-            )
-        )
+        y = Axis.around(f"{'xyz'[axis]} of one vertex, sheet of side 1", shown, *(item for item, _ in curves.values()))
+        panel = Panel(Axis("frame", float(x[0]), float(x[-1])), y, title=name)
+        panel.lines(x, curves, dashed=[UNBROKEN], labels=False)
+        panel.dots(inside, shown, INK, size=40)
+        panels.append(panel)
+    panels[-1].legend({**colours, "frames (dots)": INK})
     chart = beside(*panels)
 
     return Figure(
@@ -219,29 +190,14 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
     bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
     spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
 
-    beyond = float(offsets[spacing > 1].min(initial=offsets[-1]))
-    chart = beside(
-        *(
-            panel(
-                Axis("distance from the origin, over the clip's size", 1, 1e7, log=True),
-                Axis(label, 0, top),
-                Fails(words, right_of=beyond),
-                [Fails("fails", above=1.0)] if values is errors else [],
-                line(offsets, values, BLUE, dots=40),
-                title=title,
-            )
-            for values, label, top, title, words in (
-                (errors, "largest error over the bound", 1.25, "the bound", ""),
-                (
-                    bits,
-                    "bits a vertex and frame",
-                    1.35 * float(bits.max()),
-                    "what it costs",
-                    "float32 coarser\nthan the bound",
-                ),
-            )
-        )
-    )
+    x = Axis("distance from the origin, over the clip's size", 1, 1e7, log=True)
+    left = Panel(x, Axis("largest error over the bound", 0, 1.25), title="the bound")
+    right = Panel(x, Axis("bits a vertex and frame", 0, 1.35 * float(bits.max())), title="what it costs")
+    left.fails("fails", above=1.0)
+    for panel, values, words in ((left, errors, ""), (right, bits, "float32 coarser\nthan the bound")):
+        panel.fails(words, right_of=float(offsets[spacing > 1].min(initial=offsets[-1])))
+        panel.line(offsets, values, BLUE, dots=40)
+    chart = beside(left, right)
 
     return Figure(
         name="codec-distance",

@@ -16,22 +16,7 @@ import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    ORANGES,
-    Axis,
-    Fails,
-    Legend,
-    beside,
-    cells,
-    edges,
-    line,
-    panel,
-    texts,
-)
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, ORANGES, Axis, Panel, beside, edges
 from pdecodec.simulate import Solver, System, build
 from pdecodec.simulate.constraints import Method
 from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
@@ -157,26 +142,19 @@ def extremes_figure(*, quick: bool) -> Figure:
     }
     mass, chain, stiff, sheet = (lines for _, lines in panels.values())
 
-    chart = beside(
-        *(
-            panel(
-                Axis(what, float(x[0]), float(x[-1]), log=True, ticks=x if x.size < 6 else ()),
-                Axis(
-                    "stretch over the material's, less 1" if lines_ is stiff else "stretch over the length",
-                    1e-7,
-                    1e12 if lines_ is stiff else 1e3,
-                    log=True,
-                ),
-                Fails("fails: wrong by half", above=STIFF_FAILS)
-                if lines_ is stiff
-                else Fails("fails: stretched by a tenth", above=FAILS),
-                [line(x, np.maximum(v, LEAST), WAYS[name].colour, name=name, dots=40) for name, v in lines_.items()],
-                [Legend({name: way.colour for name, way in WAYS.items()})] if lines_ is chain else [],
-            )
-            for what, (x, lines_) in panels.items()
-        ),
-        columns=2,
-    )
+    drawn = []
+    for what, (x, lines) in panels.items():
+        is_stiff = lines is stiff
+        label = "stretch over the material's, less 1" if is_stiff else "stretch over the length"
+        y = Axis(label, 1e-7, 1e12 if is_stiff else 1e3, log=True)
+        panel = Panel(Axis(what, float(x[0]), float(x[-1]), log=True, ticks=x if x.size < 6 else ()), y)
+        text = "fails: wrong by half" if is_stiff else "fails: stretched by a tenth"
+        panel.fails(text, above=STIFF_FAILS if is_stiff else FAILS)
+        for name, values in lines.items():
+            panel.line(x, np.maximum(values, LEAST), WAYS[name].colour, name=name, dots=40)
+        drawn.append(panel)
+    drawn[1].legend({name: way.colour for name, way in WAYS.items()})
+    chart = beside(*drawn, columns=2)
 
     rows: list[tuple[Value, ...]] = [
         (what, float(value), name, float(values[i]))
@@ -239,33 +217,20 @@ def tunnelling_figure(*, quick: bool) -> Figure:
     found = np.array([[passes_through(v, h, through="ball") for v in speeds.tolist()] for h in steps.tolist()])
     ground = max(passes_through(v, h, through="ground") for v in speeds.tolist() for h in steps.tolist())
 
-    speed_edges, step_edges = edges(speeds.tolist(), log=True), edges((steps[::-1] * 1e3).tolist(), log=True)
-    chart = panel(
+    milliseconds = steps * 1e3
+    at_x, at_y = edges(speeds, log=True), edges(milliseconds[::-1], log=True)
+    names = [f"{value:.2g}" for value in milliseconds]
+    panel = Panel(
         Axis("speed [m/s]", 1, 1000, log=True),
-        Axis(
-            "substep [ms]",
-            step_edges[0],
-            step_edges[-1],
-            log=True,
-            ticks=steps * 1e3,
-            names=[f"{value:.2g}" for value in steps * 1e3],
-            grid=False,
-        ),
-        cells(
-            speed_edges,
-            step_edges,
-            found[::-1],
-            scheme=ORANGES,
-            low=0,
-            high=1,
-            title="share of particles that\npass through the ball",
-            ticks=(0, 0.5, 1),
-        ),
-        line(2 * RADIUS / steps, steps * 1e3, "black"),
-        texts([(1.3, 0.45, "line: a step is as\nlong as the ball is thick", "#333333")]),
-        texts([(120.0, 12.0, "fails: passes unseen", "white")], bold=True),
+        Axis("substep [ms]", at_y[0], at_y[-1], log=True, ticks=milliseconds, names=names, grid=False),
         width=560,
     )
+    title, marks = "share of particles that\npass through the ball", {0: "0", 0.5: "0.5", 1: "1"}
+    panel.cells(at_x, at_y, found[::-1], colours=ORANGES, low=0, high=1, title=title, marks=marks)
+    panel.line(2 * RADIUS / steps, milliseconds, "black")
+    panel.text(1.3, 0.45, "line: a step is as\nlong as the ball is thick", "#333333")
+    panel.text(120.0, 12.0, "fails: passes unseen", "white", bold=True)
+    chart = beside(panel)
 
     return Figure(
         name="simulation-tunnelling",
@@ -328,26 +293,17 @@ def accuracy_figure(*, quick: bool) -> Figure:
     names = {(n, "xpbd"): f"XPBD, {n} iteration{'s' * (n > 1)} a substep" for n in ITERATIONS} | {(1, "pbd"): "PBD"}
     colours = {**{(n, "xpbd"): colour for n, colour in ITERATIONS.items()}, (1, "pbd"): GREY}
 
-    left, right = [], []
+    y = Axis.around("rms error over the cloth's diagonal", [error for _, error in measured.values()], log=True)
+    taken = [seconds for seconds, _ in measured.values()]
+    left = Panel(Axis.around("sweeps a frame (substeps x iterations)", [1, MOST_SWEEPS], log=True), y)
+    right = Panel(Axis.around(f"CPU time of {frames} frames [s]", taken, log=True), y)
     for key, name in names.items():
         points = [(s, *measured[s, i, m]) for s, i, m in tried if (i, m) == key]
         substeps, seconds, errors = zip(*points, strict=True)
-        left.append(line([s * key[0] for s in substeps], errors, colours[key], name=name, dots=40))
-        right.append(line(seconds, errors, colours[key], name=name, dots=40))
-    every = [error for _, error in measured.values()]
-    chart = beside(
-        panel(
-            Axis.around("sweeps a frame (substeps x iterations)", [1, MOST_SWEEPS], log=True),
-            Axis.around("rms error over the cloth's diagonal", every, log=True),
-            left,
-        ),
-        panel(
-            Axis.around(f"CPU time of {frames} frames [s]", [seconds for seconds, _ in measured.values()], log=True),
-            Axis.around("", every, log=True),
-            right,
-            Legend({name: colours[key] for key, name in names.items()}),
-        ),
-    )
+        left.line([s * key[0] for s in substeps], errors, colours[key], name=name, dots=40)
+        right.line(seconds, errors, colours[key], name=name, dots=40)
+    right.legend({name: colours[key] for key, name in names.items()})
+    chart = beside(left, right)
 
     spread, piled = measured[20, 1, "xpbd"][1], measured[1, 20, "xpbd"][1]
     finest = measured[counts[-1], 1, "xpbd"]

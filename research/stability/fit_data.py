@@ -7,22 +7,8 @@ from scipy.interpolate import CubicSpline
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    Axis,
-    Fails,
-    Legend,
-    beside,
-    lines,
-    panel,
-    segments,
-)
-from pdecodec.report.charts.vegalite import WIDTH, Chart
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, Axis, Panel, beside
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, TIME_FUNCTIONS, printed_functions, unit_basis
 from pdecodec.research.stability.fit_rates import motion, normal_equations, relative_error, svd
 
@@ -73,28 +59,20 @@ def noise_figure(most: int) -> Figure:
 
     six = np.linspace(0, 1, 6)
     over_time = {name: noise_gain(item) for name, item in _all_weights(six, DENSE).items()}
-    chart = beside(
-        panel(
-            Axis("t; six keyframes, at the bars", 0, 1),
-            Axis("error over the noise (rms)", 0.4, 1.4),
-            Fails("noise grows", above=1.0),
-            lines(
-                DENSE,
-                {name: (over_time[name], colour) for name, colour in COLOURS.items()},
-                dashed=[SPLINE],
-                labels=False,
-            ),
-            segments((t, t, 0.4, 0.44, INK) for t in six.tolist()),
-            title="over time",
-        ),
-        panel(
-            Axis("keyframes", float(counts[0]), float(counts[-1])),
-            Axis("error over the noise (rms)", 0.5, 5, log=True),
-            Fails("noise grows", above=1.0, at=0.3),
-            lines(counts, {name: (gains[name], colour) for name, colour in COLOURS.items()}, dashed=[SPLINE]),
-            title="largest anywhere in [0, 1]",
-        ),
+    left = Panel(
+        Axis("t; six keyframes, at the bars", 0, 1), Axis("error over the noise (rms)", 0.4, 1.4), title="over time"
     )
+    left.fails("noise grows", above=1.0)
+    left.lines(DENSE, {name: (over_time[name], c) for name, c in COLOURS.items()}, dashed=[SPLINE], labels=False)
+    left.segments((t, t, 0.4, 0.44, INK) for t in six.tolist())
+    right = Panel(
+        Axis("keyframes", float(counts[0]), float(counts[-1])),
+        Axis("error over the noise (rms)", 0.5, 5, log=True),
+        title="largest anywhere in [0, 1]",
+    )
+    right.fails("noise grows", above=1.0, at=0.3)
+    right.lines(counts, {name: (gains[name], colour) for name, colour in COLOURS.items()}, dashed=[SPLINE])
+    chart = beside(left, right)
 
     return Figure(
         name="fit-noise",
@@ -153,22 +131,19 @@ def few_figure(points: int) -> Figure:
     ]
     colours = (ORANGE, PURPLE, BLUE)
 
-    panels: list[Chart] = []
+    y = Axis("error at 11 frames and all points,\nover the motion", 1e-3, 1e4, log=True)
+    panels = []
     for what, label, functions in (
         ("frames", "frames", TIME_FUNCTIONS),
         ("points", "points of the curve", SPACE_FUNCTIONS),
     ):
         x = counts[what]
+        panel = Panel(Axis(label, x[0] - 0.3, x[-1] + 0.3), y)
+        panel.fails("fewer than functions", left_of=functions - 0.5, at=0.8)
         drawn = dict(zip(names, zip(np.minimum(found[what], 6e3).T, colours, strict=True), strict=True))
-        panels.append(
-            panel(
-                Axis(label, x[0] - 0.3, x[-1] + 0.3),
-                Axis("error at 11 frames and all points,\nover the motion", 1e-3, 1e4, log=True),
-                Fails("fewer than functions", left_of=functions - 0.5, at=0.9),
-                lines(x, drawn, dashed=[names[1]], labels=False, dots=40),
-                [Legend(dict(zip(names, colours, strict=True)))] if panels else [],
-            )
-        )
+        panel.lines(x, drawn, dashed=[names[1]], labels=False, dots=40)
+        panels.append(panel)
+    panels[-1].legend(dict(zip(names, colours, strict=True)))
     chart = beside(*panels)
 
     frames_worst, points_worst = found["frames"][1:3].max(axis=0), found["points"][:6].max(axis=0)
@@ -212,18 +187,14 @@ def gap_figure(count: int) -> Figure:
         for index, width in enumerate(widths)
     ]
 
-    chart = beside(
-        *(
-            panel(
-                Axis("width of the gap, over the clip", 0.1, 0.9, ticks=(0.1, 0.3, 0.5, 0.7, 0.9)),
-                Axis("largest gain of an error on the keyframes", 0.3, 1e3, log=True),
-                Fails("fails: an error of a keyframe grows threefold", above=3.0),
-                lines(widths, {name: (values, COLOURS[name]) for name, values in drawn.items()}, dashed=[SPLINE]),
-                title=place,
-            )
-            for place, drawn in found.items()
-        )
-    )
+    x = Axis("width of the gap, over the clip", 0.1, 0.9, ticks=(0.1, 0.3, 0.5, 0.7, 0.9))
+    panels = []
+    for place, lines in found.items():
+        panel = Panel(x, Axis("largest gain of an error on the keyframes", 0.3, 1e3, log=True), title=place)
+        panel.fails("fails: an error of a keyframe grows threefold", above=3.0)
+        panel.lines(widths, {name: (values, COLOURS[name]) for name, values in lines.items()}, dashed=[SPLINE])
+        panels.append(panel)
+    chart = beside(*panels)
 
     def gain(name: str, width: float) -> float:
         return found["gap in the middle"][name][int(np.argmin(np.abs(widths - width)))]
@@ -255,13 +226,14 @@ def extrapolation_figure(count: int) -> Figure:
     drawn = {name: np.sqrt(((found - ahead) ** 2).mean(axis=1)) / scale for name, found in guesses.items()}
     colours = {**COLOURS, "held still": PURPLE}
 
-    chart = panel(
+    panel = Panel(
         Axis("time past the last frame, over the clip's length", 0, 1),
         Axis("error over the motion (rms)", 0.01, 300, log=True),
-        Fails("fails: the error is as large as the motion", above=1.0),
-        lines(beyond, {name: (values, colours[name]) for name, values in drawn.items()}),
         width=WIDTH,
     )
+    panel.fails("fails: the error is as large as the motion", above=1.0)
+    panel.lines(beyond, {name: (values, colours[name]) for name, values in drawn.items()})
+    chart = beside(panel)
 
     def first_beyond(name: str) -> float:
         return float(beyond[drawn[name] > 1.0].min(initial=np.inf))

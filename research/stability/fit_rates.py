@@ -13,29 +13,7 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.plots import (
-    BLUE,
-    DOTTED,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    ORANGES,
-    PURPLE,
-    Axis,
-    Ends,
-    Fails,
-    Layers,
-    Legend,
-    beside,
-    borders,
-    cells,
-    edges,
-    level,
-    line,
-    panel,
-    texts,
-)
+from pdecodec.report.charts.plots import BLUE, DOTTED, GREEN, GREY, ORANGE, ORANGES, PURPLE, Axis, Panel, beside, edges
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import (
     SPACE_FUNCTIONS,
@@ -204,25 +182,20 @@ def condition_figure(count: int) -> Figure:
     colours = dict(zip(found, (ORANGE, PURPLE, BLUE, GREY), strict=True))
     no_digit = {name: float(1 / np.finfo(dtype).eps) for name, dtype in PRECISIONS.items()}
 
+    x = Axis("alpha = r, over t and u in [0, 1]", SMALLEST, LARGEST, log=True)
+    panel = Panel(x, Axis("condition number", 0.3, 1e40, log=True), width=WIDTH, height=320)
+    panel.fails("fails", above=no_digit["float64"])
     # Where a factor's own condition number is rounding, the line is only a lower limit: dotted.
     known = found["32 printed columns"] < KNOWN
-    drawn: list[Layers] = []
     for name, values in found.items():
         is_known = known | (name in (WELL_CONDITIONED, "orthonormal"))
-        drawn.append(line(rates, np.where(is_known, values, np.nan), colours[name], name=name))
-        drawn.append(line(rates, np.where(is_known, np.nan, values), colours[name], name=name, dashes=DOTTED))
-    x = Axis("alpha = r, over t and u in [0, 1]", SMALLEST, LARGEST, log=True)
-    chart = panel(
-        x,
-        Axis("condition number", 0.3, 1e40, log=True),
-        Fails("fails", above=no_digit["float64"]),
-        drawn,
-        Ends([(LARGEST, float(values[-1]), name, colours[name]) for name, values in found.items()]),
-        [level(x, value) for value in no_digit.values()],
-        [texts([(1.3e-6, value, f"no digit left in {name} above", INK)], dy=-8) for name, value in no_digit.items()],
-        width=WIDTH,
-        height=320,
-    )
+        panel.line(rates, np.where(is_known, values, np.nan), colours[name], name=name)
+        panel.line(rates, np.where(is_known, np.nan, values), colours[name], name=name, dashes=DOTTED)
+    panel.ends([(LARGEST, float(values[-1]), name, colours[name]) for name, values in found.items()])
+    for name, value in no_digit.items():
+        panel.level(y=value)
+        panel.text(1.3e-6, value, f"no digit left in {name} above", dy=-8)
+    chart = beside(panel)
 
     def largest(name: str) -> float:
         return float(rates[(found[name] > no_digit["float64"]) & (rates < 3)].max(initial=0.0))
@@ -260,28 +233,20 @@ def error_figure(count: int, points: int) -> Figure:
     }
     best = errors["float64", WELL_CONDITIONED]
 
-    chart = beside(
-        *(
-            panel(
-                Axis("alpha = r", SMALLEST, LARGEST, log=True),
-                Axis("error at all frames, over the motion (rms)", 1e-3, 1e3, log=True),
-                Fails("fails: twice the exact minimiser's error", above=FAILS * float(best[rates < 1].max())),
-                [
-                    line(
-                        rates,
-                        np.minimum(errors[precision, name], 1e5),
-                        colour,
-                        name=name,
-                        width=2.6 if name == WELL_CONDITIONED else 1.5,
-                    )
-                    for name, colour in SOLVER_COLOURS.items()
-                ],
-                [Legend(SOLVER_COLOURS)] if precision == "float32" else [],
-                title=precision,
-            )
-            for precision in PRECISIONS
+    panels = []
+    for precision in PRECISIONS:
+        panel = Panel(
+            Axis("alpha = r", SMALLEST, LARGEST, log=True),
+            Axis("error at all frames, over the motion (rms)", 1e-3, 1e3, log=True),
+            title=precision,
         )
-    )
+        panel.fails("fails: twice the exact minimiser's error", above=FAILS * float(best[rates < 1].max()))
+        for name, colour in SOLVER_COLOURS.items():
+            width = 2.6 if name == WELL_CONDITIONED else 1.5
+            panel.line(rates, np.minimum(errors[precision, name], 1e5), colour, name=name, width=width)
+        panels.append(panel)
+    panels[-1].legend(SOLVER_COLOURS)
+    chart = beside(*panels)
 
     def failing_below(precision: str, name: str) -> float:
         return float(rates[(errors[precision, name] > FAILS * best) & (rates < 3)].max(initial=0.0))
@@ -362,32 +327,19 @@ def map_figure(count: int, points: int) -> Figure:
 
     found = {(precision, name): errors(name, dtype) / best for precision, dtype in PRECISIONS.items() for name in NAMES}
 
-    at = edges(rates.tolist(), log=True)
+    at = edges(rates, log=True)
     axis = Axis("", at[0], at[-1], log=True, ticks=(1e-6, 1e-4, 1e-2, 1.0), grid=False)
+    title, marks = "error over the\nexact minimiser's", dict(enumerate(("1", "10", "100", "1e3", "1e4")))
     panels = []
     for (precision, name), values in found.items():
+        is_first = precision == "float64"
+        x = replace(axis, title="" if is_first else "r")
+        y = replace(axis, title=f"{precision}\nalpha" if name == NAMES[0] else "")
+        panel = Panel(x, y, title=name if is_first else "", width=150, height=150)
         ratio = np.clip(values, 1.0, 1e4).reshape(count, count)
-        panels.append(
-            panel(
-                replace(axis, title="r" if precision == "float32" else ""),
-                replace(axis, title=f"{precision}\nalpha" if name == NAMES[0] else ""),
-                cells(
-                    at,
-                    at,
-                    np.log10(ratio),
-                    scheme=ORANGES,
-                    low=0,
-                    high=4,
-                    title="error over the\nexact minimiser's",
-                    ticks=range(5),
-                    names=("1", "10", "100", "1e3", "1e4"),
-                ),
-                borders(at, at, ratio > FAILS),
-                title=name if precision == "float64" else "",
-                width=150,
-                height=150,
-            )
-        )
+        panel.cells(at, at, np.log10(ratio), colours=ORANGES, low=0, high=4, title=title, marks=marks)
+        panel.borders(at, at, ratio > FAILS)
+        panels.append(panel)
     chart = beside(*panels, columns=len(NAMES))
 
     shares = {key: float((values > FAILS).mean()) for key, values in found.items()}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Section, Table
-from pdecodec.report.charts.plots import BLUE, GREY, ORANGE, Axis, Fails, Legend, dots, lines, panel, texts
+from pdecodec.report.charts.plots import BLUE, GREY, ORANGE, Axis, Panel, beside
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, unit_basis
 from pdecodec.research.reproduction.method import arc_length, coordinate_parameter
@@ -64,25 +64,19 @@ def case_figure() -> Figure:
     errors = np.array([row[4] for row in rows]).reshape(len(names), -1)
     literal = rows[::3]
 
-    parameters_ = {"u of Eq. 24": (ORANGE, "circle"), "by arc length": (BLUE, "square"), "by index": (GREY, "stroke")}
-    remarks = []
-    for row, (_, _, undefined, shared, _) in enumerate(literal):
-        texts_ = [f"0 / 0 on {round(3 * undefined)} of 3 axes"] if undefined else []
-        texts_ += [f"{shared:.0%} of points share u"] if shared else []
-        remarks.append((2.6, float(row), ",\n".join(texts_), ORANGE))
+    x = Axis("displacement that eight functions of u leave over (rms, over the displacement)", 1e-6, 60, log=True)
+    panel = Panel(x, replace(Axis.of_rows(names), grid=True), width=WIDTH)
+    panel.fails("fails", right_of=FAILS)
+    legend = {"u of Eq. 24": ORANGE, "by arc length": BLUE, "by index": GREY}
     shown = np.clip(np.where(np.isfinite(errors), errors, 2.0), 1.5e-6, 2.0)
-    chart = panel(
-        Axis("displacement that eight functions of u leave over (rms, over the displacement)", 1e-6, 60, log=True),
-        replace(Axis.of_rows(names), grid=True),
-        Fails("fails", right_of=FAILS),
-        [
-            dots(values, range(len(names)), colour, name=name, shape=shape, size=90, strokeWidth=2)
-            for values, (name, (colour, shape)) in zip(shown.T, parameters_.items(), strict=True)
-        ],
-        texts(remarks, size=10.5),
-        Legend({name: colour for name, (colour, _) in parameters_.items()}),
-        width=WIDTH,
-    )
+    for values, (name, colour), shape in zip(shown.T, legend.items(), ("circle", "square", "stroke"), strict=True):
+        panel.dots(values, range(len(names)), colour, name=name, shape=shape, size=90, strokeWidth=2)
+    for height, (_, _, undefined, shared, _) in enumerate(literal):
+        texts = [f"0 / 0 on {round(3 * undefined)} of 3 axes"] if undefined else []
+        texts += [f"{shared:.0%} of points share u"] if shared else []
+        panel.text(2.6, height, ",\n".join(texts), ORANGE, size=10.5)
+    panel.legend(legend)
+    chart = beside(panel)
 
     broken = sum(1 for row in literal if row[2] or row[3] or not row[4] < FAILS)
     return Figure(
@@ -151,13 +145,14 @@ def planar_figure(count: int) -> Figure:
         for name, (dtype, _) in drawn.items()
     }
 
-    chart = panel(
+    panel = Panel(
         Axis("thickness of the curve across its plane, over its length", 1.0, 1e-18, log=True),
         Axis("change of u by one last bit", 1e-17, 10, log=True),
-        Fails("fails: neighbours change places", above=1.0 / POINTS),
-        lines(thickness, {name: (np.maximum(v, 1e-17), drawn[name][1]) for name, v in found.items()}),
         width=WIDTH,
     )
+    panel.fails("fails: neighbours change places", above=1.0 / POINTS)
+    panel.lines(thickness, {name: (np.maximum(v, 1e-17), drawn[name][1]) for name, v in found.items()})
+    chart = beside(panel)
 
     def fails_at(name: str) -> float:
         return float(thickness[~(found[name] < 1 / POINTS)].max(initial=0.0))

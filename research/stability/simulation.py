@@ -21,16 +21,8 @@ from pdecodec.report.charts.plots import (
     PURPLE,
     SKY,
     Axis,
-    Ends,
-    Fails,
-    area,
+    Panel,
     beside,
-    boxes,
-    level,
-    line,
-    lines,
-    panel,
-    texts,
 )
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.stability.extremes import accuracy_figure, extremes_figure, tunnelling_figure
@@ -62,15 +54,12 @@ def energy_figure(seconds: float, step: float) -> Figure:
         values = [chain.energy(*state) / chain.fall for state in run(method, chain, step, steps)]
         found[method] = np.array(values + [float("inf")] * (steps - len(values)))[::every]
 
-    x = Axis("time [s]", 0, seconds)
-    chart = panel(
-        x,
-        Axis("energy gained or lost, over weight times length", -0.4, 0.4),
-        Fails("fails: energy from nowhere", above=0.1, at=0.35),
-        level(x, 0.0, dashes=DOTTED),
-        lines(times, {method: (np.clip(values, -5, 5), COLOURS[method]) for method, values in found.items()}),
-        width=WIDTH,
-    )
+    y = Axis("energy gained or lost, over weight times length", -0.4, 0.4)
+    panel = Panel(Axis("time [s]", 0, seconds), y, width=WIDTH)
+    panel.fails("fails: energy from nowhere", above=0.1, at=0.35)
+    panel.level(y=0.0, dashes=DOTTED)
+    panel.lines(times, {method: (np.clip(values, -5, 5), COLOURS[method]) for method, values in found.items()})
+    chart = beside(panel)
 
     gone = float(times[~(found["explicit Euler"] < 1)].min(initial=np.inf))
     return Figure(
@@ -99,30 +88,22 @@ def step_figure(count: int, smallest: float) -> Figure:
     }
     limit = 2 / chain.highest_frequency
 
-    x, y = (
-        Axis("step [s]", smallest, 0.1, log=True),
-        Axis("largest kinetic energy within 1 s,\nover weight times length", 0.1, 2 * RAN_OFF, log=True),
-    )
-    steady = ("implicit Euler", "XPBD", "PBD")
-    chart = panel(
-        x,
-        y,
-        Fails("fails: more than the fall can give", above=DIVERGED, at=0.6),
-        [line(sizes, np.clip(v, 1e-6, RAN_OFF), COLOURS[name], name=name) for name, v in found.items()],
-        texts(
-            [
-                (1.15 * smallest, 420.0, "explicit Euler", COLOURS["explicit Euler"]),
-                (limit * 1.4, 20.0, "symplectic Euler", COLOURS["symplectic Euler"]),
-                (limit * 1.4, 60.0, LITERAL, COLOURS[LITERAL]),
-            ]
-        ),
-        Ends(
-            [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in steady] + [(0.1, RAN_OFF, "ran off", INK)]
-        ),
-        level(y, limit, along="x"),
-        texts([(limit, 0.13, "2 / highest frequency", INK)], dx=4),
-        width=WIDTH,
-    )
+    y = Axis("largest kinetic energy within 1 s,\nover weight times length", 0.1, 2 * RAN_OFF, log=True)
+    panel = Panel(Axis("step [s]", smallest, 0.1, log=True), y, width=WIDTH)
+    panel.fails("fails: more than the fall can give", above=DIVERGED, at=0.6)
+    for name, values in found.items():
+        panel.line(sizes, np.clip(values, 1e-6, RAN_OFF), COLOURS[name], name=name)
+    for name, at in (
+        ("explicit Euler", (1.15 * smallest, 420.0)),
+        ("symplectic Euler", (limit * 1.4, 20.0)),
+        (LITERAL, (limit * 1.4, 60.0)),
+    ):
+        panel.text(*at, name, COLOURS[name])
+    steady = [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in ("implicit Euler", "XPBD", "PBD")]
+    panel.ends([*steady, (0.1, RAN_OFF, "ran off", INK)])
+    panel.level(x=limit)
+    panel.text(limit, 0.13, "2 / highest frequency", dx=4)
+    chart = beside(panel)
 
     def breaks_at(method: str) -> float:
         return float(sizes[found[method] > DIVERGED].min(initial=np.inf))
@@ -162,18 +143,14 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
     theory = [2 / chain.highest_frequency for chain in chains]
 
     x = Axis("stiffness of a link [N/m]", 1e2, 1e12, log=True, ticks=10.0 ** np.arange(2, 13, 2))
-    chart = panel(
-        x,
-        Axis("largest step that holds [s]", 1e-8, 30 * LONGEST, log=True),
-        area(values, theory, np.full(values.size, LONGEST), FAILING),
-        texts([(3e6, 0.02, "fails for forces integrated as they stand", FAILURE)], size=10.5),
-        line(values, theory, INK, dashes=DASHES, width=1),
-        lines(values, {name: (found[name], COLOURS[name]) for name in METHODS}, dots=30),
-        level(x, LONGEST, dashes=DOTTED),
-        texts([(1.5e2, LONGEST, "the longest step tried", INK)], dy=-8, size=10.5),
-        width=WIDTH,
-        height=320,
-    )
+    panel = Panel(x, Axis("largest step that holds [s]", 1e-8, 30 * LONGEST, log=True), width=WIDTH, height=320)
+    panel.area(values, theory, np.full(values.size, LONGEST), FAILING)
+    panel.text(3e6, 0.02, "fails for forces integrated as they stand", FAILURE, size=10.5)
+    panel.line(values, theory, INK, dashes=DASHES, width=1)
+    panel.lines(values, {name: (found[name], COLOURS[name]) for name in METHODS}, dots=30)
+    panel.level(y=LONGEST, dashes=DOTTED)
+    panel.text(1.5e2, LONGEST, "the longest step tried", dy=-8, size=10.5)
+    chart = beside(panel)
 
     return Figure(
         name="simulation-limit",
@@ -232,19 +209,15 @@ def iteration_figure(most: int) -> Figure:
     ]
 
     panels = []
-    for (axis, drawn), other in zip(found.items(), ("substeps", "iterations"), strict=True):
+    for (axis, lines), other in zip(found.items(), ("substeps", "iterations"), strict=True):
         x = Axis(f"{axis}, at 4 {other}", 1, counts[-1], log=True, ticks=counts)
-        panels.append(
-            panel(
-                x,
-                Axis("stretch of a hanging chain, over its material's", 1e-4, 100, log=True),
-                Fails("fails: half as stiff as the material", above=2.0),
-                boxes([(x.low, x.high, 1e-4, 0.5, FAILING)]),
-                texts([(1.05, 1.6e-4, "fails: twice as stiff", FAILURE)], size=10.5),
-                level(x, 1.0, dashes=DOTTED),
-                lines(counts, {name: (values, LINES[name][2]) for name, values in drawn.items()}, dots=40),
-            )
-        )
+        panel = Panel(x, Axis("stretch of a hanging chain, over its material's", 1e-4, 100, log=True))
+        panel.fails("fails: half as stiff as the material", above=2.0)
+        panel.boxes([(x.low, x.high, 1e-4, 0.5, FAILING)])
+        panel.text(1.05, 1.6e-4, "fails: twice as stiff", FAILURE, size=10.5)
+        panel.level(y=1.0, dashes=DOTTED)
+        panel.lines(counts, {name: (values, LINES[name][2]) for name, values in lines.items()}, dots=40)
+        panels.append(panel)
     chart = beside(*panels)
 
     xpbd, pbd = found["iterations"]["XPBD"], found["iterations"]["PBD, stiffness 0.5"]
