@@ -12,10 +12,8 @@ from mpmath import mpf
 
 from pdecodec.codec.sections.closed_form import (
     MAX_RATE,
-    SOLVES_BEAM_EQUATION,
     paper_space_functions,
     paper_time_functions,
-    series_derivatives,
     series_functions,
     series_to_paper,
 )
@@ -64,18 +62,12 @@ def exact_series(order: int, j: int, rate: float) -> Function:
 @pytest.mark.parametrize("i", range(4))
 @pytest.mark.parametrize("j", range(8))
 def test_each_product_solves_the_equation_with_the_sign_it_is_listed_under(i: int, j: int) -> None:
-    stiffness = STIFFNESS if SOLVES_BEAM_EQUATION[i, j] else -STIFFNESS
+    stiffness = STIFFNESS if (i < 2) == (j < 4) else -STIFFNESS
     time, space = exact_time_functions(R**2 * mpmath.sqrt(STIFFNESS / MASS))[i], exact_space_functions(R)[j]
     inertia, force = MASS * mpmath.diff(time, T, 2) * space(U), stiffness * time(T) * mpmath.diff(space, U, 4)
     assert abs(inertia - force) < mpf("1e-25") * abs(inertia)  # Eq. 10
     left, right = mpmath.diff(time, T, 4) * space(U), time(T) * mpmath.diff(space, U, 8)
     assert abs(left - (STIFFNESS / MASS) ** 2 * right) < mpf("1e-20") * abs(left)
-
-
-def test_sixteen_of_the_32_products_solve_the_equation_as_printed() -> None:
-    assert SOLVES_BEAM_EQUATION.sum() == 16
-    assert SOLVES_BEAM_EQUATION[:2, :4].all()
-    assert SOLVES_BEAM_EQUATION[2:, 4:].all()
 
 
 def test_printed_functions_have_the_exact_values_in_the_papers_order() -> None:
@@ -88,14 +80,11 @@ def test_printed_functions_have_the_exact_values_in_the_papers_order() -> None:
 
 @pytest.mark.parametrize("order", [4, 8])
 @pytest.mark.parametrize("rate", [0.0, 1e-3, 0.8, 4.0, MAX_RATE])
-def test_the_series_and_its_derivatives_have_the_exact_values(order: int, rate: float) -> None:
+def test_the_series_has_the_exact_values(order: int, rate: float) -> None:
     x = np.array([-1.0, -0.62, 0.0, 0.31, 1.0])
     functions = [exact_series(order, j, rate) for j in range(order)]
-    values = series_functions(x, rate, order)
-    for derivative in range(3):
-        exact = [[float(mpmath.diff(function, mpf(at), derivative)) for function in functions] for at in x.tolist()]
-        np.testing.assert_allclose(values, exact, rtol=1e-13 if derivative else 2e-15, atol=1e-15)
-        values = series_derivatives(values, rate)
+    exact = [[float(function(mpf(at))) for function in functions] for at in x.tolist()]
+    np.testing.assert_allclose(series_functions(x, rate, order), exact, rtol=2e-15, atol=1e-15)
 
 
 @PRINTED

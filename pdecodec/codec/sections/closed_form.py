@@ -10,7 +10,8 @@ dependent when alpha or r goes to 0. The spaces they span do not: each also has 
 which at rate 0 is the monomials of degree below n. The codec uses that form, over a centred argument in
 [-1, 1], orthonormalised; :func:`pdecodec.codec.paper_form.paper_form` converts to the coefficients of Eq. 17.
 
-What they solve: 16 of the 32 solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and
+What they solve: 16 of the 32 (the first two of time with the first four of space, the last two with the last four)
+solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and
 ``rate^4 = K/m alpha^2`` read accordingly); the other 16 solve ``m w_tt = -K w_uuuu``, the sign of the
 Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 """
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdecodec import _core
-from pdecodec.mesh.arrays import BoolArray, Float64Array
+from pdecodec.mesh.arrays import Float64Array
 
 TIME_FUNCTIONS = 4
 """Functions of t (Eq. 12)."""
@@ -34,11 +35,6 @@ SPACE_FUNCTIONS = 8
 
 MAX_RATE = 12.0
 """Largest alpha or r over a half-range of 1: exp(12) still leaves the oscillating functions 10 digits."""
-
-SOLVES_BEAM_EQUATION: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
-"""(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
-SOLVES_BEAM_EQUATION[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K r^4
-SOLVES_BEAM_EQUATION[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4
 
 
 def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
@@ -102,31 +98,6 @@ def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     return _core.series_functions(x.ravel(), rate, order).reshape(*x.shape, order)
 
 
-def series_derivatives(values: Float64Array, rate: float) -> Float64Array:
-    """Derivatives of the basis from its values: ``phi_j' = phi_{j-1}``, ``phi_0' = rate^n phi_{n-1}``.
-
-    Parameters
-    ----------
-    values : (..., n) float64
-        What :func:`series_functions` returned, or a derivative of it.
-
-    Returns
-    -------
-    (..., n) float64
-    """
-    derivative = np.empty_like(values)
-    derivative[..., 1:] = values[..., :-1]
-    derivative[..., 0] = _integer_power(np.float64(rate), values.shape[-1]) * values[..., -1]
-    return derivative
-
-
-def _integer_power(x: np.float64 | Float64Array, exponent: int) -> np.float64 | Float64Array:
-    # Squaring rather than pow(): exactly rounded products give the same bits everywhere. exponent is 4 or 8.
-    square = x * x
-    fourth = square * square
-    return fourth if exponent == 4 else fourth * fourth
-
-
 def series_to_paper(rate: float, order: int) -> Float64Array:
     """Matrix P with ``phi(x) = paper(x) @ P``: each phi_j as a sum of the paper's functions.
 
@@ -187,11 +158,8 @@ class ClosedForm:
         """The time half-way between the first and the last frame [s]."""
         return float(self.times[0] + self.times[-1]) / 2.0
 
-    def _series(self, t: Float64Array, derivative: int = 0) -> Float64Array:
-        values = series_functions((t - self.centre) / self.half_length, self.alpha, TIME_FUNCTIONS)
-        for _ in range(derivative):
-            values = series_derivatives(values, self.alpha) / self.half_length
-        return values[:, : self.functions]
+    def _series(self, t: Float64Array) -> Float64Array:
+        return series_functions((t - self.centre) / self.half_length, self.alpha, TIME_FUNCTIONS)[:, : self.functions]
 
     @cached_property
     def triangle(self) -> Float64Array:
@@ -206,20 +174,18 @@ class ClosedForm:
         np.fill_diagonal(upper, np.maximum(np.abs(diagonal), np.finfo(np.float64).eps))
         return upper
 
-    def weights(self, t: Float64Array, derivative: int = 0) -> Float64Array:
-        """The orthonormal functions, or a derivative of them, at any times.
+    def weights(self, t: Float64Array) -> Float64Array:
+        """Return the orthonormal functions at any times.
 
         Parameters
         ----------
         t : (n,) float64 [s]
-        derivative : int
-            0, 1 or 2.
 
         Returns
         -------
-        (n, functions) float64 [1 / s^derivative]
+        (n, functions) float64
         """
-        values = self._series(t, derivative)
+        values = self._series(t)
         weights = np.empty_like(values)
         for j in range(self.functions):
             column = values[:, j] - _core.product(weights[:, :j], self.triangle[:j, j : j + 1], 1)[:, 0]

@@ -130,11 +130,6 @@ class SpaceBasis:
     def element_count(self) -> int:
         return self.starts.size - 1
 
-    @property
-    def subband_count(self) -> int:
-        """One of the whole's affine functions, one for the wavelets of each node, one for each element's functions."""
-        return self.subbands.kinds.size
-
     @cached_property
     def subbands(self) -> _core.Subbands:
         """Functions as they are coded together.
