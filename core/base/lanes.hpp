@@ -1,7 +1,7 @@
 // Numbers side by side in vector registers, and loops that are compiled once for each width of these.
 //
 // Only loops whose result does not depend on that width are: each lane does what a loop over single numbers would. `Lanes`
-// is one register, `Registers` as many as so many numbers take, and `in_widest` calls the loop for the widest registers.
+// is one register, `Registers` as many as so many numbers take, and `in_wide` and `in_widest` call the loop for wide registers.
 #pragma once
 
 #include <cstddef>
@@ -184,6 +184,7 @@ PDEANIM_INLINE Registers<T, count, bytes> where_positive(const Registers<T, coun
 // processor has, or narrower ones where the environment's PDECODEC_INSTRUCTIONS says usual, avx2 or avx512f. All give the
 // same bits; tests compare them.
 template <int bytes> using RegisterBytes = std::integral_constant<int, bytes>;
+constexpr int usual_bytes = 16;  // of registers that every processor has: for loops without variants
 
 #if defined(PDEANIM_FOR)
 
@@ -213,12 +214,21 @@ template <class Work> PDEANIM_FOR("avx2") void with_avx2(const Work &work) { wor
 // Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers and gets how many bytes they
 // have; so must be what it calls, PDEANIM_INLINE. `Registers` of so many numbers, whatever their width, are what it does
 // the same sums in.
+//
+// A loop has a variant where that is worth 10 % of a whole encode, decode or simulation: `in_wide` stops at 32 bytes, as
+// wider registers bring less than that.
+template <class Work> void in_wide(const Work &work) {
+#if defined(PDEANIM_FOR)
+    if (has_avx2()) return with_avx2(work);
+#endif
+    work(RegisterBytes<usual_bytes>{});
+}
+
 template <class Work> void in_widest(const Work &work) {
 #if defined(PDEANIM_FOR)
     if (has_avx512f()) return with_avx512f(work);
-    if (has_avx2()) return with_avx2(work);
 #endif
-    work(RegisterBytes<16>{});
+    in_wide(work);
 }
 
 }  // namespace pdeanim

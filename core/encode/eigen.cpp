@@ -116,7 +116,7 @@ constexpr i64 rows_at_once = 48;  // of eigenvectors, which a thread works on to
 Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     : diagonal(size), beside(size), size_(size), stride_(whole_eights(size)), vectors_(size * stride_), factors_(size) {
     for (i64 i = 0; i < size; ++i) std::copy_n(matrix + i * size, size, vectors_.data() + i * stride_);
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         reduce<bytes>(vectors_.data(), factors_.data(), diagonal.data(), beside.data(), size_, stride_);
     });
 }
@@ -170,7 +170,7 @@ constexpr i64 few_rows = 32;
 constexpr int most_turns = 80;  // of one eigenvalue; two or three are usual
 
 // rows i and i + 1, of so many numbers, are turned.
-PDEANIM_INLINE void turn(double *row, double *next, i64 width, double cosine, double sine) {
+void turn(double *row, double *next, i64 width, double cosine, double sine) {
     for (i64 k = 0; k < width; ++k) {
         const double upper = row[k], lower = next[k];
         next[k] = sine * upper + cosine * lower;
@@ -179,7 +179,7 @@ PDEANIM_INLINE void turn(double *row, double *next, i64 width, double cosine, do
 }
 
 // The QL algorithm with implicit shifts (Wilkinson and Reinsch 1971, tql2); rows of `vectors`, if any, are turned along.
-PDEANIM_INLINE void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stride) {
+void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stride) {
     for (i64 first = 0; first < count; ++first) {
         for (int turns = 0; turns < most_turns; ++turns) {
             i64 end = first;
@@ -350,13 +350,11 @@ std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector
     for (i64 i = 0; i < size; ++i) vectors[i * size + i] = 1.0;
     const int several = size < worth_threads ? 1 : threads;
     in_shares(parts, several, [&](i64 part, i64 end) {
-        in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
-            for (i64 own = part; own < end; ++own) {
-                const i64 place = start_of(own);
-                turn_to_diagonal(diagonal.data() + place, beside.data() + place, start_of(own + 1) - place,
-                                 vectors.data() + place * size + place, size);
-            }
-        });
+        for (; part < end; ++part) {
+            const i64 place = start_of(part);
+            turn_to_diagonal(diagonal.data() + place, beside.data() + place, start_of(part + 1) - place,
+                             vectors.data() + place * size + place, size);
+        }
     });
     for (i64 joined = 2; joined <= parts; joined *= 2) {
         const i64 pairs = parts / joined;

@@ -11,7 +11,7 @@
 
 // Eigenvalues are the zeros of  f(x) = 1/weight + sum of z_j^2 / (d_j - x),  which rises between two of d. Each is looked
 // for by the function with two poles that f is next to (Li 1993, "Solving secular equations stably and efficiently"),
-// within an interval that closes around it. Eight zeros are looked for at once; what one does depends on no other one.
+// within an interval that closes around it. UsualEight zeros are looked for at once; what one does depends on no other one.
 // Eigenvectors are those of Gu and Eisenstat 1994, "A stable and efficient algorithm for the rank-one modification of the
 // symmetric eigenproblem".
 
@@ -24,9 +24,11 @@ constexpr double epsilon = std::numeric_limits<double>::epsilon();
 // So many steps usually do; of more, every second one halves the interval. Then enough to halve it to its last digit.
 constexpr int usual_steps = 12, most_steps = 400;
 
+using UsualEight = Eight<usual_bytes>;
+
 // Sums over the poles up to a zero's own and over those beyond it, and of their derivatives.
-template <int bytes> struct Sums {
-    Eight<bytes> before{}, beyond{}, slope_before{}, slope_beyond{};
+struct Sums {
+    UsualEight before{}, beyond{}, slope_before{}, slope_beyond{};
 };
 
 struct Equation {
@@ -36,31 +38,29 @@ struct Equation {
 };
 
 // At places so far from origins, of eight zeros from `first` on.
-template <int bytes>
-PDEANIM_INLINE Sums<bytes> sums_at(const Equation &of, i64 first, const double *from, const double *at) {
-    using Eight = pdeanim::Eight<bytes>;
-    const Eight origins = Eight::at(from), offsets = Eight::at(at);
-    Sums<bytes> found;
+Sums sums_at(const Equation &of, i64 first, const double *from, const double *at) {
+    const UsualEight origins = UsualEight::at(from), offsets = UsualEight::at(at);
+    Sums found;
     i64 j = 0;
     for (; j <= first && j < of.count; ++j) {
-        const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
+        const UsualEight term = of.z[j] / ((of.d[j] - origins) - offsets);
         found.before += of.z[j] * term;
         found.slope_before += term * term;
     }
     for (; j < first + abreast && j < of.count; ++j) {
-        const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
+        const UsualEight term = of.z[j] / ((of.d[j] - origins) - offsets);
         double is_before[abreast], is_beyond[abreast];
         for (int lane = 0; lane < abreast; ++lane) {
             is_before[lane] = j <= first + lane ? 1.0 : 0.0;
             is_beyond[lane] = 1.0 - is_before[lane];
         }
-        found.before += where_positive(Eight::at(is_before), of.z[j] * term);
-        found.slope_before += where_positive(Eight::at(is_before), term * term);
-        found.beyond += where_positive(Eight::at(is_beyond), of.z[j] * term);
-        found.slope_beyond += where_positive(Eight::at(is_beyond), term * term);
+        found.before += where_positive(UsualEight::at(is_before), of.z[j] * term);
+        found.slope_before += where_positive(UsualEight::at(is_before), term * term);
+        found.beyond += where_positive(UsualEight::at(is_beyond), of.z[j] * term);
+        found.slope_beyond += where_positive(UsualEight::at(is_beyond), term * term);
     }
     for (; j < of.count; ++j) {
-        const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
+        const UsualEight term = of.z[j] / ((of.d[j] - origins) - offsets);
         found.beyond += of.z[j] * term;
         found.slope_beyond += term * term;
     }
@@ -133,7 +133,7 @@ struct Search {
     }
 };
 
-template <int bytes> PDEANIM_INLINE void find_eight(const Equation &of, i64 first, i64 *origins, double *offsets) {
+void find_eight(const Equation &of, i64 first, i64 *origins, double *offsets) {
     const int own = static_cast<int>(least<i64>(abreast, of.count - first));
     Search searches[abreast];
     double at[abreast] = {}, from[abreast] = {};
@@ -143,7 +143,7 @@ template <int bytes> PDEANIM_INLINE void find_eight(const Equation &of, i64 firs
         at[k] = i + 1 < of.count ? (of.d[i + 1] - of.d[i]) / 2.0 : 1.0;
     }
     for (int k = own; k < abreast; ++k) at[k] = 1.0;
-    const Sums<bytes> between = sums_at<bytes>(of, first, from, at);
+    const Sums between = sums_at(of, first, from, at);
     for (int k = 0; k < own; ++k) {
         searches[k].begin(of, first + k, 1.0 / of.weight + between.before[k] + between.beyond[k]);
     }
@@ -153,7 +153,7 @@ template <int bytes> PDEANIM_INLINE void find_eight(const Equation &of, i64 firs
             from[k] = of.d[searches[k].origin];
             at[k] = searches[k].offset;
         }
-        const Sums<bytes> sums = sums_at<bytes>(of, first, from, at);
+        const Sums sums = sums_at(of, first, from, at);
         is_done = true;
         for (int k = 0; k < own; ++k) {
             if (searches[k].found) continue;
@@ -168,13 +168,11 @@ template <int bytes> PDEANIM_INLINE void find_eight(const Equation &of, i64 firs
 }
 
 // total_j *= (origin + offset - d_j) / (pole - d_j), for j from `first` to `end`.
-template <int bytes> PDEANIM_INLINE void multiply_ratios(double *total, const double *d, i64 first, i64 end,
-                                                         double origin, double offset, double pole) {
-    using Eight = pdeanim::Eight<bytes>;
+void multiply_ratios(double *total, const double *d, i64 first, i64 end, double origin, double offset, double pole) {
     i64 j = first;
     for (; j + abreast <= end; j += abreast) {
-        const Eight at = Eight::at(d + j);
-        (Eight::at(total + j) * (((origin - at) + offset) / (pole - at))).put(total + j);
+        const UsualEight at = UsualEight::at(d + j);
+        (UsualEight::at(total + j) * (((origin - at) + offset) / (pole - at))).put(total + j);
     }
     for (; j < end; ++j) total[j] *= ((origin - d[j]) + offset) / (pole - d[j]);
 }
@@ -186,21 +184,16 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
       origins_(count_), offsets_(count_) {
     const Equation equation{d_.data(), z_.data(), weight_, count_};
     in_shares((count_ + abreast - 1) / abreast, threads, [&](i64 block, i64 end) {
-        in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
-            for (i64 own = block; own < end; ++own) {
-                find_eight<bytes>(equation, own * abreast, origins_.data() + own * abreast,
-                                  offsets_.data() + own * abreast);
-            }
-        });
-    });
-    // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), each factor next to one of about its size.
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
-        for (i64 i = 0; i + 1 < count_; ++i) {
-            const double origin = d_[origins_[i]], offset = offsets_[i];
-            multiply_ratios<bytes>(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);
-            multiply_ratios<bytes>(exact_z_.data(), d_.data(), i + 1, count_, origin, offset, d_[i]);
+        for (; block < end; ++block) {
+            find_eight(equation, block * abreast, origins_.data() + block * abreast, offsets_.data() + block * abreast);
         }
     });
+    // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), each factor next to one of about its size.
+    for (i64 i = 0; i + 1 < count_; ++i) {
+        const double origin = d_[origins_[i]], offset = offsets_[i];
+        multiply_ratios(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);
+        multiply_ratios(exact_z_.data(), d_.data(), i + 1, count_, origin, offset, d_[i]);
+    }
     for (i64 j = 0; j < count_; ++j) {
         const double square = exact_z_[j] * ((d_[origins_[count_ - 1]] - d_[j]) + offsets_[count_ - 1]) / weight_;
         exact_z_[j] = std::copysign(std::sqrt(std::abs(square)), z_[j]);
@@ -209,23 +202,20 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
 
 void Secular::vector(double *out, i64 i, const double *at, const double *weights) const {
     const double origin = d_[origins_[i]], offset = offsets_[i];
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
-        using Eight = pdeanim::Eight<bytes>;
-        Eight squares{};
-        i64 j = 0;
-        for (; j + abreast <= count_; j += abreast) {
-            const Eight found = Eight::at(weights + j) / ((Eight::at(at + j) - origin) - offset);
-            found.put(out + j);
-            squares += found * found;
-        }
-        double length = sum_of<bytes>(squares);
-        for (; j < count_; ++j) {
-            out[j] = weights[j] / ((at[j] - origin) - offset);
-            length += out[j] * out[j];
-        }
-        const double scale = 1.0 / std::sqrt(length);
-        for (j = 0; j < count_; ++j) out[j] *= scale;
-    });
+    UsualEight squares{};
+    i64 j = 0;
+    for (; j + abreast <= count_; j += abreast) {
+        const UsualEight found = UsualEight::at(weights + j) / ((UsualEight::at(at + j) - origin) - offset);
+        found.put(out + j);
+        squares += found * found;
+    }
+    double length = sum_of<usual_bytes>(squares);
+    for (; j < count_; ++j) {
+        out[j] = weights[j] / ((at[j] - origin) - offset);
+        length += out[j] * out[j];
+    }
+    const double scale = 1.0 / std::sqrt(length);
+    for (j = 0; j < count_; ++j) out[j] *= scale;
 }
 
 }  // namespace pdeanim

@@ -164,49 +164,18 @@ template <class Real> void add_product(Real *out, i64 out_stride, const Strided<
 template void add_product(float *, i64, const Strided<float> &, const float *, i64, const ProductSizes &);
 template void add_product(double *, i64, const Strided<double> &, const double *, i64, const ProductSizes &);
 
-namespace {
-
-// So many sums are kept in registers while all rows are added.
-template <int eights, int bytes> PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width,
-                                                               const double *const *rows, const double *multiples,
-                                                               i64 count) {
-    constexpr i64 numbers = eights * abreast;
-    for (; first + numbers <= width; first += numbers) {
-        Eight<bytes> sums[eights];
-        for (int j = 0; j < eights; ++j) sums[j] = Eight<bytes>::at(total + first + j * abreast);
-        for (i64 i = 0; i < count; ++i) {
-            for (int j = 0; j < eights; ++j) sums[j] += multiples[i] * Eight<bytes>::at(rows[i] + first + j * abreast);
-        }
-        for (int j = 0; j < eights; ++j) sums[j].put(total + first + j * abreast);
+void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count) {
+    for (i64 i = 0; i < count; ++i) {
+        for (i64 j = 0; j < width; ++j) total[j] += multiples[i] * rows[i][j];
     }
 }
 
-}  // namespace
-
-void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count) {
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
-        i64 first = 0;
-        add_tiles<4, bytes>(total, first, width, rows, multiples, count);
-        add_tiles<1, bytes>(total, first, width, rows, multiples, count);
-        for (; first < width; ++first) {
-            for (i64 i = 0; i < count; ++i) total[first] += multiples[i] * rows[i][first];
-        }
-    });
-}
-
-namespace {
-
-constexpr i64 block = 4096;  // numbers that are added up for themselves: rounding grows with their number
-
-}  // namespace
-
 double sum_of_products(const double *a, const double *b, i64 count) {
+    constexpr i64 block = 4096;  // numbers that are added up for themselves: rounding grows with their number
+    const i64 whole = count / abreast * abreast;
     double total = 0.0;
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
-        const i64 whole = count / abreast * abreast;
-        for (i64 i = 0; i < whole; i += block) total += dot<bytes>(a + i, b + i, least(block, whole - i));
-        for (i64 i = whole; i < count; ++i) total += a[i] * b[i];
-    });
+    for (i64 i = 0; i < whole; i += block) total += dot<usual_bytes>(a + i, b + i, least(block, whole - i));
+    for (i64 i = whole; i < count; ++i) total += a[i] * b[i];
     return total;
 }
 
@@ -297,7 +266,7 @@ namespace {
 
 // The number is 2^k m with m between the roots of 1/2 and 2, and log m = 2 (s + s^3 / 3 + s^5 / 5 + ...) with
 // s = (m - 1) / (m + 1), which is below 0.172.
-PDEANIM_INLINE double binary_logarithm(double value) {
+double binary_logarithm(double value) {
     constexpr u64 one = u64{0x3ff} << 52, root_of_half = 0x3fe6a09e667f3bcd, exponents = u64{0xfff} << 52;
     constexpr double whole = 4503599627370496.0;  // 2^52: in its last digits a number stands as it is
     const u64 bits = std::bit_cast<u64>(value), above = bits - root_of_half + one;
@@ -313,9 +282,7 @@ PDEANIM_INLINE double binary_logarithm(double value) {
 }  // namespace
 
 void binary_logarithms(double *out, const double *values, i64 count) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
-        for (i64 i = 0; i < count; ++i) out[i] = binary_logarithm(values[i]);
-    });
+    for (i64 i = 0; i < count; ++i) out[i] = binary_logarithm(values[i]);
 }
 
 }  // namespace pdeanim

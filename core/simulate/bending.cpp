@@ -50,10 +50,10 @@ PDEANIM_INLINE void solve_slots(Places places, BendingSlots slots, std::size_t c
 }
 
 void solve_damped(const Places &places, const BendingSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_slots<true>(places, slots, count, scaling); });
+    in_wide([&](auto) PDEANIM_INLINE_LAMBDA { solve_slots<true>(places, slots, count, scaling); });
 }
 void solve_undamped(const Places &places, const BendingSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_slots<false>(places, slots, count, scaling); });
+    in_wide([&](auto) PDEANIM_INLINE_LAMBDA { solve_slots<false>(places, slots, count, scaling); });
 }
 
 class Bending : public SlottedBatch {

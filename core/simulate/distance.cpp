@@ -89,11 +89,10 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
 }
 
 void solve_damped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<true, Slot<bytes>>(places, slots, count, scaling); });
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<true, Slot<bytes>>(places, slots, count, scaling); });
 }
 void solve_undamped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto bytes)
-                  PDEANIM_INLINE_LAMBDA { solve_pairs<false, Slot<bytes>>(places, slots, count, scaling); });
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<false, Slot<bytes>>(places, slots, count, scaling); });
 }
 
 class Distances : public SlottedBatch {
@@ -326,7 +325,7 @@ template <class Slot> PDEANIM_INLINE void substitute_forwards(const Places &plac
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links, std::size_t count,
                   const Scaling &scaling, Link *row) {
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         using Slot = xpbd::Slot<bytes>;
         for (std::size_t slot = 0; slot < count; ++slot) {
             const ChainSlot chain{slots.members + slot * (links + 1) * slot_size,
@@ -379,7 +378,7 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
 // What chains of both halves have of one half: first this, ...
 void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                     int half) {
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         using Slot = xpbd::Slot<bytes>;
         Link *row = divided.halves[half].rows.data();
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
@@ -397,7 +396,7 @@ void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &d
 // ... and when both halves have done that, this.
 void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                      int half) {
-    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         using Slot = xpbd::Slot<bytes>;
         auto &[first, second] = divided.halves;
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {

@@ -13,7 +13,7 @@ namespace {
 // Eq. 4, from the velocities that the last substep leaves: x^n - x^(n-1) over its length.
 void predict_again(Place *positions, Place *previous, const Point *accelerations, std::size_t count, double substep,
                    double keep) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
+    in_wide([&](auto) PDEANIM_INLINE_LAMBDA {
         for (std::size_t i = 0; i < count; ++i) {
             const double inverse_mass = previous[i].at[3];
             Register present = lanes_at<4>(positions[i].at);
