@@ -4,6 +4,9 @@
 // would cost. `bit` takes a bit and hands it back; when decoding, what it is given does not matter, and it hands back the
 // bit that the bytes hold. A mixed bit weighs several inputs in the logistic domain, with weights that learn as well
 // (Mahoney 2005, "Adaptive weighing of context models for lossless data compression").
+//
+// This folder has the coding tools that all sections share (3 of the specification). Begin here: numbers.hpp has models of
+// whole numbers and lists, text_model of texts and other bytes, tables what probabilities are looked up in.
 #pragma once
 
 #include <array>

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 
 #include "simulate/sheets.hpp"
 
@@ -39,6 +40,44 @@ struct alignas(64) StoredSlot {
         return *this;
     }
 };
+
+// Distance constraints, slot after slot.
+struct DistanceSlots {
+    const i32 *members;
+    const double *lengths;
+    double *multipliers;
+};
+
+template <class Slot> PDEANIM_INLINE Slot square_roots(const Slot &squares) {
+    return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return std::sqrt(squares[lane]); });
+}
+
+// Vectors of a slot's constraints, an axis after another.
+template <class Slot> struct Vectors {
+    Slot axes[3];
+};
+
+template <class Slot> PDEANIM_INLINE Slot dot(const Vectors<Slot> &u, const Vectors<Slot> &v) {
+    return u.axes[0] * v.axes[0] + u.axes[1] * v.axes[1] + u.axes[2] * v.axes[2];
+}
+
+// Of a vector in each lane.
+template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Register *each) {
+    return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][0]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][1]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][2]; })};
+}
+
+template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Place *places, const i32 *points) {
+    return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[0]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[1]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[2]; })};
+}
+
+// Inverse ones.
+template <class Slot> PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
+    return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
+}
 
 // How the multipliers of a constraint stand in its slot: each of all constraints side by side, or those of the axes side by
 // side, constraint after constraint, with room for a fourth.

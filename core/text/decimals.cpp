@@ -1,4 +1,4 @@
-#include "text/decimals.hpp"
+#include "text/obj.hpp"
 
 #include <algorithm>
 #include <array>

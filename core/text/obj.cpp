@@ -3,8 +3,6 @@
 #include <cstring>
 #include <limits>
 
-#include "text/decimals.hpp"
-
 namespace pdeanim::text {
 
 namespace {

@@ -1,6 +1,5 @@
 // OBJ text: reading, and writing rows of numbers.
 #include "bindings/python/bindings.hpp"
-#include "text/decimals.hpp"
 #include "text/obj.hpp"
 
 namespace pdeanim::bindings {

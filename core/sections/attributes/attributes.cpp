@@ -10,7 +10,6 @@
 #include "entropy/numbers.hpp"
 #include "entropy/text_model.hpp"
 #include "sections/attributes/plan.hpp"
-#include "sections/attributes/value_model.hpp"
 #include "sections/attributes/wedges.hpp"
 
 namespace pdeanim {

@@ -1,8 +1,12 @@
 // Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder has by then.
 //
 // Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
-// are: numbers that measure are predicted over the surface, numbers that count follow each other in steps. Rows that are
+// are: measured values (UVs, colours) are predicted over the surface, labels are coded as steps. Rows that are
 // numbered as they are first used cost nothing to number.
+//
+// This folder codes section ATTR (17 of the specification). Begin here: attributes.cpp has the stream, plan the head of an
+// attribute and the model of its values, wedges which values are equal around a point and what they are predicted from,
+// scales the quantised values of a channel, attribute_mesh what attributes are attached to.
 #pragma once
 
 #include <optional>

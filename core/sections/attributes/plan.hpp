@@ -1,11 +1,17 @@
-// How an attribute is coded: what stands before its values in the stream, and what the encoder makes of it.
+// How one attribute is coded: its head in the stream, the plan that the encoder makes, and the model of its values.
 #pragma once
 
+#include <vector>
+
+#include "entropy/range_coder.hpp"
 #include "sections/attributes/attribute_mesh.hpp"
 #include "sections/attributes/attributes.hpp"
 #include "sections/attributes/scales.hpp"
+#include "sections/attributes/wedges.hpp"
 
 namespace pdeanim {
+
+// How an attribute is coded: what stands before its values in the stream, and what the encoder makes of it.
 
 // Kinds of values: float32 and uint8 that measure, 1 to 4 a row; int32 and uint8 that count; numbers of the fans that a
 // vertex's corners fall into; and from `raw` on bytes of each ValueType.
@@ -33,5 +39,73 @@ struct AttributePlan {
 };
 
 AttributePlan plan_of(const AttributeView &attribute, const AttributeMesh &mesh, const AttributeSettings &settings);
+
+// The values of wedges: predicted, with the residual exact.
+//
+// Values of a channel have integer codes. Where they take few different values, these stand in a table and are coded by
+// their place in it; where a few of many are common (0 and 1, where a map is cut off), it is coded first whether a value is
+// one of those.
+
+// Codes of wedges in rows, and the tables that they refer to.
+struct Codes {
+    // Values that stand in a table, ascending; all that there are, if it is complete: then codes are places in it.
+    struct Table {
+        std::vector<i64> entries;
+        bool is_complete = false;
+    };
+
+    std::vector<i32> codes;
+    std::vector<Table> tables;  // of each channel
+
+    // Codes that are no places.
+    std::vector<i32> full() const;
+};
+
+class ValueModel {
+public:
+    ValueModel();
+
+    // Code the values of all wedges, read when encoding and written when decoding; CorruptError where one is out of range.
+    template <Mode mode> void code(RangeCoder<mode> &coder, WedgeField &field, Codes &codes);
+
+private:
+    // What a residual is expected to be.
+    struct Outlook {
+        int channel;
+        int expected;  // length of the neighbours' residuals
+        int before;    // length of the residual in the channel before, plus 1; 0 in the first
+        int spread;    // length of the difference of the two best predictions, plus 1; 0 if there is but one
+        int lean;      // which way the second best is off: 0 below, 1 neither, 2 above
+        int best;      // the way of prediction, plus 1; 0 for none
+        int count;     // how many of its kind there are
+    };
+
+    template <Mode mode>
+    i64 code_residual(RangeCoder<mode> &coder, bool is_place, const Outlook &outlook, i64 residual);
+
+    template <Mode mode> i64 code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
+                                         int distance, const Outlook &outlook, i64 code);
+
+    enum Step { first, up, down, steps };  // decisions on the length: the first one, and those up and down from there
+
+    static constexpr int longest = 32;         // binary digits of the largest residual
+    static constexpr int sizes = longest + 3;  // lengths that are told apart
+    static constexpr int predictions = 4 * (WedgeField::ways + 1);
+    static constexpr int rows = (longest + 1) * steps;
+
+    std::vector<BitModel> by_channel_, by_prediction_, by_spread_;  // inputs of a decision on a length
+    std::array<std::array<BitModel, 4>, longest + 1> digits_;
+    std::array<BitModel, 3 * 4 * (WedgeField::ways + 1)> signs_;
+    // Inputs of the decision whether a value is in the table; which one it is then.
+    std::array<BitModel, 16 * 16> common_near_;
+    std::array<BitModel, predictions * sizes> common_by_prediction_;
+    std::array<BitModel, 16 * most_channels * sizes> common_expected_;
+    std::array<BitModel, 4 * sizes> which_;
+    std::array<BitModel, most_channels> alike_;  // whether a channel equals the one before
+    // Of lengths of residuals of values and of places in a table, by the step and the way; of whether a value is common.
+    std::array<std::array<std::array<Weights<3>, WedgeField::ways + 1>, steps>, 2> length_weights_;
+    Weights<3> common_weights_;
+    int history_ = 0;  // of the last 4 values, which were common
+};
 
 }  // namespace pdeanim

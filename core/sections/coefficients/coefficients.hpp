@@ -4,6 +4,9 @@
 // three times as many where each axis has its own. Functions of time stand by falling importance and so do those of
 // space within a subband, so that what is not zero gathers in a corner. Rows are coded subband by subband: the whole's
 // affine functions, the wavelets of each node of the partition tree, the other functions of each element.
+//
+// This folder codes section COEF (14 of the specification). Begin here: coefficients.cpp walks the rows and knows their
+// neighbours, coefficient_model.hpp codes what it finds there.
 #pragma once
 
 #include <memory>

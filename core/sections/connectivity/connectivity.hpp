@@ -3,6 +3,9 @@
 // The faces of an object are coded in one of two ways, whichever costs less: as a surface, grown across its sides, with
 // the order of its faces and vertices apart; or as polygons in their order, which is better where a program numbered them
 // row by row. Lines are polygons. What the coder learns from one object helps it with the next.
+//
+// This folder codes sections CONN and ORDR (5 and 6 of the specification). Begin here: connectivity.cpp chooses for each
+// object and codes polygons, surface grows a surface, order restores the numbering that the source had.
 #pragma once
 
 #include <span>

@@ -1,4 +1,4 @@
-// The coded stream of section SEQN: times that no rule gives, and the names of objects.
+// The coded stream of section SEQN (4 of the specification): times that no rule gives, and the names of objects.
 #pragma once
 
 #include <span>

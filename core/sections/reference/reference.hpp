@@ -3,6 +3,9 @@
 // Vertices that lie on the same point may be welded for the purpose: seams and soups of polygons then have a surface to
 // predict across. Residuals may be matched with earlier ones: regular shapes repeat themselves. The encoder takes what is
 // smallest.
+//
+// This folder codes section REST (7 of the specification). Begin here: reference.cpp has the kinds and the welds, predictor
+// what is expected of a vertex and the weights of that, point_model.hpp the context models of residuals.
 #pragma once
 
 #include <span>

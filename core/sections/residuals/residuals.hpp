@@ -4,6 +4,9 @@
 // counts on both. A residual is three whole numbers of steps; where even that misses the bound, the vertex is kept raw,
 // as the three float32 numbers of the input. The chunk of a group of frames is one stream of the range coder: how many
 // residuals and raw vertices there are, whether residuals are predicted, the residuals, the raw vertices.
+//
+// This folder codes section CORR (15 and 16.4 of the specification). Begin here: residuals.cpp has the stream and adds
+// residuals to positions, residual_model says which vertices have one and how its three numbers are coded.
 #pragma once
 
 #include <array>

@@ -2,6 +2,9 @@
 //
 // How many functions there are, and of what kind, is in the file (`SpaceLayout`). The values of the functions are
 // floating-point numbers, and may be computed in any way: see `SpaceForm::threshold`.
+//
+// This folder makes the functions of space (9, 10 and 11 of the specification). Begin here; then space_layout counts the
+// functions, elements makes those of patches and pieces of curves (series: Eqs. 14 and 16), and partition_tree joins them.
 #pragma once
 
 #include <atomic>

@@ -4,6 +4,9 @@
 // is predicted from frame to frame. Motion that swings or repeats itself is a sum of cosines. Motion between keyframes
 // is a row of straight lines: changes of speed, nearly all of them zero. Each way whole numbers are left, small for the
 // most part, which are coded alike.
+//
+// This folder codes section TIME (13 of the specification). Begin here: time_functions.cpp has the stream and its context
+// models, prediction.cpp and time_methods.cpp the three methods, closed_form the functions of Eq. 12, which no stream holds.
 #pragma once
 
 #include <span>
