@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 
-#include "decode/crc32.hpp"
 #include "decode/fields.hpp"
 
 namespace pdeanim {
@@ -18,9 +17,6 @@ constexpr int length_at = 4;       // bit of a row's flags at which the bytes of
 constexpr std::size_t most_length_bytes = 8;
 constexpr u8 required = 1;                   // flag: a decoder that does not know the section refuses the file
 constexpr std::size_t piece_size = 1 << 20;  // bytes that are checked at a time
-
-constexpr std::array<std::string_view, 13> known = {"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP",
-                                                    "TIME", "COEF", "CORR", "ATTR", "RUNS", "RDAT"};
 
 // The type of a section as text: bytes that are not ASCII as \xNN.
 std::string readable(std::span<const u8> bytes) {
@@ -40,7 +36,8 @@ std::string readable(std::span<const u8> bytes) {
 
 void Container::check_known() const {
     for (const SectionEntry &entry : entries_) {
-        if (entry.is_required && std::find(known.begin(), known.end(), entry.type) == known.end()) {
+        const auto is_known = [&](const SectionType &type) { return type.in_file && type.name == entry.type; };
+        if (entry.is_required && std::none_of(section_types.begin(), section_types.end(), is_known)) {
             throw CorruptError("needs section " + entry.type + ", which this decoder does not know; update pdecodec",
                                static_cast<i64>(entry.offset));
         }

@@ -1,14 +1,100 @@
 // The container: identifier, header, table of sections, sections (the specification's sections 1 to 3).
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "decode/source.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
+
+// Where the bytes of a file come from: memory, or whatever a caller's function reads them from.
+class Source {
+public:
+    virtual ~Source() = default;
+
+    u64 size() const { return size_; }
+
+    // Bytes of the file, as many as there are from `offset` on, at most those of `into`; returns how many.
+    virtual std::size_t read(u64 offset, std::span<u8> into) = 0;
+
+protected:
+    explicit Source(u64 size) : size_(size) {}
+
+private:
+    u64 size_;
+};
+
+// A whole file in memory, which must outlive the source.
+class MemorySource : public Source {
+public:
+    explicit MemorySource(std::span<const u8> data) : Source(data.size()), data_(data) {}
+
+    std::size_t read(u64 offset, std::span<u8> into) override {
+        const u64 first = std::min<u64>(offset, data_.size());
+        const std::size_t count = std::min(into.size(), data_.size() - static_cast<std::size_t>(first));
+        std::copy_n(data_.data() + first, count, into.data());
+        return count;
+    }
+
+private:
+    std::span<const u8> data_;
+};
+
+// A file that a function reads from: (offset, into) to the number of bytes, which falls short at the end alone. Groups are
+// decoded beside each other, and a file has one place that is read next: the function is called by one thread at a time.
+class CallbackSource : public Source {
+public:
+    using Read = std::function<std::size_t(u64 offset, std::span<u8> into)>;
+
+    CallbackSource(u64 size, Read read) : Source(size), read_(std::move(read)) {}
+
+    std::size_t read(u64 offset, std::span<u8> into) override {
+        const std::lock_guard guard(lock_);
+        return read_(offset, into);
+    }
+
+private:
+    Read read_;
+    std::mutex lock_;
+};
+
+// The sections of this version: those that a file has itself, those that each of several runs has, in the order in which
+// runs list and store them, and those that are chunks of groups, which have checksums of their own.
+struct SectionType {
+    std::string_view name;
+    bool in_file, in_runs, in_groups;
+};
+
+inline constexpr std::array<SectionType, 14> section_types = {{{"META", true, false, false},
+                                                               {"SEQN", true, false, false},
+                                                               {"NAME", false, true, false},
+                                                               {"CONN", true, true, false},
+                                                               {"ORDR", true, true, false},
+                                                               {"REST", true, true, false},
+                                                               {"MODL", true, true, false},
+                                                               {"GRUP", true, true, false},
+                                                               {"TIME", true, true, true},
+                                                               {"COEF", true, true, true},
+                                                               {"CORR", true, true, true},
+                                                               {"ATTR", true, true, false},
+                                                               {"RUNS", true, false, false},
+                                                               {"RDAT", true, false, false}}};
+
+// The so many of them of one sort.
+template <std::size_t count> consteval std::array<SectionType, count> sections_where(bool SectionType::*is_so) {
+    std::array<SectionType, count> found{};
+    std::copy_if(section_types.begin(), section_types.end(), found.begin(),
+                 [is_so](const SectionType &type) { return type.*is_so; });
+    return found;
+}
 
 // Where a section is. What has no checksum here has one for each of its pieces.
 struct SectionPlace {

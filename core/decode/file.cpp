@@ -14,12 +14,9 @@ constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
 constexpr std::string_view table = "RUNS", data = "RDAT";
 
-// Sections of a run, in the order in which they are listed and stored. Those of groups have their own checksums.
-constexpr std::array<std::string_view, Run::section_count> of_run = {"NAME", "CONN", "ORDR", "REST", "MODL",
-                                                                     "GRUP", "TIME", "COEF", "CORR", "ATTR"};
+constexpr std::array<SectionType, Run::section_count> of_run =
+    sections_where<Run::section_count>(&SectionType::in_runs);
 constexpr std::size_t names_at = 0;
-
-bool is_of_groups(std::string_view type) { return type == "TIME" || type == "COEF" || type == "CORR"; }
 
 }  // namespace
 
@@ -36,15 +33,15 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
         throw CorruptError("section SEQN declares " + std::to_string(sequence_.run_frames.size()) +
                            " runs of frames, and there is no section RUNS");
     }
-    for (const std::string_view type : {data, of_run[names_at]}) {
+    for (const std::string_view type : {data, of_run[names_at].name}) {
         if (container_.find(type)) throw CorruptError("has section " + std::string(type) + ", and no section RUNS");
     }
     runs_.push_back({.first = 0, .frames = frames()});
 }
 
 void File::read_runs() {
-    for (const std::string_view type : of_run) {
-        if (const SectionEntry *found = container_.find(type)) {
+    for (const SectionType &type : of_run) {
+        if (const SectionEntry *found = container_.find(type.name)) {
             throw CorruptError("has section " + found->type + " beside section RUNS", static_cast<i64>(found->offset));
         }
     }
@@ -74,7 +71,7 @@ void File::read_runs() {
             if (place.length > left) {
                 throw CorruptError("section RDAT ends before its run " + std::to_string(runs_.size()) + " does");
             }
-            if (place.length > 0 && !is_of_groups(of_run[k])) place.checksum = fields.integer<u32>();
+            if (place.length > 0 && !of_run[k].in_groups) place.checksum = fields.integer<u32>();
             at += place.length;
             left -= place.length;
         }
@@ -101,7 +98,7 @@ Container File::container_of(std::size_t run) const {
     if (!container_.find(table)) return container_;
     std::vector<SectionEntry> entries;
     for (std::size_t k = 0; k < of_run.size(); ++k) {
-        entries.push_back({runs_[run].places[k], std::string(of_run[k]), true});
+        entries.push_back({runs_[run].places[k], std::string(of_run[k].name), true});
     }
     return Container(*source_, std::move(entries));
 }
@@ -116,7 +113,7 @@ SequenceDescription File::sequence_of(std::size_t run) const {
         jumps.push_back(*jump - first);
     }
     return SequenceDescription::of_run({begin, begin + runs_[run].frames}, std::move(jumps), sequence_.fps,
-                                       container_of(run).read(of_run[names_at]));
+                                       container_of(run).read(of_run[names_at].name));
 }
 
 }  // namespace pdeanim

@@ -10,7 +10,7 @@
 
 #include "base/errors.hpp"
 #include "decode/container.hpp"
-#include "decode/sequence.hpp"
+#include "decode/headers.hpp"
 
 namespace pdeanim {
 

@@ -12,8 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "decode/group_coefficients.hpp"
-#include "decode/group_table.hpp"
+#include "decode/decoded_group.hpp"
 
 namespace pdeanim {
 

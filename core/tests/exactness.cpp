@@ -58,17 +58,17 @@ void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
 
 // Row after row: that of a function of space.
 void write_coefficients(Animation &animation, Output &out) {
-    for (std::size_t k = 0; k < animation.table().groups().size(); ++k) {
+    for (std::size_t k = 0; k < animation.sections().table().groups().size(); ++k) {
         std::vector<i64> steps;
-        const double step = animation.table().groups()[k].step;
-        for (const double value : animation.coefficients(k)) steps.push_back(std::llround(value / step));
+        const double step = animation.sections().table().groups()[k].step;
+        for (const double value : animation.fields().coefficients(k)) steps.push_back(std::llround(value / step));
         out.write(steps);
     }
 }
 
 void write_rest(Animation &animation, Output &out) {
-    for (const std::string &name : animation.names()) out.list(name);
-    for (const std::vector<Attribute> &own : animation.attributes()) {
+    for (const std::string &name : animation.sections().names()) out.list(name);
+    for (const std::vector<Attribute> &own : animation.sections().attributes()) {
         for (const Attribute &attribute : own) {
             out.list(attribute.name);
             out.list(attribute.values);
@@ -76,18 +76,19 @@ void write_rest(Animation &animation, Output &out) {
             for (const std::string &label : attribute.labels) out.list(label);
         }
     }
-    out.list(animation.times());
+    out.list(animation.sections().times());
 }
 
 // Adds positions of a run, and widens the margin to what they may be off by: see 19 of the specification.
 void add_points(Animation &animation, double &margin, std::vector<float> &points) {
-    for (const Group &group : animation.table().groups()) {
-        margin = std::max(margin, animation.model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
+    for (const Group &group : animation.sections().table().groups()) {
+        margin = std::max(margin, animation.sections().model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
     }
-    std::vector<double> times = animation.times();
-    for (i64 frame = 1; frame < animation.frames(); ++frame) times.push_back((times[frame - 1] + times[frame]) / 2);
-    std::vector<float> own(times.size() * 3 * animation.vertices());
-    animation.evaluate(Quantity::positions, times, std::nullopt, own);
+    std::vector<double> times = animation.sections().times();
+    for (i64 frame = 1; frame < animation.sections().frames(); ++frame)
+        times.push_back((times[frame - 1] + times[frame]) / 2);
+    std::vector<float> own(times.size() * 3 * animation.sections().vertices());
+    animation.evaluator().evaluate(Quantity::positions, times, std::nullopt, own);
     points.insert(points.end(), own.begin(), own.end());
 }
 
@@ -113,8 +114,8 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
         for (std::size_t run = 0; run < file->runs().size(); ++run) {
             Animation animation(file, run, options);
             animation.verify();
-            write_polygons(animation.connectivity(), polygons);
-            reference.write(animation.reference().grid);
+            write_polygons(animation.sections().connectivity(), polygons);
+            reference.write(animation.sections().reference().grid);
             write_coefficients(animation, coefficients);
             write_rest(animation, rest);
             add_points(animation, margin, points);

@@ -95,7 +95,7 @@ void check_output(const pdeanim_animation &animation, u64 limit) {
     const std::vector<Run> &runs = animation.file->runs();
     u64 found = 0;  // fewer than 2^31 vertices, at frames whose times are in memory, far fewer than 2^33: no overflow
     for (const Run &run : runs) {
-        const i64 vertices = animation.animation ? animation.animation->vertices() : run.vertices;
+        const i64 vertices = animation.animation ? animation.animation->sections().vertices() : run.vertices;
         found += static_cast<u64>(run.frames) * static_cast<u64>(vertices);
     }
     if (limit > 0 && found > limit / bytes_per_position) {
@@ -141,7 +141,7 @@ Quantity quantity_of(pdeanim_quantity quantity) {
 }
 
 const std::vector<SectionEntry> &sections_of(const pdeanim_animation &handle) {
-    return handle.animation ? handle.animation->container().entries() : handle.file->container().entries();
+    return handle.animation ? handle.animation->sections().container().entries() : handle.file->container().entries();
 }
 
 }  // namespace
@@ -190,24 +190,24 @@ void pdeanim_close(pdeanim_animation *animation) { delete animation; }
 void pdeanim_cancel(pdeanim_animation *animation) { ++*animation->options.cancels; }
 
 int64_t pdeanim_frame_count(const pdeanim_animation *animation) {
-    return animation->animation ? animation->animation->frames() : animation->file->frames();
+    return animation->animation ? animation->animation->sections().frames() : animation->file->frames();
 }
 
 int64_t pdeanim_vertex_count(const pdeanim_animation *animation) {
-    if (animation->animation) return animation->animation->vertices();
+    if (animation->animation) return animation->animation->sections().vertices();
     i64 found = 0;
     for (const Run &run : animation->file->runs()) found = std::max(found, run.vertices);
     return found;
 }
 
 int64_t pdeanim_object_count(const pdeanim_animation *animation) {
-    return animation->animation ? animation->animation->objects() : 0;
+    return animation->animation ? animation->animation->sections().objects() : 0;
 }
 
 double pdeanim_frame_rate(const pdeanim_animation *animation) { return animation->file->sequence().fps; }
 
 const double *pdeanim_times(const pdeanim_animation *animation) {
-    return (animation->animation ? animation->animation->times() : animation->file->sequence().times).data();
+    return (animation->animation ? animation->animation->sections().times() : animation->file->sequence().times).data();
 }
 
 int64_t pdeanim_run_count(const pdeanim_animation *animation) {
@@ -228,7 +228,7 @@ int64_t pdeanim_first_frame_of_run(const pdeanim_animation *animation, int64_t r
 pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size, pdeanim_error *error) {
     return guarded(error, [&] {
         if (animation->animation) {
-            const std::vector<u8> &remarks = animation->animation->remarks();
+            const std::vector<u8> &remarks = animation->animation->sections().remarks();
             *data = remarks.data();
             *size = remarks.size();
             return;
@@ -244,10 +244,10 @@ pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdea
                                   pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->only();
-        check_index(index, animation.objects(), "object");
-        const Connectivity &part = animation.connectivity()[index];
-        object->name = animation.names()[index].c_str();
-        object->first_vertex = animation.first_vertex(index);
+        check_index(index, animation.sections().objects(), "object");
+        const Connectivity &part = animation.sections().connectivity()[index];
+        object->name = animation.sections().names()[index].c_str();
+        object->first_vertex = animation.sections().first_vertex(index);
         object->vertex_count = part.vertices;
         object->face_count = static_cast<int64_t>(part.face_sizes.size());
         object->corner_count = static_cast<int64_t>(part.face_indices.size());
@@ -263,8 +263,8 @@ pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdea
 pdeanim_status pdeanim_attribute_count(pdeanim_animation *handle, int64_t object, int64_t *count,
                                        pdeanim_error *error) {
     return guarded(error, [&] {
-        check_index(object, handle->only().objects(), "object");
-        *count = static_cast<int64_t>(handle->only().attributes()[object].size());
+        check_index(object, handle->only().sections().objects(), "object");
+        *count = static_cast<int64_t>(handle->only().sections().attributes()[object].size());
     });
 }
 
@@ -272,8 +272,8 @@ pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, 
                                      pdeanim_attribute *attribute, pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->only();
-        check_index(object, animation.objects(), "object");
-        const std::vector<std::vector<Attribute>> &all = animation.attributes();
+        check_index(object, animation.sections().objects(), "object");
+        const std::vector<std::vector<Attribute>> &all = animation.sections().attributes();
         check_index(index, static_cast<i64>(all[object].size()), "attribute");
         const auto lock = animation.locked();
         if (handle->labels.empty()) {
@@ -305,27 +305,29 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
     return guarded(error, [&] {
         Animation &animation = handle->only();
         const Quantity wanted = quantity_of(quantity);
-        if (object != PDEANIM_ALL_OBJECTS) check_index(object, animation.objects(), "object");
+        if (object != PDEANIM_ALL_OBJECTS) check_index(object, animation.sections().objects(), "object");
         const std::optional<i64> which = object == PDEANIM_ALL_OBJECTS ? std::nullopt : std::optional<i64>(object);
         const i64 vertices =
-            which ? animation.first_vertex(object + 1) - animation.first_vertex(object) : animation.vertices();
+            which ? animation.sections().first_vertex(object + 1) - animation.sections().first_vertex(object)
+                  : animation.sections().vertices();
         if (count > 0 && (!times || (!out && vertices > 0))) throw ArgumentError("times and out must not be NULL");
         // A negative count, turned into one without a sign, is more than there is memory for.
         if (count > PTRDIFF_MAX / (3 * sizeof(float)) / static_cast<std::size_t>(std::max<i64>(vertices, 1)))
             throw ArgumentError("there cannot be so many times");
-        animation.evaluate(wanted, {times, count}, which, {out, count * 3 * static_cast<std::size_t>(vertices)});
+        animation.evaluator().evaluate(wanted, {times, count}, which,
+                                       {out, count * 3 * static_cast<std::size_t>(vertices)});
     });
 }
 
 int64_t pdeanim_group_count(const pdeanim_animation *animation) {
-    return animation->animation ? static_cast<int64_t>(animation->animation->table().groups().size()) : 0;
+    return animation->animation ? static_cast<int64_t>(animation->animation->sections().table().groups().size()) : 0;
 }
 
 pdeanim_status pdeanim_get_group(pdeanim_animation *handle, int64_t index, pdeanim_group *group, pdeanim_error *error) {
     return guarded(error, [&] {
         handle->only();
         check_index(index, pdeanim_group_count(handle), "group");
-        const Group &found = handle->only().table().groups()[static_cast<std::size_t>(index)];
+        const Group &found = handle->only().sections().table().groups()[static_cast<std::size_t>(index)];
         group->first_frame = found.first;
         group->frame_count = found.frames;
         group->function_count = found.functions;
@@ -335,7 +337,7 @@ pdeanim_status pdeanim_get_group(pdeanim_animation *handle, int64_t index, pdean
 
 pdeanim_status pdeanim_reference(pdeanim_animation *handle, float *out, pdeanim_error *error) {
     return guarded(error, [&] {
-        const std::vector<double> &points = handle->only().reference().points;
+        const std::vector<double> &points = handle->only().sections().reference().points;
         std::transform(points.begin(), points.end(), out, [](double number) { return static_cast<float>(number); });
     });
 }
@@ -343,7 +345,7 @@ pdeanim_status pdeanim_reference(pdeanim_animation *handle, float *out, pdeanim_
 pdeanim_status pdeanim_groups_at(pdeanim_animation *handle, pdeanim_quantity quantity, double time, int64_t *first,
                                  int64_t *count, pdeanim_error *error) {
     return guarded(error, [&] {
-        const auto [begin, end] = handle->only().groups_at(quantity_of(quantity), time);
+        const auto [begin, end] = handle->only().evaluator().groups_at(quantity_of(quantity), time);
         *first = static_cast<int64_t>(begin);
         *count = static_cast<int64_t>(end - begin);
     });
@@ -355,7 +357,7 @@ pdeanim_status pdeanim_weights(pdeanim_animation *handle, pdeanim_quantity quant
         handle->only();
         check_index(group, pdeanim_group_count(handle), "group");
         const std::vector<double> found =
-            handle->only().weights(quantity_of(quantity), time, static_cast<std::size_t>(group));
+            handle->only().evaluator().weights(quantity_of(quantity), time, static_cast<std::size_t>(group));
         std::copy(found.begin(), found.end(), out);
     });
 }
@@ -365,8 +367,8 @@ pdeanim_status pdeanim_fields(pdeanim_animation *handle, int64_t group, float *o
         Animation &animation = handle->only();
         check_index(group, pdeanim_group_count(handle), "group");
         const auto index = static_cast<std::size_t>(group);
-        const i64 channels = animation.table().groups()[index].channels();
-        animation.fields(index, {out, static_cast<std::size_t>(channels * animation.vertices())});
+        const i64 channels = animation.sections().table().groups()[index].channels();
+        animation.fields().fields(index, {out, static_cast<std::size_t>(channels * animation.sections().vertices())});
     });
 }
 
@@ -381,7 +383,8 @@ pdeanim_status pdeanim_corrections(pdeanim_animation *handle, int64_t group, con
             handle->corrections = {};
             handle->of_corrections = TakenMemory();
             TakenMemory taken;
-            const std::vector<Correction> found = animation.corrections(static_cast<std::size_t>(group), taken);
+            const std::vector<Correction> found =
+                animation.fields().corrections(static_cast<std::size_t>(group), taken);
             handle->of_corrections = taken.another();
             handle->of_corrections.take(sizeof(pdeanim_correction) * found.size(), "corrections of a group of frames");
             handle->corrections.reserve(found.size());
@@ -397,7 +400,7 @@ pdeanim_status pdeanim_corrections(pdeanim_animation *handle, int64_t group, con
 
 pdeanim_status pdeanim_elements(pdeanim_animation *handle, int32_t *out, pdeanim_error *error) {
     return guarded(error, [&] {
-        const std::vector<i32> found = handle->only().elements();
+        const std::vector<i32> found = handle->only().fields().elements();
         std::copy(found.begin(), found.end(), out);
     });
 }

@@ -40,7 +40,7 @@ public:
 
     // The file, and of it one run, where there is one or one was chosen. Both stay while somebody uses them.
     struct Opened {
-        const Container &container() const { return animation ? animation->container() : file->container(); }
+        const Container &container() const { return animation ? animation->sections().container() : file->container(); }
 
         std::shared_ptr<const File> file;
         std::shared_ptr<Animation> animation;
@@ -122,14 +122,14 @@ std::size_t check_run(PyAnimation &self, std::size_t run) {
 nb::list vertex_counts(PyAnimation &self) {
     const auto own = self.animation();
     nb::list found;
-    for (i64 object = 0; object < own->objects(); ++object) {
-        found.append(own->first_vertex(object + 1) - own->first_vertex(object));
+    for (i64 object = 0; object < own->sections().objects(); ++object) {
+        found.append(own->sections().first_vertex(object + 1) - own->sections().first_vertex(object));
     }
     return found;
 }
 
 nb::list connectivity(PyAnimation &self) {
-    const auto parts = self.with([](Animation &animation) { return animation.shared_connectivity(); });
+    const auto parts = self.with([](Animation &animation) { return animation.sections().shared_connectivity(); });
     const nb::capsule owner = owner_of(parts);
     return list_of(*parts, [&](const Connectivity &part) {
         return named("FacesAndLines", shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
@@ -155,7 +155,7 @@ nb::object to_values(const Attribute &attribute, const nb::capsule &owner) {
 }
 
 nb::list attributes(PyAnimation &self) {
-    const auto decoded = self.with([](Animation &animation) { return animation.shared_attributes(); });
+    const auto decoded = self.with([](Animation &animation) { return animation.sections().shared_attributes(); });
     const nb::capsule owner = owner_of(decoded);
     return list_of(*decoded, [&](const std::vector<Attribute> &of_object) {
         return list_of(of_object, [&](const Attribute &attribute) {
@@ -168,7 +168,7 @@ nb::list attributes(PyAnimation &self) {
 }
 
 nb::object reference(PyAnimation &self) {
-    const Reference found = self.with([](Animation &animation) { return animation.reference(); });
+    const Reference found = self.with([](Animation &animation) { return animation.sections().reference(); });
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
     return named("Reference", to_rows(std::move(grid), 3),
@@ -177,14 +177,14 @@ nb::object reference(PyAnimation &self) {
 
 nb::object model(PyAnimation &self) {
     const auto animation = self.animation();
-    const Model &own = animation->model();
+    const Model &own = animation->sections().model();
     const SpaceForm &form = own.form;
     return named("Model", static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
                  form.is_affine, own.residual_step, to_bytes(own.layout));
 }
 
 nb::list groups(PyAnimation &self) {
-    return list_of(self.animation()->table().groups(), [](const Group &group) {
+    return list_of(self.animation()->sections().table().groups(), [](const Group &group) {
         return named("Group", group.first, group.frames, group.functions, static_cast<int>(group.basis), group.step,
                      group.alpha);
     });
@@ -197,14 +197,14 @@ nb::list listed(const Container &container) {
 
 Group group_of(PyAnimation &self, std::size_t index) {
     const auto own = self.animation();
-    const std::vector<Group> &groups = own->table().groups();
+    const std::vector<Group> &groups = own->sections().table().groups();
     if (index >= groups.size()) throw nb::index_error("there is no such group");
     return groups[index];
 }
 
 nb::object coefficients(PyAnimation &self, std::size_t index) {
     const i64 channels = group_of(self, index).channels();
-    std::vector<double> found = self.with([&](Animation &animation) { return animation.coefficients(index); });
+    std::vector<double> found = self.with([&](Animation &animation) { return animation.fields().coefficients(index); });
     return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(channels, 1)));
 }
 
@@ -252,7 +252,7 @@ void check_section(PyAnimation &self, const std::string &type) {
 // Check the bytes of a group of frames.
 void check_group(PyAnimation &self, std::size_t index) {
     group_of(self, index);
-    self.with([&](const Animation &own) { return own.table().chunks(own.container(), index); });
+    self.with([&](const Animation &own) { return own.sections().table().chunks(own.sections().container(), index); });
 }
 
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
@@ -265,10 +265,10 @@ Quantity quantity_of(int number) {
 void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
               const Positions3 &out) {
     const Quantity wanted = quantity_of(quantity);
-    if (object && (*object < 0 || *object >= self.animation()->objects()))
+    if (object && (*object < 0 || *object >= self.animation()->sections().objects()))
         throw nb::index_error("there is no such object");
     self.with([&](Animation &animation) {
-        animation.evaluate(wanted, view(times), object, {out.data(), out.size()});
+        animation.evaluator().evaluate(wanted, view(times), object, {out.data(), out.size()});
         return 0;
     });
 }
@@ -276,17 +276,17 @@ void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::o
 nb::object weights(PyAnimation &self, int quantity, double time, std::size_t index) {
     const Group own = group_of(self, index);
     const Quantity wanted = quantity_of(quantity);
-    return to_rows(self.with([&](Animation &animation) { return animation.weights(wanted, time, index); }),
+    return to_rows(self.with([&](Animation &animation) { return animation.evaluator().weights(wanted, time, index); }),
                    static_cast<std::size_t>(own.functions));
 }
 
 nb::object fields(PyAnimation &self, std::size_t index) {
     const Group own = group_of(self, index);
-    const i64 vertices = self.animation()->vertices();
+    const i64 vertices = self.animation()->sections().vertices();
     auto *kept = new std::vector<float>(static_cast<std::size_t>(own.channels() * vertices));
     const nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<float> *>(pointer); });
     self.with([&](Animation &animation) {
-        animation.fields(index, *kept);
+        animation.fields().fields(index, *kept);
         return 0;
     });
     const std::size_t shape[] = {static_cast<std::size_t>(own.functions), static_cast<std::size_t>(vertices),
@@ -298,7 +298,7 @@ nb::object corrections(PyAnimation &self, std::size_t group) {
     group_of(self, group);
     const std::vector<Correction> found = self.with([&](Animation &own) {
         TakenMemory taken;
-        return own.corrections(group, taken);
+        return own.fields().corrections(group, taken);
     });
     std::vector<i64> frames;
     std::vector<i32> vertices;
@@ -331,13 +331,14 @@ void bind_animation(nb::module_ &module) {
         .def_prop_ro("times",
                      [](PyAnimation &self) {
                          const auto own = self.opened();
-                         const auto &times = own.animation ? own.animation->times() : own.file->sequence().times;
+                         const auto &times =
+                             own.animation ? own.animation->sections().times() : own.file->sequence().times;
                          return to_array(std::vector<double>(times));
                      })
         .def_prop_ro("jumps",
                      [](PyAnimation &self) {
                          const auto own = self.opened();
-                         return own.animation ? own.animation->jumps() : own.file->sequence().jumps;
+                         return own.animation ? own.animation->sections().jumps() : own.file->sequence().jumps;
                      })
         .def_prop_ro("fps", [](PyAnimation &self) { return self.opened().file->sequence().fps; })
         .def_prop_ro("runs", &runs)
@@ -355,7 +356,8 @@ void bind_animation(nb::module_ &module) {
         .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.opened().file->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
-        .def("names", [](PyAnimation &self) { return self.with([](Animation &own) { return own.names(); }); })
+        .def("names",
+             [](PyAnimation &self) { return self.with([](Animation &own) { return own.sections().names(); }); })
         .def("connectivity", &connectivity)
         .def("attributes", &attributes)
         .def("reference", &reference)
@@ -367,7 +369,8 @@ void bind_animation(nb::module_ &module) {
             "groups_at",
             [](PyAnimation &self, int quantity, double time) {
                 const Quantity wanted = quantity_of(quantity);
-                const auto [first, end] = self.with([&](Animation &own) { return own.groups_at(wanted, time); });
+                const auto [first, end] =
+                    self.with([&](Animation &own) { return own.evaluator().groups_at(wanted, time); });
                 return named("GroupRange", first, end);
             },
             nb::arg("quantity"), nb::arg("time"))

@@ -24,8 +24,8 @@
 #include <vector>
 
 #include "base/arithmetic.hpp"
+#include "decode/container.hpp"
 #include "decode/evaluate/motion.hpp"
-#include "decode/source.hpp"
 #include "sections/attributes/attributes.hpp"
 #include "sections/connectivity/connectivity.hpp"
 

@@ -156,13 +156,13 @@ def commands(library: Path, folder: Path) -> Iterator[list[str | Path]]:
         given = [*flags, *(f"-I{path}" for path in includes)]
         yield [*zig, compiler, *FLAGS, "-Oz", *given, "-c", library / name, "-o", out]
     includes = [CORE, CORE / "bindings" / "c" / "include"]
-    threads = CORE / "bindings" / "wasm" / "threads"
+    threads = CORE / "bindings" / "wasm" / "single_thread.hpp"
     for path in sources():
         if path.suffix != ".cpp":
             continue
         out = folder / f"{path.parent.name}-{path.stem}.o"
         level = "-Os" if path.relative_to(CORE).as_posix() in QUICK else "-Oz"
-        given = [*OWN_FLAGS, f"-I{threads}", *(f"-I{path}" for path in includes)]
+        given = [*OWN_FLAGS, "-include", threads, *(f"-I{path}" for path in includes)]
         yield [*zig, "c++", *FLAGS, level, *given, "-c", path, "-o", out]
 
 

@@ -4,7 +4,7 @@
 #include <type_traits>
 
 #include "base/lanes.hpp"
-#include "decode/evaluate/moved_elements.hpp"
+#include "decode/evaluate/descent.hpp"
 
 namespace pdeanim {
 

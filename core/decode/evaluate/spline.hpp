@@ -10,6 +10,7 @@
 // window, and any frame can be decoded without the whole clip.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -52,6 +53,32 @@ private:
     std::vector<Row> rows_;      // of the frames of a clip of 4 or more
     i64 half_ = 0;               // frames of a window on either side of a time
     i64 width_ = 0;
+};
+
+// Between frames of a clip that jumps: a spline through the frames of each stretch from jump to jump, a straight line
+// from stretch to stretch.
+// What frames from `first` on count.
+struct FrameShares {
+    i64 first = 0;
+    std::vector<double> values;
+
+    i64 end() const { return first + static_cast<i64>(values.size()); }
+};
+
+class BrokenSpline {
+public:
+    // times: of the frames [s], as of FrameSpline. jumps: first frames of stretches other than the first, increasing, each
+    // from 1 to the last frame.
+    BrokenSpline(std::vector<double> times, std::vector<i64> jumps);
+
+    // As FrameSpline::weights. The spline of the latest stretch is kept: times in order make each of them once.
+    FrameShares shares(double time, int derivative);
+
+private:
+    std::vector<double> times_;
+    std::vector<i64> starts_;  // of the stretches, and the number of frames
+    std::size_t stretch_ = 0;  // that the spline is of
+    std::optional<FrameSpline> spline_;
 };
 
 }  // namespace pdeanim

@@ -1,12 +1,11 @@
-// Positions and their derivatives, at any times.
+#include "decode/evaluator.hpp"
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <numeric>
 
 #include "base/parallel.hpp"
-#include "decode/animation.hpp"
-#include "decode/evaluate/motion.hpp"
 
 namespace pdeanim {
 
@@ -21,11 +20,19 @@ std::span<Position> as_positions(std::span<float> out) {
     return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
 }
 
+int derivative_of(Quantity quantity) { return static_cast<int>(quantity); }
+
+void check_time(double time) {
+    if (std::isnan(time)) throw ArgumentError("times must be numbers");
+}
+
 }  // namespace
 
-ResidualScale Animation::residual_scale() { return {space().elements().patches->order, model_.residual_step}; }
+ResidualScale Evaluator::residual_scale() {
+    return {run_.space().elements().patches->order, run_.model().residual_step};
+}
 
-template <class Real> const AnchoredReference<Real> &Animation::anchored() {
+template <class Real> const AnchoredReference<Real> &Evaluator::anchored() {
     auto &found = [&]() -> std::optional<AnchoredReference<Real>> & {
         if constexpr (std::is_same_v<Real, float>) {
             return anchored_single_;
@@ -33,58 +40,58 @@ template <class Real> const AnchoredReference<Real> &Animation::anchored() {
             return anchored_double_;
         }
     }();
-    if (!found) found.emplace(*space().elements().patches, reference().points);
+    if (!found) found.emplace(*run_.space().elements().patches, run_.reference().points);
     return *found;
 }
 
 // Work with a group's motion and the reference frame in its precision.
-template <class Work> void Animation::with_motion(const DecodedGroup &own, const Work &work) {
+template <class Work> void Evaluator::with_motion(const DecodedGroup &own, const Work &work) {
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
 // Into how many shares of the vertices, as a power of two, positions are divided that so much is read for.
-int Animation::levels_of(i64 bytes, i64 positions) const {
+int Evaluator::levels_of(i64 bytes, i64 positions) const {
     const bool is_worth_it = bytes + bytes_of_a_position * positions >= bytes_worth_a_thread;
-    return is_worth_it && threads_ > 1 ? part_levels : 0;
+    return is_worth_it && run_.threads() > 1 ? part_levels : 0;
 }
 
 // Call work(share) for shares of the vertices that cover each once, from several threads where so much is read that it is
 // worth it.
-template <class Work> void Animation::in_parts(i64 bytes, const Work &work) const {
-    const int levels = levels_of(bytes, vertices());
-    in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
+template <class Work> void Evaluator::in_parts(i64 bytes, const Work &work) const {
+    const int levels = levels_of(bytes, run_.vertices());
+    in_shares(i64{1} << levels, run_.threads(), [&](i64 first, i64 end) {
         for (i64 part = first; part < end; ++part) work(VertexShare{levels, part});
     });
 }
 
 // Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
 template <class Real, class Out>
-void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+void Evaluator::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                               const AnchoredReference<Real> *reference, Out out) const {
     in_parts(motion.bytes(),
              [&](const VertexShare &share) { pdeanim::evaluate(motion, weights, reference, out, share); });
 }
 
 // Positions at one frame, by the model alone.
-void Animation::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
+void Evaluator::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
     with_motion(own, [&](const auto &motion, const auto &anchored) {
         evaluate_once(motion, own.time_at(frame, 1), &anchored, out);
     });
 }
 
-FrameResiduals Animation::residuals_at(i64 frame) {
-    const DecodedGroup &own = group(table_->group_of(frame));
+FrameResiduals Evaluator::residuals_at(i64 frame) {
+    const DecodedGroup &own = groups_.group(run_.table().group_of(frame));
     FrameResiduals found{own.residuals, frame - own.group.first, {}};
     const std::vector<i64> &starts = own.residuals.raw_frame_starts;
     if (starts[found.inside] < starts[found.inside + 1]) {
-        found.base.resize(vertices());
+        found.base.resize(run_.vertices());
         evaluate_model(own, frame, {found.base[0].data(), 3 * found.base.size()});
     }
     return found;
 }
 
 // Frames of one group that are evaluated together, by one thread or by several that each take some of the vertices.
-struct Animation::Tile {
+struct Evaluator::Tile {
     Tile(const DecodedGroup &group, i64 begin, i64 frames) : group(group), begin(begin), frames(frames) {}
 
     i64 inside() const { return begin - group.group.first; }
@@ -95,12 +102,12 @@ struct Animation::Tile {
 };
 
 // Tiles of frames in a row, as far as their groups are kept together: of the first one at least.
-std::deque<Animation::Tile> Animation::tiles_of(i64 first, i64 count) {
+std::deque<Evaluator::Tile> Evaluator::tiles_of(i64 first, i64 count) {
     std::deque<Tile> tiles;
     for (i64 begin = first; begin < first + count;) {
-        const std::size_t index = table_->group_of(begin);
-        if (begin > first && !is_kept(index)) break;
-        const DecodedGroup &own = group(index);
+        const std::size_t index = run_.table().group_of(begin);
+        if (begin > first && !groups_.is_kept(index)) break;
+        const DecodedGroup &own = groups_.group(index);
         const i64 end = least(first + count, own.group.first + own.group.frames);
         for (; begin < end; begin += tiles.back().frames) {
             tiles.emplace_back(own, begin, least(frames_at_once, end - begin));
@@ -110,12 +117,12 @@ std::deque<Animation::Tile> Animation::tiles_of(i64 first, i64 count) {
 }
 
 // Positions of some vertices at a tile's frames; whoever is the last to be done with it adds its residuals.
-void Animation::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
+void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
     with_motion(tile.group, [&](const auto &motion, const auto &anchored) {
         pdeanim::evaluate(motion, tile.group.time_at(tile.begin, tile.frames), &anchored, out, share);
     });
     if (--tile.parts_left > 0) return;
-    const std::size_t size = 3 * vertices();
+    const std::size_t size = 3 * run_.vertices();
     for (i64 k = 0; k < tile.frames; ++k) {
         const std::span<Position> positions = as_positions(out.subspan(k * size, size));
         add_residuals(tile.group.residuals, tile.inside() + k, scale, 1.0, {}, positions);
@@ -123,49 +130,49 @@ void Animation::evaluate_part(Tile &tile, VertexShare share, const ResidualScale
 }
 
 // Positions at frames in a row, of groups that are kept together; how many frames these have of them, at least one.
-i64 Animation::evaluate_frames(i64 first, i64 count, std::span<float> out) {
+i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     std::deque<Tile> tiles = tiles_of(first, count);
     // Threads take tiles; those that would be one more for some of them are shared out by their vertices.
-    const std::size_t alike = tiles.size() - tiles.size() % threads_;
+    const std::size_t alike = tiles.size() - tiles.size() % run_.threads();
     std::vector<std::pair<Tile *, VertexShare>> parts;
     for (std::size_t k = 0; k < tiles.size(); ++k) {
         Tile &tile = tiles[k];
         int levels = 0;
         // The reference frame is made here, before several threads look at it.
         with_motion(tile.group, [&](const auto &motion, const auto &) {
-            if (k >= alike) levels = levels_of(motion.bytes(), tile.frames * vertices());
+            if (k >= alike) levels = levels_of(motion.bytes(), tile.frames * run_.vertices());
         });
         tile.parts_left = i64{1} << levels;
         for (i64 part = 0; part < tile.parts_left; ++part) parts.emplace_back(&tile, VertexShare{levels, part});
     }
     const ResidualScale scale = residual_scale();
-    const std::size_t size = 3 * vertices();
+    const std::size_t size = 3 * run_.vertices();
     const auto work = [&](i64 at, i64 end) {
         for (; at < end; ++at) {
-            check_cancelled();
+            turns_.check_cancelled();
             const auto [tile, share] = parts[at];
             evaluate_part(*tile, share, scale, out.subspan((tile->begin - first) * size, tile->frames * size));
         }
     };
     const i64 all = static_cast<i64>(parts.size());
-    in_shares(all, threads_, work, all);
+    in_shares(all, run_.threads(), work, all);
     return tiles.back().begin + tiles.back().frames - first;
 }
 
 // Groups whose functions count at a time inside the clip, by the closed form or by the spline: the first, and one behind the
 // last.
-std::pair<std::size_t, std::size_t> Animation::counting_groups(double time, int derivative) {
-    if (table_->groups()[0].basis == TimeBasis::closed_form) {
+std::pair<std::size_t, std::size_t> Evaluator::counting_groups(double time, int derivative) {
+    if (run_.table().groups()[0].basis == TimeBasis::closed_form) {
         const std::vector<GroupWeights> found = closed_form_weights(closed_forms(), time, derivative);
         return {found.front().group, found.back().group + 1};
     }
     const FrameShares shares = frame_shares(time, derivative);
-    return {table_->group_of(shares.first), table_->group_of(shares.end() - 1) + 1};
+    return {run_.table().group_of(shares.first), run_.table().group_of(shares.end() - 1) + 1};
 }
 
 // What functions of time of a group count at a time inside the clip: (time axes, functions); nothing where none counts.
-std::vector<double> Animation::weights_of_group(std::size_t index, double time, int derivative) {
-    const Group &own = table_->groups()[index];
+std::vector<double> Evaluator::weights_of_group(std::size_t index, double time, int derivative) {
+    const Group &own = run_.table().groups()[index];
     std::vector<double> weights;
     if (own.basis == TimeBasis::closed_form) {
         for (const GroupWeights &found : closed_form_weights(closed_forms(), time, derivative)) {
@@ -179,34 +186,34 @@ std::vector<double> Animation::weights_of_group(std::size_t index, double time, 
     for (i64 frame = low; frame < high; ++frame) {
         const double share = shares.values[frame - shares.first];
         if (share == 0.0) continue;
-        const std::span<const double> time = group(index).time_at(frame, 1);
+        const std::span<const double> time = groups_.group(index).time_at(frame, 1);
         weights.resize(time.size());
         for (std::size_t k = 0; k < time.size(); ++k) weights[k] += share * time[k];
     }
     return weights;
 }
 
-const std::vector<ClosedForm> &Animation::closed_forms() {
+const std::vector<ClosedForm> &Evaluator::closed_forms() {
     if (closed_forms_.empty()) {
-        closed_forms_.reserve(table_->groups().size());
-        for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
+        closed_forms_.reserve(run_.table().groups().size());
+        for (std::size_t k = 0; k < run_.table().groups().size(); ++k) closed_forms_.push_back(run_.closed_form(k));
     }
     return closed_forms_;
 }
 
 // What frames count at a time inside the clip, by the spline.
-FrameShares Animation::frame_shares(double time, int derivative) {
-    if (!spline_) spline_.emplace(times(), jumps());
+FrameShares Evaluator::frame_shares(double time, int derivative) {
+    if (!spline_) spline_.emplace(run_.times(), run_.jumps());
     return spline_->shares(time, derivative);
 }
 
 // Positions or a derivative of them as groups of one precision say together; as many at once as are kept.
 template <class Real>
-void Animation::evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out) {
+void Evaluator::evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out) {
     const AnchoredReference<Real> *reference = derivative == 0 ? &anchored<Real>() : nullptr;
     std::optional<AnchoredReference<Real>> moved;
     if (counting.size() > 1) {
-        moved = reference ? *reference : AnchoredReference<Real>(*space().elements().patches);
+        moved = reference ? *reference : AnchoredReference<Real>(*run_.space().elements().patches);
         reference = &*moved;
     }
     for (std::size_t next = 0; next < counting.size();) {
@@ -214,9 +221,9 @@ void Animation::evaluate_in(const CountingGroups &counting, int derivative, std:
         i64 bytes = 0;
         const std::size_t first = next;
         do {
-            motions.push_back(&std::get<Motion<Real>>(group(counting[next].first).motion));
+            motions.push_back(&std::get<Motion<Real>>(groups_.group(counting[next].first).motion));
             bytes += motions.back()->bytes();
-        } while (++next < counting.size() && is_kept(counting[next].first));
+        } while (++next < counting.size() && groups_.is_kept(counting[next].first));
         in_parts(bytes, [&](const VertexShare &share) {
             for (std::size_t k = first; k < next; ++k) {
                 const Motion<Real> &own = *motions[k - first];
@@ -232,14 +239,14 @@ void Animation::evaluate_in(const CountingGroups &counting, int derivative, std:
 }
 
 // Positions at a time inside the clip by the model alone, or a derivative of them.
-void Animation::evaluate_groups(double time, int derivative, std::span<float> out) {
+void Evaluator::evaluate_groups(double time, int derivative, std::span<float> out) {
     CountingGroups counting;
     const auto [first, end] = counting_groups(time, derivative);
     for (std::size_t index = first; index < end; ++index) {
         std::vector<double> weights = weights_of_group(index, time, derivative);
         if (!weights.empty()) counting.emplace_back(index, std::move(weights));
     }
-    const auto is_single = [&](const auto &own) { return table_->groups()[own.first].is_single; };
+    const auto is_single = [&](const auto &own) { return run_.table().groups()[own.first].is_single; };
     const auto singles = std::count_if(counting.begin(), counting.end(), is_single);
     if (singles == 0 && !counting.empty()) {
         evaluate_in<double>(counting, derivative, out);
@@ -251,23 +258,23 @@ void Animation::evaluate_groups(double time, int derivative, std::span<float> ou
     }
     // What groups of either precision say is added up before it is rounded. Nothing may count, too.
     std::vector<double> all(out.size()), part(out.size());
-    if (derivative == 0) all = reference().points;
+    if (derivative == 0) all = run_.reference().points;
     for (const auto &counted : counting) {
         std::visit(
             [&]<class Real>(const Motion<Real> &motion) {
                 evaluate_once<Real>(motion, counted.second, nullptr, std::span<double>(part));
             },
-            group(counted.first).motion);
+            groups_.group(counted.first).motion);
         for (std::size_t i = 0; i < all.size(); ++i) all[i] += part[i];
     }
     std::transform(all.begin(), all.end(), out.begin(), [](double value) { return static_cast<float>(value); });
 }
 
 // Positions between two frames, whose residuals fade by a hat function.
-void Animation::evaluate_between(double time, std::span<float> out) {
+void Evaluator::evaluate_between(double time, std::span<float> out) {
     evaluate_groups(time, 0, out);
-    const i64 left = frame_at(time);
-    const double share = (time - times()[left]) / (times()[left + 1] - times()[left]);
+    const i64 left = run_.frame_at(time);
+    const double share = (time - run_.times()[left]) / (run_.times()[left + 1] - run_.times()[left]);
     const ResidualScale scale = residual_scale();
     for (const i64 frame : {left, left + 1}) {
         const FrameResiduals own = residuals_at(frame);
@@ -278,23 +285,23 @@ void Animation::evaluate_between(double time, std::span<float> out) {
 
 // Velocity or acceleration at a time inside the clip: residuals change at constant speed from one frame to the next; at a
 // frame the speed to the next one counts.
-void Animation::evaluate_derivative(int derivative, double time, std::span<float> out) {
-    if (frames() == 1) {
+void Evaluator::evaluate_derivative(int derivative, double time, std::span<float> out) {
+    if (run_.frames() == 1) {
         std::fill(out.begin(), out.end(), 0.0f);
         return;
     }
     evaluate_groups(time, derivative, out);
     if (derivative != 1) return;
-    const i64 after = least(frame_at(time) + 1, frames() - 1);
-    const double step = times()[after] - times()[after - 1];
+    const i64 after = least(run_.frame_at(time) + 1, run_.frames() - 1);
+    const double step = run_.times()[after] - run_.times()[after - 1];
     const ResidualScale scale = residual_scale();
     std::vector<std::array<double, 3>> added[2];
     for (int k = 0; k < 2; ++k) {
         const FrameResiduals own = residuals_at(after - 1 + k);
-        added[k].resize(vertices());
+        added[k].resize(run_.vertices());
         residual_displacements(own.group, own.inside, scale, own.base, added[k]);
     }
-    for (i64 v = 0; v < vertices(); ++v) {
+    for (i64 v = 0; v < run_.vertices(); ++v) {
         for (int axis = 0; axis < 3; ++axis) {
             float &speed = out[3 * v + axis];
             speed = static_cast<float>(speed + (added[1][v][axis] - added[0][v][axis]) / step);
@@ -302,18 +309,13 @@ void Animation::evaluate_derivative(int derivative, double time, std::span<float
     }
 }
 
-// The last frame that is not after a time inside the clip.
-i64 Animation::frame_at(double time) const {
-    return std::upper_bound(times().begin(), times().end(), time) - times().begin() - 1;
-}
-
 // All vertices, at increasing times.
-void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out) {
-    const std::size_t size = 3 * vertices();
-    const double first = times().front(), last = times().back();
+void Evaluator::evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out) {
+    const std::size_t size = 3 * run_.vertices();
+    const double first = run_.times().front(), last = run_.times().back();
     std::size_t row = 0;
     while (row < sorted.size()) {
-        check_cancelled();
+        turns_.check_cancelled();
         const std::span<float> here = out.subspan(row * size, size);
         const double time = clamp(sorted[row], first, last);
         if (quantity != Quantity::positions) {
@@ -325,29 +327,77 @@ void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, 
             ++row;
             continue;
         }
-        const i64 frame = frame_at(time);
-        if (times()[frame] != time) {
+        const i64 frame = run_.frame_at(time);
+        if (run_.times()[frame] != time) {
             evaluate_between(time, here);
             ++row;
             continue;
         }
-        if (!is_kept(table_->group_of(frame))) decode_ahead(sorted.subspan(row));
-        const i64 most_here = least(frames() - frame, static_cast<i64>(sorted.size() - row));
+        if (!groups_.is_kept(run_.table().group_of(frame))) groups_.decode_ahead(sorted.subspan(row));
+        const i64 most_here = least(run_.frames() - frame, static_cast<i64>(sorted.size() - row));
         i64 count = 1;
-        while (count < most_here && sorted[row + count] == times()[frame + count]) ++count;
+        while (count < most_here && sorted[row + count] == run_.times()[frame + count]) ++count;
         row += evaluate_frames(frame, count, out.subspan(row * size, count * size));
     }
 }
 
-void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object,
+// Whether a quantity is zero at a time, as before the first frame and after the last one a mesh stands still.
+bool Evaluator::is_outside(Quantity quantity, double time) const {
+    if (quantity == Quantity::positions) return false;
+    return run_.frames() == 1 || time < run_.times().front() || time > run_.times().back();
+}
+
+// The frame whose positions are asked for, if it is one's.
+std::optional<i64> Evaluator::frame_of_positions(Quantity quantity, double time) const {
+    const double inside = clamp(time, run_.times().front(), run_.times().back());
+    const i64 frame = run_.frame_at(inside);
+    if (quantity != Quantity::positions || run_.times()[frame] != inside) return std::nullopt;
+    return frame;
+}
+
+std::pair<std::size_t, std::size_t> Evaluator::groups_at(Quantity quantity, double time) {
+    check_time(time);
+    const auto guard = turns_.begin_call();
+    if (is_outside(quantity, time)) return {0, 0};
+    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
+        const std::size_t index = run_.table().group_of(*frame);
+        return {index, index + 1};
+    }
+    return counting_groups(time, derivative_of(quantity));
+}
+
+std::vector<double> Evaluator::weights(Quantity quantity, double time, std::size_t index) {
+    check_time(time);
+    const auto guard = turns_.begin_call();
+    const Group &own = run_.table().groups()[index];
+    std::vector<double> found;
+    if (is_outside(quantity, time)) {
+        found.resize(own.time_axes() * own.functions);
+        return found;
+    }
+    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
+        found.resize(own.time_axes() * own.functions);
+        if (run_.table().group_of(*frame) == index) {
+            const auto row = groups_.group(index).time.begin() + (*frame - own.first) * static_cast<i64>(found.size());
+            std::copy_n(row, found.size(), found.begin());
+        }
+        return found;
+    }
+    found = weights_of_group(index, time, derivative_of(quantity));
+    found.resize(own.time_axes() * own.functions);
+    return found;
+}
+
+void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object,
                          std::span<float> out) {
-    const i64 begin = object ? first_vertex(*object) : 0, end = object ? first_vertex(*object + 1) : vertices();
-    const std::size_t size = 3 * (end - begin), whole = 3 * vertices();
+    const i64 begin = object ? run_.first_vertex(*object) : 0,
+              end = object ? run_.first_vertex(*object + 1) : run_.vertices();
+    const std::size_t size = 3 * (end - begin), whole = 3 * run_.vertices();
     if (out.size() != asked.size() * size) throw ArgumentError("the array to write to has another size");
     for (const double time : asked) {
         if (std::isnan(time)) throw ArgumentError("times must be numbers");
     }
-    const auto guard = begin_call();
+    const auto guard = turns_.begin_call();
     std::vector<std::size_t> order(asked.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return asked[a] < asked[b]; });
@@ -357,7 +407,7 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
         return;
     }
     // As many times at once as fit in the memory that groups are kept in at first, and in a part of what is left.
-    const u64 room = least(static_cast<u64>(kept_at_first()), memory_.left() / 4);
+    const u64 room = least(static_cast<u64>(groups_.kept_at_first()), run_.memory().left() / 4);
     const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {

@@ -1,14 +1,51 @@
-// Section GRUP: the groups of frames, and where their chunks lie in TIME, COEF and CORR.
+// Small sections that are read when a file or a run is opened: SEQN, MODL, GRUP.
 #pragma once
 
 #include <array>
 #include <span>
+#include <string>
 #include <vector>
 
+#include "base/errors.hpp"
 #include "decode/container.hpp"
+#include "entropy/text_model.hpp"
+#include "sections/spatial/space_layout.hpp"
 
 namespace pdeanim {
 
+// Section SEQN: the times of the frames, where motion jumps, and what the names of objects are decoded from.
+struct SequenceDescription {
+    // Read the section. CorruptError where it is damaged, LimitError for more frames than there is room for.
+    static SequenceDescription of_bytes(std::span<const u8> data, i64 most_frames);
+
+    // Of one run of frames: its times, and the coded names of its objects.
+    static SequenceDescription of_run(std::vector<double> times, std::vector<i64> jumps, double fps,
+                                      std::vector<u8> names);
+
+    // Names of so many objects; CorruptError if there are more or fewer.
+    std::vector<std::string> names(i64 objects, const TakeMemory &take) const;
+
+    std::vector<double> times;    // [s], increasing
+    std::vector<i64> jumps;       // frames that motion from the frame before jumps to, increasing
+    std::vector<i64> run_frames;  // of each run of frames
+    double fps = 0.0;             // frames a second that the clip was made for
+
+private:
+    std::vector<u8> coded_;  // listed times, and names
+    i64 listed_ = 0;         // how many times are listed
+};
+
+// Section MODL: what the space basis of a file is built from.
+struct Model {
+    SpaceForm form;
+    double residual_step = 0.0;  // quantisation step of residuals [scene units]
+    std::vector<u8> layout;      // of its functions, coded (`SpaceLayout`)
+
+    // Read section MODL; CorruptError where a field is out of range.
+    static Model of_bytes(std::span<const u8> data);
+};
+
+// Section GRUP: the groups of frames, and where their chunks lie in TIME, COEF and CORR.
 // Functions of time of a group: principal trajectories (one for each axis, one coefficient for all three), principal
 // functions of time that all axes share, the cosines of Eq. 12 at its harmonics, or Eq. 12 at a rate alpha.
 enum class TimeBasis { trajectories, shapes, cosines, closed_form };

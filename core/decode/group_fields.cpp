@@ -1,10 +1,8 @@
 // What an animation gives to those who multiply fields and weights themselves.
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 
-#include "decode/animation.hpp"
-#include "decode/evaluate/motion.hpp"
+#include "decode/evaluator.hpp"
 
 namespace pdeanim {
 
@@ -23,72 +21,19 @@ std::vector<double> unit_weights(i64 functions, i64 time_axes, i64 first, i64 ro
     return weights;
 }
 
-int derivative_of(Quantity quantity) { return static_cast<int>(quantity); }
-
-void check_time(double time) {
-    if (std::isnan(time)) throw ArgumentError("times must be numbers");
-}
-
 }  // namespace
 
-// Whether a quantity is zero at a time, as before the first frame and after the last one a mesh stands still.
-bool Animation::is_outside(Quantity quantity, double time) const {
-    if (quantity == Quantity::positions) return false;
-    return frames() == 1 || time < times().front() || time > times().back();
-}
-
-// The frame whose positions are asked for, if it is one's.
-std::optional<i64> Animation::frame_of_positions(Quantity quantity, double time) const {
-    const double inside = clamp(time, times().front(), times().back());
-    const i64 frame = frame_at(inside);
-    if (quantity != Quantity::positions || times()[frame] != inside) return std::nullopt;
-    return frame;
-}
-
-std::pair<std::size_t, std::size_t> Animation::groups_at(Quantity quantity, double time) {
-    check_time(time);
-    const auto guard = begin_call();
-    if (is_outside(quantity, time)) return {0, 0};
-    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
-        const std::size_t index = table_->group_of(*frame);
-        return {index, index + 1};
-    }
-    return counting_groups(time, derivative_of(quantity));
-}
-
-std::vector<double> Animation::weights(Quantity quantity, double time, std::size_t index) {
-    check_time(time);
-    const auto guard = begin_call();
-    const Group &own = table_->groups()[index];
-    std::vector<double> found;
-    if (is_outside(quantity, time)) {
-        found.resize(own.time_axes() * own.functions);
-        return found;
-    }
-    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
-        found.resize(own.time_axes() * own.functions);
-        if (table_->group_of(*frame) == index) {
-            const auto row = group(index).time.begin() + (*frame - own.first) * static_cast<i64>(found.size());
-            std::copy_n(row, found.size(), found.begin());
-        }
-        return found;
-    }
-    found = weights_of_group(index, time, derivative_of(quantity));
-    found.resize(own.time_axes() * own.functions);
-    return found;
-}
-
-void Animation::fields(std::size_t index, std::span<float> out) {
-    const auto guard = begin_call();
-    const Group &own = table_->groups()[index];
-    const i64 size = vertices(), together = own.time_axes();
+void GroupFields::fields(std::size_t index, std::span<float> out) {
+    const auto guard = turns_.begin_call();
+    const Group &own = run_.table().groups()[index];
+    const i64 size = run_.vertices(), together = own.time_axes();
     if (static_cast<i64>(out.size()) != own.channels() * size) {
         throw ArgumentError("the array to write to has another size");
     }
-    const DecodedGroup &decoded = group(index);
+    const DecodedGroup &decoded = groups_.group(index);
     std::vector<float> tile;
     for (i64 first = 0; first < own.functions; first += together * frames_at_once) {
-        check_cancelled();
+        turns_.check_cancelled();
         const i64 rows = least(frames_at_once, (own.functions - first + together - 1) / together);
         const std::vector<double> weights = unit_weights(own.functions, together, first, rows);
         tile.resize(rows * 3 * size);
@@ -109,17 +54,27 @@ void Animation::fields(std::size_t index, std::span<float> out) {
     }
 }
 
-std::vector<Correction> Animation::corrections(std::size_t index, TakenMemory &taken) {
-    const auto guard = begin_call();
-    const Group &own = table_->groups()[index];
-    const u64 bytes = sizeof(Correction) * static_cast<u64>(group(index).residuals.count());
-    taken = TakenMemory(memory_, bytes, "corrections of a group of frames");
+std::vector<double> GroupFields::coefficients(std::size_t group) {
+    const auto guard = turns_.take();
+    const SpaceBasis &basis = run_.space();
+    const Group &own = run_.table().groups()[group];
+    const TakenMemory taken(run_.memory(),
+                            own.bytes() + sizeof(double) * static_cast<u64>(basis.functions() * own.channels()),
+                            "coefficients of a group of frames");
+    return group_coefficients(own, run_.table().chunks(run_.container(), group)[1], basis, taken.another());
+}
+
+std::vector<Correction> GroupFields::corrections(std::size_t index, TakenMemory &taken) {
+    const auto guard = turns_.begin_call();
+    const Group &own = run_.table().groups()[index];
+    const u64 bytes = sizeof(Correction) * static_cast<u64>(groups_.group(index).residuals.count());
+    taken = TakenMemory(run_.memory(), bytes, "corrections of a group of frames");
     std::vector<Correction> found;
-    found.reserve(group(index).residuals.count());
-    std::vector<std::array<double, 3>> offsets(vertices());
-    const ResidualScale scale = residual_scale();
+    found.reserve(groups_.group(index).residuals.count());
+    std::vector<std::array<double, 3>> offsets(run_.vertices());
+    const ResidualScale scale = evaluator_.residual_scale();
     for (i64 frame = own.first; frame < own.first + own.frames; ++frame) {
-        const FrameResiduals here = residuals_at(frame);
+        const FrameResiduals here = evaluator_.residuals_at(frame);
         residual_displacements(here.group, here.inside, scale, here.base, offsets);
         const auto own_places = [&](const std::vector<i64> &starts, const std::vector<i32> &places) {
             return std::span(places).subspan(starts[here.inside], starts[here.inside + 1] - starts[here.inside]);
@@ -138,10 +93,10 @@ std::vector<Correction> Animation::corrections(std::size_t index, TakenMemory &t
     return found;
 }
 
-std::vector<i32> Animation::elements() {
-    const auto guard = begin_call();
-    const Patches &patches = *space().elements().patches;
-    std::vector<i32> found(vertices());
+std::vector<i32> GroupFields::elements() {
+    const auto guard = turns_.begin_call();
+    const Patches &patches = *run_.space().elements().patches;
+    std::vector<i32> found(run_.vertices());
     for (i64 e = 0; e < patches.count(); ++e) {
         for (const i32 vertex : patches.vertices(e)) found[vertex] = static_cast<i32>(e);
     }

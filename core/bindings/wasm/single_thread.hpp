@@ -1,5 +1,5 @@
 // What the core uses of the C++ library's threads, for a machine that has one thread: the C++ library that comes with the
-// compiler for WebAssembly leaves these classes out. The headers beside this one put it behind the library's own.
+// compiler for WebAssembly leaves these classes out. Every source is compiled with it in front (build.py).
 #pragma once
 
 namespace std {

@@ -1,0 +1,163 @@
+#include "decode/group_cache.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "base/parallel.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Peak memory of a group for each value of a function of time on three axes, and for each of its frames.
+constexpr u64 bytes_per_time_value = 120, bytes_per_group_frame = 16;
+
+// What a coefficient takes mostly; it is counted when it is there.
+constexpr u64 bytes_per_coefficient = 40;
+
+// Groups that are decoded beside each other at most: they are unlike in size, and who is done with one takes the next.
+constexpr int groups_a_thread = 16;
+
+// Of a group: its bytes, functions of time, where its frames begin. Bounded: 4,096 frames, 3 functions a frame, 3 axes.
+u64 known_bytes(const Group &group) {
+    return group.bytes() + bytes_per_time_value * static_cast<u64>(group.frames * group.functions) +
+           bytes_per_group_frame * static_cast<u64>(group.frames);
+}
+
+}  // namespace
+
+GroupCache::GroupCache(RunSections &run, i64 kept_bytes, const Turns &turns)
+    : run_(run), turns_(turns), kept_limit_(kept_bytes), most_kept_(kept_at_first()),
+      has_been_kept_(run.table().groups().size()) {}
+
+// Take what of a group is known before any of it is decoded.
+TakenMemory GroupCache::begin_group(std::size_t index) {
+    return TakenMemory(run_.memory(), known_bytes(run_.table().groups()[index]),
+                       "functions of time of a group of frames");
+}
+
+// What it mostly takes to decode a group.
+u64 GroupCache::expected_bytes(std::size_t index) const {
+    const Group &own = run_.table().groups()[index];
+    return known_bytes(own) + bytes_per_coefficient * static_cast<u64>(run_.vertices() * (own.channels() + 1));
+}
+
+// Decode a group, the k-th of those that are begun ahead. `taken`: of `begin_group`. Several threads call it at once.
+DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
+                                GroupsAhead &ahead, int threads) const {
+    const Group &group = run_.table().groups()[index];
+    try {
+        Chunks read;
+        const Chunks *chunks = ahead.chunks(k);
+        if (!chunks) {
+            read = run_.table().chunks(run_.container(), index);
+            chunks = &read;
+        }
+        const auto values = [&] {
+            std::optional<std::vector<double>> found = ahead.values(k);
+            return found ? std::move(*found) : decode_group_times(group, (*chunks)[0]);
+        };
+        return decode_group(group, *chunks, space, run_.times_of(group), std::move(taken), threads,
+                            {values, ahead.coefficients(k)});
+    } catch (const CorruptError &error) {
+        if (error.frame >= 0) throw;
+        throw CorruptError(error.what(), error.offset, group.first);
+    }
+}
+
+void GroupCache::keep(std::size_t index, DecodedGroup group) {
+    if (has_been_kept_[index]) most_kept_ = least(2 * most_kept_, kept_limit_);
+    has_been_kept_[index] = true;
+    kept_bytes_ += group.bytes();
+    kept_.emplace_front(index, std::move(group));
+    places_[index] = kept_.begin();
+    while (kept_bytes_ > most_kept_ && kept_.size() > 1) give_up_oldest();
+}
+
+void GroupCache::give_up_oldest() {
+    kept_bytes_ -= kept_.back().second.bytes();
+    places_.erase(kept_.back().first);
+    kept_.pop_back();
+}
+
+// Give up decoded groups until so much of the memory is left, as far as that goes.
+void GroupCache::make_room(u64 bytes) {
+    while (run_.memory().left() < bytes && !kept_.empty()) give_up_oldest();
+}
+
+const DecodedGroup &GroupCache::group(std::size_t index) {
+    const auto found = places_.find(index);
+    if (found != places_.end()) {
+        kept_.splice(kept_.begin(), kept_, found->second);
+        return kept_.front().second;
+    }
+    u64 room = expected_bytes(index);
+    while (true) {
+        turns_.check_cancelled();
+        make_room(room);
+        try {
+            TakenMemory taken = begin_group(index);
+            const std::unique_ptr<GroupsAhead> ahead = run_.begin_ahead({&index, 1});
+            const SpaceBasis &space = run_.space(ahead.get());
+            keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
+            return kept_.front().second;
+        } catch (const LimitError &) {
+            // There may be room when no other one is kept.
+            if (kept_.empty()) throw;
+            room = std::numeric_limits<u64>::max();
+        }
+    }
+}
+
+// Groups that are not kept, in the order of their first times, as many as fit beside each other.
+std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u64 &bytes_at_once) const {
+    std::vector<std::size_t> wanted;
+    i64 kept_bytes = 0;  // about, of those that are wanted
+    const u64 most_at_once = run_.memory().left() + static_cast<u64>(kept_bytes_);
+    for (const double time : times) {
+        const bool is_enough = static_cast<int>(wanted.size()) == groups_a_thread * run_.threads();
+        if (time > run_.times().back() || is_enough) break;
+        const std::size_t index = run_.table().group_of(run_.frame_at(most(time, run_.times().front())));
+        if (!wanted.empty() && wanted.back() == index) continue;
+        const Group &own = run_.table().groups()[index];
+        kept_bytes +=
+            own.channels() * run_.vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
+        if (is_kept(index)) break;
+        bytes_at_once += expected_bytes(index);
+        // One that is not kept until its frames are evaluated would be decoded twice.
+        if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > most_kept_ - most_kept_ / 4)) break;
+        wanted.push_back(index);
+    }
+    return wanted;
+}
+
+void GroupCache::decode_ahead(std::span<const double> times) {
+    u64 bytes_at_once = 0;
+    std::vector<std::size_t> wanted = wanted_at(times, bytes_at_once);
+    if (wanted.size() < 2) return;
+    make_room(bytes_at_once);
+    // Whoever came to the largest one last would be waited for.
+    const auto bytes_of = [&](std::size_t index) { return run_.table().groups()[index].sizes[1]; };
+    std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });
+    std::vector<TakenMemory> taken;
+    for (const std::size_t index : wanted) taken.push_back(begin_group(index));
+    const std::unique_ptr<GroupsAhead> ahead = run_.begin_ahead(wanted);
+    const SpaceBasis &space = run_.space(ahead.get());
+    std::vector<std::optional<DecodedGroup>> found(wanted.size());
+    const auto decode_some = [&](i64 first, i64 end) {
+        for (i64 k = first; k < end; ++k) {
+            turns_.check_cancelled();
+            try {
+                found[k].emplace(decode(wanted[k], std::move(taken[k]), k, space, *ahead, 1));
+            } catch (const LimitError &) {
+                // Whoever needs it decodes it alone.
+            }
+        }
+    };
+    in_shares(static_cast<i64>(wanted.size()), run_.threads(), decode_some, groups_a_thread);
+    for (std::size_t k = wanted.size(); k-- > 0;) {
+        if (found[k]) keep(wanted[k], std::move(*found[k]));
+    }
+}
+
+}  // namespace pdeanim

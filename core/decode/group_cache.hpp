@@ -1,0 +1,55 @@
+// Decoded groups of frames: kept within a number of bytes, the one used longest ago given up first, decoded ahead.
+#pragma once
+
+#include <list>
+#include <unordered_map>
+#include <vector>
+
+#include "decode/decoded_group.hpp"
+#include "decode/run_sections.hpp"
+
+namespace pdeanim {
+
+// Called by whoever holds the turn.
+class GroupCache {
+public:
+    // kept_bytes: of decoded groups at most. `run` and `turns` must outlive it.
+    GroupCache(RunSections &run, i64 kept_bytes, const Turns &turns);
+
+    // A group, decoded unless it is kept; it stays until other groups are asked for. CorruptError where it is damaged,
+    // LimitError where there is no room for it alone.
+    const DecodedGroup &group(std::size_t index);
+
+    bool is_kept(std::size_t index) const { return places_.contains(index); }
+
+    // Decode the groups that frames at increasing times need first, beside each other; fewer where they would not be kept
+    // together. Those that there is no room for beside the others are left.
+    void decode_ahead(std::span<const double> times);
+
+    // Bytes that groups may take before one is decoded again that was given up. Who goes through a clip once needs few
+    // decoded groups at a time. Whenever one is decoded again the bytes double, up to the limit: scrubbing comes to have
+    // all that it needs.
+    i64 kept_at_first() const { return kept_limit_ / 8; }
+
+private:
+    using Kept = std::list<std::pair<std::size_t, DecodedGroup>>;
+
+    std::vector<std::size_t> wanted_at(std::span<const double> times, u64 &bytes_at_once) const;
+    TakenMemory begin_group(std::size_t index);
+    u64 expected_bytes(std::size_t index) const;
+    DecodedGroup decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
+                        GroupsAhead &ahead, int threads) const;
+    void keep(std::size_t index, DecodedGroup group);
+    void make_room(u64 bytes);
+    void give_up_oldest();
+
+    RunSections &run_;
+    const Turns &turns_;
+    i64 kept_limit_, most_kept_;  // at most ever, and for now
+    i64 kept_bytes_ = 0;
+    Kept kept_;  // the latest first
+    std::unordered_map<std::size_t, Kept::iterator> places_;
+    std::vector<bool> has_been_kept_;  // of each group
+};
+
+}  // namespace pdeanim

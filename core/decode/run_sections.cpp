@@ -1,0 +1,316 @@
+#include "decode/run_sections.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <latch>
+#include <thread>
+
+#include "decode/fields.hpp"
+#include "mesh/curves.hpp"
+#include "sections/reference/reference.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Peak memory of what a file declares: of a mesh for each vertex (curves, reference frame, positions between frames); of
+// connectivity for each corner.
+constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128;
+
+// Of a group and of an object that hold nothing: a row of the table with the place that the table grows into, what is kept
+// of a decoded group, and the numbers that Python makes of it; lists, a name and arrays, most of it Python's.
+constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
+
+// Of a byte of a name: the place that a text grows into, and Python's four bytes of each character.
+constexpr u64 bytes_per_name_byte = 6;
+
+constexpr u8 predictors = 4;  // of the reference frame
+
+// Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
+Polygons polygons_of(std::span<const Connectivity> parts) {
+    Polygons mesh;
+    std::size_t corners = 0, polygons = 0;  // at most
+    for (const Connectivity &part : parts) {
+        corners += part.face_indices.size() + 2 * part.line_indices.size();
+        polygons += part.face_sizes.size() + part.line_indices.size();
+    }
+    mesh.vertex.reserve(corners);
+    mesh.starts.reserve(polygons + 1);
+    i64 shift = 0;
+    for (const Connectivity &part : parts) {
+        for (const i32 index : part.face_indices) mesh.vertex.push_back(static_cast<i32>(index + shift));
+        for (const i32 size : part.face_sizes) mesh.starts.push_back(mesh.starts.back() + size);
+        shift += part.vertices;
+    }
+    mesh.faces = static_cast<i64>(mesh.starts.size()) - 1;
+    mesh.vertices = shift;
+    shift = 0;
+    for (const Connectivity &part : parts) {
+        std::size_t at = 0;
+        for (const i32 size : part.line_sizes) {
+            for (i32 k = 0; k + 1 < size; ++k) {
+                mesh.vertex.push_back(static_cast<i32>(part.line_indices[at + k] + shift));
+                mesh.vertex.push_back(static_cast<i32>(part.line_indices[at + k + 1] + shift));
+                mesh.starts.push_back(mesh.starts.back() + 2);
+            }
+            at += size;
+        }
+        shift += part.vertices;
+    }
+    return mesh;
+}
+
+// Peak memory of an element: its node and the one above, their functions, how the two go together, the reference frame.
+constexpr u64 bytes_per_element = 2048;
+
+// Of the memory that is left, functions of space are kept where they take no more than one of so many shares.
+constexpr u64 memory_shares = 8;
+
+}  // namespace
+
+RunSections::RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns)
+    : file_(std::move(file)), container_(file_->container_of(run)), memory_(file_->memory()), threads_(threads),
+      turns_(turns), sequence_(file_->sequence_of(run)) {
+    read_vertex_counts(run);
+    memory_.take(bytes_per_vertex * vertices(), std::to_string(vertices()) + " vertices");
+    memory_.take(bytes_per_object * objects(), std::to_string(objects()) + " objects");
+    table_.emplace(container_, frames(), static_cast<i64>(memory_.left() / bytes_per_group));
+    memory_.take(bytes_per_group * table_->groups().size(),
+                 std::to_string(table_->groups().size()) + " groups of frames");
+    model_ = Model::of_bytes(container_.read("MODL"));
+}
+
+// The head of section CONN.
+void RunSections::read_vertex_counts(std::size_t run) {
+    polygons_ = container_.read("CONN");
+    FieldReader fields(polygons_, "CONN");
+    const i64 count = fields.count(), most_objects = static_cast<i64>(memory_.left() / bytes_per_object);
+    for (i64 object = 0; object < count; ++object) {
+        if (object == most_objects) memory_.take(memory_.left() + 1, "so many objects");
+        const i64 own = fields.count(), before = first_vertices_.back();
+        first_vertices_.push_back(own > Run::most_vertices - before ? Run::most_vertices + 1 : before + own);
+    }
+    if (vertices() < 1 || vertices() > Run::most_vertices) {
+        throw CorruptError("section CONN declares too few vertices or too many, 1 to " +
+                           std::to_string(Run::most_vertices) + " can be");
+    }
+    const i64 declared = file_->runs()[run].vertices;
+    if (declared >= 0 && vertices() != declared) {
+        throw CorruptError("section CONN declares " + std::to_string(vertices()) + " vertices, section RUNS " +
+                           std::to_string(declared));
+    }
+    const std::span<const u8> rest = fields.rest();
+    polygons_ = std::vector<u8>(rest.begin(), rest.end());
+}
+
+i64 RunSections::frame_at(double time) const {
+    return std::upper_bound(times().begin(), times().end(), time) - times().begin() - 1;
+}
+
+std::span<const double> RunSections::times_of(const Group &group) const {
+    return {times().data() + group.first, static_cast<std::size_t>(group.frames)};
+}
+
+ClosedForm RunSections::closed_form(std::size_t index) const {
+    const Group &group = table_->groups()[index];
+    return ClosedForm(times_of(group), group.alpha, group.functions);
+}
+
+const std::vector<std::string> &RunSections::names() {
+    const auto guard = turns_.take();
+    if (!names_) {
+        names_ = sequence_.names(objects(), [&](i64 size) {
+            memory_.take(bytes_per_name_byte * static_cast<u64>(size), "names of objects");
+        });
+    }
+    return *names_;
+}
+
+std::shared_ptr<const std::vector<Connectivity>> RunSections::shared_connectivity() {
+    const auto guard = turns_.take();
+    if (!connectivity_) {
+        std::vector<i64> counts;
+        for (i64 object = 0; object < objects(); ++object)
+            counts.push_back(first_vertex(object + 1) - first_vertex(object));
+        const std::vector<u8> orders = container_.read_optional("ORDR");
+        const i64 most = static_cast<i64>(memory_.left() / bytes_per_corner);
+        std::vector<Connectivity> found = decode_connectivity(polygons_, orders, counts, most);
+        for (const Connectivity &part : found) {
+            memory_.take(bytes_per_corner * (part.face_indices.size() + part.line_indices.size()), "corners of faces");
+        }
+        connectivity_ = std::make_shared<const std::vector<Connectivity>>(std::move(found));
+    }
+    return connectivity_;
+}
+
+std::vector<ConnectivityView> RunSections::views() {
+    std::vector<ConnectivityView> found;
+    for (const Connectivity &part : connectivity()) {
+        found.push_back({part.vertices, part.face_sizes, part.face_indices, part.line_sizes, part.line_indices});
+    }
+    return found;
+}
+
+const Reference &RunSections::reference() {
+    const auto guard = turns_.take();
+    if (!reference_) {
+        const std::vector<u8> data = container_.read("REST");
+        FieldReader fields(data, "REST");
+        Reference found;
+        found.step = fields.real();
+        for (double &coordinate : found.origin) coordinate = fields.real();
+        const u8 predictor = fields.integer<u8>();
+        if (predictor >= predictors) {
+            throw CorruptError("section REST names predictor " + std::to_string(predictor) +
+                               ", this decoder has 0 to " + std::to_string(predictors - 1));
+        }
+        bool is_sound = found.step > 0.0 && found.step <= limits::largest_step;
+        for (const double coordinate : found.origin)
+            is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
+        if (!is_sound) throw CorruptError("section REST has a quantisation step or an origin out of range");
+        found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        found.points.reserve(3 * found.grid.size());
+        for (const GridPoint &point : found.grid) {
+            for (int axis = 0; axis < 3; ++axis) {
+                found.points.push_back(found.origin[axis] + static_cast<double>(point[axis]) * found.step);
+            }
+        }
+        reference_ = std::move(found);
+    }
+    return *reference_;
+}
+
+std::shared_ptr<const std::vector<std::vector<Attribute>>> RunSections::shared_attributes() {
+    const auto guard = turns_.take();
+    if (!attributes_) {
+        const std::vector<u8> data = container_.read_optional("ATTR");
+        std::vector<std::vector<Attribute>> found(objects());
+        if (!data.empty()) {
+            const std::vector<GridPoint> &grid = reference().grid;
+            TakenMemory taken(memory_);
+            found = decode_attributes(data, views(), grid, taken);
+            of_attributes_ = std::move(taken);
+        }
+        attributes_ = std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(found));
+    }
+    return attributes_;
+}
+
+const std::vector<u8> &RunSections::remarks() {
+    const auto guard = turns_.take();
+    if (!remarks_) remarks_ = file_->container().read_optional("META");
+    return *remarks_;
+}
+
+std::unique_ptr<GroupsAhead> RunSections::begin_ahead(std::span<const std::size_t> groups) {
+    if (space_ || threads_ < 2) return std::make_unique<GroupsAhead>();
+    return std::make_unique<GroupsAhead>(container_, *table_, groups);
+}
+
+// Whether section REST says which vertices coincide; some may where it does not.
+bool RunSections::says_welds() const {
+    constexpr u64 predictor_offset = 32;
+    const SectionEntry &entry = container_.entry("REST");
+    std::vector<u8> predictor;
+    if (entry.length > predictor_offset) container_.read_range(entry.offset + predictor_offset, 1, predictor);
+    return !predictor.empty() && predictor[0] % 2 == 1;
+}
+
+std::shared_ptr<const SpaceLayout> RunSections::layout_of(std::shared_ptr<const Patches> patches) const {
+    return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
+}
+
+// What they take, and the making of their functions by each thread.
+TakenMemory RunSections::take_elements(const Patches &patches) {
+    i64 largest = 0;
+    for (i64 e = 0; e < patches.count(); ++e) largest = most(largest, patches.size(e));
+    const u64 making = ElementFunctions::bytes(largest, model_.form.functions) * static_cast<u64>(threads_);
+    return TakenMemory(memory_, bytes_per_element * static_cast<u64>(patches.count()) + making, "patches of vertices");
+}
+
+// Patches as they are unless vertices coincide, made beside the reference frame; then go on with coefficients.
+struct RunSections::EarlyPatches {
+    std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
+    TakenMemory taken;
+    std::shared_ptr<const SpaceLayout> layout;
+    std::exception_ptr failure;
+    std::latch made{1};
+    std::jthread thread;  // where nothing else is decoded ahead
+};
+
+// Begin with them; nothing where they would not be the patches, or there is no thread for it.
+std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
+    if (threads_ < 2 || reference_ || says_welds()) return nullptr;
+    auto early = std::make_shared<EarlyPatches>();
+    const auto make = [this, ahead, own = early.get(), parts = views()] {
+        GroupCoefficients *coefficients = nullptr;
+        try {
+            own->patches = early_patches(parts, model_.form.points);
+            if (own->patches) {
+                own->taken = take_elements(*own->patches);
+                own->layout = layout_of(own->patches);
+            }
+            if (own->layout && ahead) {
+                coefficients = ahead->make_coefficients(own->layout, own->taken.another());
+            }
+        } catch (const CorruptError &) {
+            // They may not be the patches.
+        } catch (...) {
+            own->failure = std::current_exception();
+        }
+        own->made.count_down();
+        if (coefficients) coefficients->decode();
+    };
+    if (ahead) {
+        ahead->insert([make, early] { make(); });
+    } else {
+        early->thread = std::jthread(make);
+    }
+    return early;
+}
+
+// Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is decoded, and
+// so are coefficients.
+std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *ahead) {
+    const std::vector<ConnectivityView> parts = views();
+    const std::shared_ptr<EarlyPatches> early = begin_early_patches(ahead);
+    reference();
+    if (early) early->made.wait();
+    if (early && early->failure) std::rethrow_exception(early->failure);
+    std::shared_ptr<Patches> patches =
+        build_patches(parts, reference().grid, model_.form.points, early ? early->patches : nullptr);
+    if (early && early->layout && patches == early->patches) {
+        of_elements_ = std::move(early->taken);
+        return early->layout;
+    }
+    if (ahead) ahead->drop_coefficients();
+    of_elements_ = take_elements(*patches);
+    return layout_of(std::move(patches));
+}
+
+std::shared_ptr<const SpaceLayout> RunSections::layout_of_curves() {
+    const std::vector<ConnectivityView> parts = views();
+    Curves curves = extract_curves(parts, reference().grid);
+    auto pieces =
+        std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, model_.form.points));
+    of_elements_ = take_elements(*pieces);
+    return layout_of(std::move(pieces));
+}
+
+const SpaceBasis &RunSections::space(GroupsAhead *ahead) {
+    const auto guard = turns_.take();
+    if (!space_) {
+        auto layout = model_.form.kind == SpaceKind::patch ? layout_of_patches(ahead) : layout_of_curves();
+        // Whoever waited for a thread that finds no processor would wait for those that are busy.
+        const int threads = most(threads_ - (ahead ? ahead->busy() : 0), 1);
+        space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads);
+        const u64 bytes = static_cast<u64>(space_->bytes_to_keep());
+        if (table_->groups().size() > 1 && bytes <= memory_.left() / memory_shares) {
+            memory_.take(bytes, "functions of space");
+            space_->keep_functions();
+        }
+    }
+    return *space_;
+}
+
+}  // namespace pdeanim

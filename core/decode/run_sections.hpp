@@ -1,0 +1,146 @@
+// The sections of one run of frames, mostly all of a file's: each is decoded when it is first needed, and kept.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "decode/file.hpp"
+#include "decode/groups_ahead.hpp"
+#include "sections/attributes/attributes.hpp"
+#include "sections/connectivity/connectivity.hpp"
+#include "sections/spatial/space_basis.hpp"
+#include "sections/temporal/closed_form.hpp"
+
+namespace pdeanim {
+
+// A call ended because another thread called `cancel`.
+struct CancelledError : std::runtime_error {
+    CancelledError() : std::runtime_error("cancelled") {}
+};
+
+// Threads that call functions of one animation take turns, and may cancel each other's calls.
+class Turns {
+public:
+    // How often calls were cancelled; several animations may share it.
+    using Cancels = std::shared_ptr<std::atomic<u64>>;
+
+    // With a count of its own where there is none.
+    explicit Turns(Cancels cancels) : cancels_(cancels ? std::move(cancels) : std::make_shared<std::atomic<u64>>(0)) {}
+
+    // Hold other callers off.
+    std::unique_lock<std::recursive_mutex> take() { return std::unique_lock(lock_); }
+
+    // The same for a call that can be cancelled, from now on.
+    std::unique_lock<std::recursive_mutex> begin_call() {
+        const u64 before = *cancels_;
+        std::unique_lock guard(lock_);
+        cancels_before_ = before;
+        return guard;
+    }
+
+    // CancelledError if the call that holds the lock was cancelled.
+    void check_cancelled() const {
+        if (*cancels_ != cancels_before_) throw CancelledError();
+    }
+
+    // Make calls that are under way end with a CancelledError; later ones go on as if nothing had been.
+    void cancel() { ++*cancels_; }
+
+private:
+    std::recursive_mutex lock_;
+    Cancels cancels_;
+    u64 cancels_before_ = 0;  // before the call that holds the lock began
+};
+
+// The reference frame on its grid; a vertex is at origin + grid * step.
+struct Reference {
+    std::vector<GridPoint> grid;
+    std::array<double, 3> origin{};  // [scene units]
+    double step = 0.0;               // [scene units]
+    std::vector<double> points;      // (vertices, 3) [scene units]
+};
+
+// From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity -> reference
+// frame -> space basis. Every function may be called from several threads; they take turns.
+class RunSections {
+public:
+    // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
+    // threads: that decode beside each other. `turns` must outlive it.
+    RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns);
+
+    const Container &container() const { return container_; }
+    const GroupTable &table() const { return *table_; }
+    const Model &model() const { return model_; }
+    const std::vector<double> &times() const { return sequence_.times; }
+    const std::vector<i64> &jumps() const { return sequence_.jumps; }
+    i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
+    i64 vertices() const { return first_vertices_.back(); }
+    i64 objects() const { return static_cast<i64>(first_vertices_.size()) - 1; }
+    i64 first_vertex(i64 object) const { return first_vertices_[object]; }
+    int threads() const { return threads_; }
+
+    // What the file leaves for all that is decoded.
+    MemoryLimit &memory() { return memory_; }
+
+    // The last frame that is not after a time inside the clip.
+    i64 frame_at(double time) const;
+
+    // Times of a group's frames [s], and its functions of time in closed form.
+    std::span<const double> times_of(const Group &group) const;
+    ClosedForm closed_form(std::size_t group) const;
+
+    // What is decoded when it is first asked for.
+    const std::vector<std::string> &names();
+    const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
+    const Reference &reference();
+    const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
+    const std::vector<u8> &remarks();  // section META as it is
+
+    // The space basis. `ahead`: goes on with coefficients as soon as it is known where they belong.
+    const SpaceBasis &space(GroupsAhead *ahead = nullptr);
+
+    // Begin with groups beside the space basis, if it is not there yet and there is a thread for it.
+    std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
+
+    // Shared ownership: stays valid after the animation is closed.
+    std::shared_ptr<const std::vector<Connectivity>> shared_connectivity();
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> shared_attributes();
+
+private:
+    struct EarlyPatches;
+
+    void read_vertex_counts(std::size_t run);
+    std::vector<ConnectivityView> views();
+    bool says_welds() const;
+    TakenMemory take_elements(const Patches &patches);
+    std::shared_ptr<const SpaceLayout> layout_of(std::shared_ptr<const Patches> patches) const;
+    std::shared_ptr<EarlyPatches> begin_early_patches(GroupsAhead *ahead);
+    std::shared_ptr<const SpaceLayout> layout_of_patches(GroupsAhead *ahead);
+    std::shared_ptr<const SpaceLayout> layout_of_curves();
+
+    std::shared_ptr<const File> file_;
+    Container container_;
+    MemoryLimit memory_;
+    int threads_;
+    Turns &turns_;
+    SequenceDescription sequence_;
+    std::vector<u8> polygons_;            // section CONN behind its head
+    std::vector<i64> first_vertices_{0};  // of each object, and the number of all
+    std::optional<GroupTable> table_;
+    Model model_;
+
+    std::optional<std::vector<std::string>> names_;
+    std::shared_ptr<const std::vector<Connectivity>> connectivity_;
+    std::optional<Reference> reference_;
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> attributes_;
+    TakenMemory of_attributes_;
+    std::unique_ptr<SpaceBasis> space_;
+    TakenMemory of_elements_;
+    std::optional<std::vector<u8>> remarks_;
+};
+
+}  // namespace pdeanim
