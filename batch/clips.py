@@ -14,10 +14,10 @@ from typing import Any
 
 from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats import list_formats
 from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern, sequences_in
+from pdecodec.formats.base.registry import known_extensions
 from pdecodec.system.storage import RemoteFile, is_address
 
 MANIFESTS = (".csv", ".json", ".jsonl")
@@ -258,8 +258,7 @@ def _stem(place: str) -> PurePosixPath:
     path = PurePosixPath(place)
     if is_frame_pattern(Path(path.name)):
         return path.with_name(str(parse_pattern(Path(path.name)).basename()).rstrip("._- ") or "frames")
-    known = {extension for entry in list_formats() for extension in entry.extensions}
-    return path.with_suffix("") if path.suffix.lower() in known else path
+    return path.with_suffix("") if path.suffix.lower() in known_extensions(lambda _: True) else path
 
 
 def _below(source: str, root: str) -> str:
@@ -284,19 +283,12 @@ def _is_clip(name: str) -> bool:
     path = Path(name)
     if path.is_dir():
         return bool(_frames_in(path))
-    return path.suffix.lower() in {
-        extension for entry in list_formats() if entry.reads for extension in entry.extensions
-    }
+    return path.suffix.lower() in known_extensions(lambda entry: entry.reads)
 
 
 def _in_folder(folder: str) -> list[str]:
     """Every clip in a folder and below: files of one clip each, and sequences of frames."""
-    whole = {
-        extension
-        for entry in list_formats()
-        if entry.reads and not entry.frame_per_file and entry.name != "pdeanim"
-        for extension in entry.extensions
-    }
+    whole = known_extensions(lambda entry: entry.reads and not entry.frame_per_file and entry.name != "pdeanim")
     found: list[tuple[str, Path]] = []
     companions: set[Path] = set()
     for name, folders, files in os.walk(folder):

@@ -319,22 +319,16 @@ def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str
 
 
 def _holds_velocities(output: str) -> bool:
-    from pdecodec.formats import list_formats
+    from pdecodec.formats.base.registry import known_extensions
 
-    suffix = Path(output).suffix.lower()
-    return any(entry.holds_velocities and suffix in entry.extensions for entry in list_formats())
+    return Path(output).suffix.lower() in known_extensions(lambda entry: entry.holds_velocities)
 
 
 def _velocity_path(output: str) -> str:
-    from pdecodec.formats import list_formats
+    from pdecodec.formats.base.registry import known_extensions
 
     path = Path(output)
-    holds_all_frames = [
-        extension
-        for entry in list_formats()
-        if entry.writes and not entry.frame_per_file
-        for extension in entry.extensions
-    ]
+    holds_all_frames = known_extensions(lambda entry: entry.writes and not entry.frame_per_file)
     if path.suffix.lower() not in holds_all_frames:
         raise SettingsError(f"{output}: --velocities are written as {', '.join(holds_all_frames)}; name such a file")
     return str(path.with_name(f"{path.stem}.velocities{path.suffix}"))

@@ -293,12 +293,12 @@ def check_output(output: str, *, overwrite: bool) -> None:
 
 
 def _check_name(output: str) -> None:
-    from pdecodec.formats import list_formats
+    from pdecodec.formats.base.registry import extensions_of
 
     if output == "-":
         raise SettingsError("-o -: this does not go to standard output; name a file, folder/ or pattern")
     if not Path(output).suffix and not output.endswith("/") and not Path(output).is_dir():
-        known = ", ".join(extension for entry in list_formats() if entry.writes for extension in entry.extensions)
+        known = extensions_of(lambda entry: entry.writes)
         raise SettingsError(
             f"{output}: has no extension; write {output}/ for a folder of frames, or add one of {known}"
         )

@@ -93,8 +93,8 @@ def report(
     What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
     """
     from pdecodec.codec.settings import EncodeSettings
-    from pdecodec.formats import list_formats
     from pdecodec.formats.base.companions import check_there
+    from pdecodec.formats.base.registry import known_extensions
     from pdecodec.report.clips.comparison import read_measurements, too_large
     from pdecodec.report.clips.making import find_clips, make_report
     from pdecodec.report.clips.measuring import PROFILES, TOLERANCES, ReportPlan
@@ -104,11 +104,10 @@ def report(
     for tolerance in tolerances:
         EncodeSettings(tolerance=tolerance)
     old = None if compare is None else read_measurements(Path(compare))
-    readable = [entry for entry in list_formats() if entry.reads]
     clips = find_clips(
         [Path(source) for source in sources],
-        [extension for entry in readable for extension in entry.extensions],
-        [extension for entry in readable if entry.frame_per_file for extension in entry.extensions],
+        known_extensions(lambda entry: entry.reads),
+        known_extensions(lambda entry: entry.reads and entry.frame_per_file),
     )
     for path in clips.values():
         check_there(str(path))

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_files import find_frames, frames_there, is_frame_pattern
-from pdecodec.formats.base.registry import list_formats
+from pdecodec.formats.base.registry import known_extensions
 from pdecodec.system.storage import is_address
 
 _XML = {".xdmf": ".//DataItem", ".xmf": ".//DataItem", ".pvd": "./Collection/DataSet"}
@@ -21,7 +21,7 @@ _USD = (".usd", ".usda", ".usdc")
 
 def frame_extensions() -> set[str]:
     """Extensions of the formats that keep a frame per file."""
-    return {extension for entry in list_formats() if entry.frame_per_file for extension in entry.extensions}
+    return set(known_extensions(lambda entry: entry.frame_per_file))
 
 
 def input_files(source: str) -> tuple[Path, ...]:

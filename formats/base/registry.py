@@ -240,9 +240,14 @@ def _first(chosen: Callable[[Format], bool]) -> Format | None:
     return ours or next((entry for entry in _formats.whole().values() if chosen(entry)), None)
 
 
+def known_extensions(chosen: Callable[[Format], bool]) -> tuple[str, ...]:
+    """Return the extensions of the formats that fit, in order of registration."""
+    return tuple(extension for entry in list_formats() if chosen(entry) for extension in entry.extensions)
+
+
 def extensions_of(chosen: Callable[[Format], bool]) -> str:
     """Return the extensions of the formats that fit, for a message."""
-    return ", ".join(extension for entry in list_formats() if chosen(entry) for extension in entry.extensions)
+    return ", ".join(known_extensions(chosen))
 
 
 def titles_of(chosen: Callable[[Format], bool]) -> str:

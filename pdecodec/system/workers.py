@@ -46,7 +46,7 @@ _LEAVES = {one.__name__: one for one in (MissingExtraError, CorruptFileError, Li
 
 
 class WorkerError(Exception):
-    """A worker process that could not answer; the message says why, in words that go into parentheses."""
+    """A worker that could not answer; the message is the reason, in words that go into parentheses."""
 
 
 class WorkerNotStartedError(WorkerError):
@@ -54,22 +54,18 @@ class WorkerNotStartedError(WorkerError):
 
 
 class WorkerEndedError(WorkerError):
-    """The process ended during a call.
+    """The process ended during a call: by itself with an exit code, or minus a signal's number; None: by us."""
 
-    Attributes
-    ----------
-    exit_code : int
-        Of the process; minus the number of the signal that ended it.
-    is_stopped : bool
-        Whether :meth:`Worker.end` ended it.
-    """
-
-    def __init__(self, exit_code: int, *, is_stopped: bool = False) -> None:
-        self.exit_code, self.is_stopped = exit_code, is_stopped
-        reason = f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
-        if exit_code == -getattr(signal, "SIGKILL", 9):
-            reason += ", as where memory runs out"
-        super().__init__("stopped" if is_stopped else reason)
+    def __init__(self, exit_code: int | None) -> None:
+        self.exit_code = exit_code
+        if exit_code is None:
+            reason = "stopped"
+        elif exit_code >= 0:
+            reason = f"exit code {exit_code}"
+        else:
+            is_kill = exit_code == -getattr(signal, "SIGKILL", 9)
+            reason = f"signal {-exit_code}{', as where memory runs out' if is_kill else ''}"
+        super().__init__(reason)
 
 
 class Worker:
@@ -141,7 +137,7 @@ class Worker:
     def _started(self) -> subprocess.Popen[bytes]:
         with self._changing:
             if self._is_over:
-                raise WorkerEndedError(0, is_stopped=True)
+                raise WorkerEndedError(None)
             if self._process is None or self._owner != os.getpid():
                 # Modules are found where this process finds them.
                 code = f"import sys; sys.path[:] = {sys.path!r}; from pdecodec.system.workers import serve; "
@@ -165,7 +161,7 @@ class Worker:
             process.wait()  # it closed its pipes because it ends: by itself, so that it tells how
         self._stop(process)
         with self._changing:
-            return WorkerEndedError(process.returncode, is_stopped=self._is_over)
+            return WorkerEndedError(None if self._is_over else process.returncode)
 
     def _stop(self, process: subprocess.Popen[bytes]) -> None:
         process.kill()
@@ -193,17 +189,34 @@ def call_workers(
     workers : sequence of Worker
         Ended when the iterator is.
     """
-    left, is_stopped = _Items(items, len(workers)), Event()
+    left, takers, lock, is_stopped = deque(items), len(workers), Lock(), Event()
     found = SimpleQueue[tuple[Item, Result | Exception] | None]()
+
+    def next_items() -> list[Item]:
+        """One item, or none where there are no more: then this thread takes no further ones."""
+        nonlocal takers
+        with lock:
+            takers -= not left
+            return [left.popleft()] if left else []
+
+    def is_given_back(item: Item) -> bool:
+        """Leave an item to the other threads, and take no further ones; False where there is no other thread."""
+        nonlocal takers
+        with lock:
+            if takers == 1:
+                return False
+            takers -= 1
+            left.appendleft(item)
+            return True
 
     def take(worker: Worker) -> None:
         try:
-            while not is_stopped.is_set() and (taken := left.take()) is not None:
-                [item] = taken
+            while not is_stopped.is_set() and (items := next_items()):
+                [item] = items
                 try:
                     found.put((item, work(worker, item)))
                 except WorkerNotStartedError as error:
-                    if left.give_back(item):
+                    if is_given_back(item):
                         break
                     found.put((item, error))
                 except Exception as error:  # whatever one item meets, the others go on
@@ -227,30 +240,6 @@ def call_workers(
         is_stopped.set()
         for worker in workers:
             worker.end()
-
-
-class _Items:
-    """Items that nobody has taken, and how many threads take them."""
-
-    def __init__(self, items: Sequence[Any], takers: int) -> None:
-        self._items, self._takers, self._lock = deque(items), takers, Lock()
-
-    def take(self) -> tuple[Any] | None:
-        """An item; None where there are no more, for a thread that then takes no further ones."""
-        with self._lock:
-            if self._items:
-                return (self._items.popleft(),)
-            self._takers -= 1
-            return None
-
-    def give_back(self, item: Any) -> bool:
-        """Leave an item to the other threads, and take no further ones; False where there is no other thread."""
-        with self._lock:
-            if self._takers == 1:
-                return False
-            self._takers -= 1
-            self._items.appendleft(item)
-            return True
 
 
 @contextmanager
