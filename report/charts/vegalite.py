@@ -146,12 +146,3 @@ def tooltip(*fields: str | tuple[str | None, ...]) -> list[dict[str, Any]]:
     return [
         {key: value for key, value in zip(("field", "format", "title"), item, strict=False) if value} for item in shown
     ]
-
-
-def rule(axis: str, value: float) -> dict[str, Any]:
-    """A dashed line at a value of the x or the y axis."""
-    return {
-        "data": {"values": [{}]},
-        "mark": {"type": "rule", "strokeDash": [4, 3]},
-        "encoding": {axis: {"datum": value}},
-    }

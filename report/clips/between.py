@@ -6,7 +6,7 @@ Beside it stand the ways in which animation tools fill in frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pdecodec.mesh.metrics import DistortionMeter, frame_scale
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.vegalite import channel, log_axis, tooltip
+from pdecodec.report.charts.plots import Axis, Panel, beside
 
 STRIDES = (2, 4)
 """Every second frame is kept, every fourth."""
@@ -120,30 +120,17 @@ ERRORS = {"rms_error": "root mean square", "max_error": "maximum"}
 def between_figure(rows: Sequence[BetweenRow]) -> Figure:
     """Root mean square and maximum error of every way, for each stride."""
     ways = [PDECODEC, *INTERPOLATIONS]
-    values = [
-        {"way": row.way, "kept": f"every {ORDINALS[row.stride]} frame kept", "measure": name, "error": error}
-        for row in rows
-        for field, name in ERRORS.items()
-        if (error := getattr(row, field)) > 0
-    ]
-    kept = list(dict.fromkeys(str(value["kept"]) for value in values))
     errors = [getattr(row, field) for row in rows for field in ERRORS]
-    colour = channel("way", scale={"domain": ways, "range": list(COLOURS)}, legend=None)
-    chart = {
-        "data": {"values": values},
-        "facet": {"column": channel("kept", sort=kept), "row": channel("measure", sort=list(ERRORS.values()))},
-        "spec": {
-            "width": 250,
-            "height": {"step": 26},
-            "mark": {"type": "point", "filled": True, "size": 120, "opacity": 1},
-            "encoding": {
-                "y": channel("way", sort=ways, axis={"grid": True}),
-                "x": log_axis("error", "error over the diagonal", errors, number="~e"),
-                "color": colour,
-                "tooltip": tooltip("way", ("error", ".3g")),
-            },
-        },
-    }
+    panels = []
+    for field, name in ERRORS.items():
+        for stride in dict.fromkeys(row.stride for row in rows):
+            x = Axis.around("error over the diagonal", errors, log=True)
+            title = f"{name}, every {ORDINALS[stride]} frame kept"
+            panel = Panel(x, replace(Axis.of_rows(ways), grid=True), title=title, width=250, height=110)
+            for row in (row for row in rows if row.stride == stride):
+                place = ways.index(row.way)
+                panel.dots([getattr(row, field)], [place], COLOURS[place], name=row.way, size=120)
+            panels.append(panel)
     return Figure(
         name="between-frames",
         title="Frames that were left out, and what came back",
@@ -153,7 +140,7 @@ def between_figure(rows: Sequence[BetweenRow]) -> Figure:
             tuple((row.stride, row.way, row.frames, row.rms_error, row.max_error) for row in rows),
         ),
         shows_table=True,
-        chart=chart if values else None,
+        chart=beside(*panels, columns=2) if any(errors) else None,
     )
 
 

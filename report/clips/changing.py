@@ -16,9 +16,9 @@ from pdecodec.mesh.metrics import frame_scale, measure_distortion
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import Progress
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, tooltip
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, beside
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.clips.baseline import Baseline, UnreachableError
-from pdecodec.report.clips.coder_figures import LINE
 from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.ratesearch import RateCurve
 
@@ -28,7 +28,7 @@ CONNECTIVITY_SECTIONS = ("CONN", "ORDR")
 ORDERS: dict[str, Order] = {"pdecodec auto": "keep", "pdecodec auto, order free": "free"}
 """Ways to encode with pdecodec: what they are called, and what becomes of the order of vertices and faces."""
 
-COLOURS = ("#0072B2", "#56B4E9", "#D55E00")
+COLOURS = (BLUE, SKY, ORANGE, GREEN, PURPLE)
 
 METHOD = """
 Where connectivity changes, a file holds runs of frames, each of one connectivity. All bytes count here, of faces, names
@@ -247,24 +247,19 @@ def _every_point(points: Sequence[ChangingPoint]) -> Figure:
 
 def _size_figure(points: Sequence[ChangingPoint]) -> Figure:
     drawn = [point for point in points if point.frame_size]
-    values = [{"coder": one.coder, "tolerance": one.tolerance, "size": one.frame_size} for one in drawn]
+    x = Axis.around("bytes a frame, everything counted", [point.frame_size or 0.0 for point in drawn], log=True)
+    panel = Panel(x, Axis.around("tolerance", [point.tolerance for point in drawn], log=True), width=WIDTH)
     names = list(dict.fromkeys(point.coder for point in points))
-    chart = {
-        "data": {"values": values},
-        "width": WIDTH,
-        "height": 300,
-        "mark": LINE,
-        "encoding": {
-            "x": log_axis("size", "bytes a frame, everything counted", [one.frame_size or 0.0 for one in drawn]),
-            "y": log_axis("tolerance", "tolerance", [one.tolerance for one in drawn], number="~e"),
-            "color": channel("coder", scale={"domain": names, "range": COLOURS[: len(names)]}),
-            "tooltip": tooltip("coder", ("tolerance", "~g"), ("size", ",.0f", "bytes a frame")),
-        },
-    }
+    colours = dict(zip(names, COLOURS, strict=False))
+    for name, colour in colours.items():
+        own = [point for point in drawn if point.coder == name]
+        panel.line([point.frame_size or 0.0 for point in own], [p.tolerance for p in own], colour, name=name, dots=45)
+    panel.legend(colours)
+    rows = tuple((point.coder, point.tolerance, point.frame_size) for point in drawn)
     return Figure(
         name="bytes-a-frame",
         title="Bytes a frame against tolerance",
         lesson=_lesson(points),
-        table=Table.from_columns({name: [value[name] for value in values] for name in ("coder", "tolerance", "size")}),
-        chart=chart,
+        table=Table(("coder", "tolerance", "size"), rows),
+        chart=beside(panel),
     )

@@ -14,7 +14,8 @@ from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale
 from pdecodec.mesh.sequence import ArraySequence, Connectivity
 from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.vegalite import WIDTH, channel, rule, tooltip
+from pdecodec.report.charts.plots import Axis, Panel, beside
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.viewer.view import difference, view_page
 
 WORST_VERTICES = 20
@@ -102,26 +103,16 @@ def error_figures(sequence: ArraySequence, field: ErrorField) -> list[Figure]:
 
 
 def _over_time(sequence: ArraySequence, field: ErrorField) -> Figure:
-    names = ("largest", "mean")
     times = sequence.times.tolist()
     rows = tuple(
         zip(range(len(times)), times, field.maximum_by_frame.tolist(), field.average_by_frame.tolist(), strict=True)
     )
-    values = [
-        {"frame": frame, "time": at, "which": name, "error": error}
-        for frame, at, *errors in rows
-        for name, error in zip(names, errors, strict=True)
-    ]
-    lines = {
-        "data": {"values": values},
-        "mark": {"type": "line", "point": len(times) == 1, "strokeWidth": 1.6},
-        "encoding": {
-            "x": channel("time", "time [s]", "quantitative", scale={"zero": False}),
-            "y": channel("error", "error over the diagonal", "quantitative"),
-            "color": channel("which", scale={"domain": list(names), "range": list(COLOURS)}),
-            "tooltip": tooltip("frame", ("time", ".4g"), "which", ("error", ".3g")),
-        },
-    }
+    x, y = Axis.around("time [s]", times), Axis("error over the diagonal", 0, 1.1 * field.tolerance)
+    panel = Panel(x, y, width=WIDTH, height=240)
+    panel.level(y=field.tolerance)
+    curves = (field.maximum_by_frame, field.average_by_frame)
+    drawn = dict(zip(("largest", "mean"), zip(curves, COLOURS, strict=True), strict=True))
+    panel.lines(times, drawn, width=1.6, dots=45 if len(times) == 1 else 0)
     found = field.distortion
     return Figure(
         name="error-over-time",
@@ -133,7 +124,7 @@ def _over_time(sequence: ArraySequence, field: ErrorField) -> Figure:
             f"{found.max_error:.3g} scene units."
         ),
         table=Table(("frame", "time [s]", "largest error over the diagonal", "mean error over the diagonal"), rows),
-        chart={"width": WIDTH, "height": 240, "layer": [lines, rule("y", field.tolerance)]},
+        chart=beside(panel),
     )
 
 

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pdecodec
 from pdecodec import _core
@@ -152,8 +153,8 @@ class Measurement:
             point = cls(**{name: value for name, value in values.items() if name not in DERIVED})
         except (TypeError, AttributeError) as error:
             raise InputError("holds a measured point that is not one of a report") from error
-        for name, kinds in _KINDS.items():
-            if not isinstance(getattr(point, name), kinds):
+        for name, hint in get_type_hints(cls).items():
+            if not isinstance(getattr(point, name), _kinds(hint)):
                 raise InputError(f"holds a measured point whose {name} is {getattr(point, name)!r}")
         return point
 
@@ -162,20 +163,11 @@ DERIVED = ("bpvf", "ratio", "encode_rate", "decode_rate", "decode_multiple")
 """Properties of a measurement that are written, too."""
 
 
-_NUMBER = (int, float, type(None))
-
-_KINDS: dict[str, tuple[type, ...]] = {
-    **dict.fromkeys(("clip", "coder", "kind", "summary"), (str,)),
-    **dict.fromkeys(("frames", "vertices", "constant_size"), (int,)),
-    **dict.fromkeys(("size", "max_error", "rms_error", "p99_error", "within", "kg_error", "coefficients"), _NUMBER),
-    **dict.fromkeys(("normal_error", "normal_p99", "sted"), _NUMBER),
-    **dict.fromkeys(("encode_seconds", "decode_seconds", "copy_seconds", "random_seconds"), _NUMBER),
-    "published": (bool,),
-    "tolerance": (int, float),
-    "refusal": (str, type(None)),
-    "sections": (dict,),
-}
-"""What each field may be in JSON."""
+def _kinds(hint: Any) -> tuple[type, ...]:
+    """Return the types that a field of some annotation may have in JSON, where whole numbers have no point."""
+    parts = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    plain = [str if get_origin(part) is Literal else get_origin(part) or part for part in parts]
+    return (*plain, *([int] if float in plain else []))
 
 
 def best_baseline(points: Iterable[Measurement], tolerance: float, *, published: bool = False) -> Measurement | None:

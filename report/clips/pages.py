@@ -6,14 +6,16 @@ import math
 import os
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import cycle
 from typing import Any
 
 from pdecodec.codec.encode.report import Question
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, rule, tooltip
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, beside
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
 from pdecodec.report.clips.errors import ErrorField, error_figures, moving_errors
@@ -38,6 +40,9 @@ MERITS: dict[str, Callable[[Measurement], float | None]] = {
     "random ms": lambda point: None if point.random_seconds is None else 1e3 * point.random_seconds,
 }
 """Columns of one coder's table."""
+
+COLOURS = (PURPLE, BLUE, SKY, GREEN, ORANGE)
+"""Of tolerances, from coarse to fine."""
 
 ERROR_PAGE = "errors.html"
 """Plays the clip in colours of its error."""
@@ -232,32 +237,20 @@ def _beside_baselines(points: Sequence[Measurement], plan: ReportPlan) -> Figure
         for tolerance in plan.tolerances
         for point, best, share in _over_best(points, plan.profiles[0], tolerance)
     ]
-    values = [
-        {"clip": clip, "tolerance": f"{tolerance:g}", "share": share, "best": best}
-        for clip, tolerance, _, best, _, share in rows
-    ]
-    marks = {
-        "data": {"values": values},
-        "mark": {"type": "point", "filled": True, "size": 80, "opacity": 1},
-        "encoding": {
-            "y": channel("clip", sort=None, axis={"grid": True}),
-            "x": log_axis("share", "bytes over those of the best other method", [1.0, *(row[-1] for row in rows)]),
-            "color": channel(
-                "tolerance",
-                "tolerance",
-                "ordinal",
-                sort=[f"{tolerance:g}" for tolerance in plan.tolerances],
-                scale={"scheme": "viridis"},
-            ),
-            "tooltip": tooltip("clip", "tolerance", ("best", None, "best other method"), ("share", ".2f")),
-        },
-    }
+    clips = distinct(row[0] for row in rows)
+    x = Axis.around("bytes over those of the best other method", [1.0, *(row[-1] for row in rows)], log=True)
+    panel = Panel(x, replace(Axis.of_rows(clips), grid=True), width=WIDTH, height=30 + 22 * len(clips))
+    panel.level(x=1.0)
+    colours = {f"{tolerance:g}": colour for tolerance, colour in zip(plan.tolerances, cycle(COLOURS), strict=False)}
+    for clip, tolerance, _, best, _, share in rows:
+        panel.dots([share], [clips.index(clip)], colours[f"{tolerance:g}"], name=f"{tolerance:g}: {best}", size=80)
+    panel.legend(colours)
     return Figure(
         name="beside-other-methods",
         title="Bytes over those of the best other method",
         lesson="Left of 1 pdecodec is smaller. At every tolerance another method may be the best.",
         table=Table(("clip", "tolerance", "bpvf", "best other method", "its bpvf", "ours over its"), tuple(rows)),
-        chart={"width": WIDTH, "height": {"step": 22}, "layer": [marks, rule("x", 1.0)]} if values else None,
+        chart=beside(panel) if rows else None,
     )
 
 

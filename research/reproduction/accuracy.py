@@ -55,7 +55,6 @@ def table_1_figure(findings: Findings) -> Figure:
         panel = Panel(Axis("frame", 0, 10, ticks=frames), y, title=f"{title} error {measure}")
         panel.lines(frames, lines, dashed=[name for name in lines if "paper" in name], dots=25)
         panels.append(panel)
-    chart = beside(*panels)
 
     return Figure(
         name="table-1",
@@ -74,7 +73,7 @@ def table_1_figure(findings: Findings) -> Figure:
                 **{name: [*columns[name].tolist(), summary[name]] for name in order},
             }
         ),
-        chart=chart,
+        chart=beside(*panels),
     )
 
 
@@ -99,7 +98,6 @@ def rate_map_figure(findings: Findings) -> Figure:
     at_alpha, at_r = np.nonzero(inside)
     panels[0].dots(MAP_RATES[at_r], MAP_RATES[at_alpha], "white", size=22, stroke="black", strokeWidth=1)
     panels[0].dots([PRINTED.r], [PRINTED.alpha], ORANGE, shape=STAR, size=160, stroke="black", strokeWidth=1)
-    chart = beside(*panels)
 
     alphas, rates = np.meshgrid(MAP_RATES, MAP_RATES, indexing="ij")
     return Figure(
@@ -122,7 +120,7 @@ def rate_map_figure(findings: Findings) -> Figure:
                 "E_M honest": honest[1].ravel(),
             }
         ),
-        chart=chart,
+        chart=beside(*panels),
         consequence=(
             "it chooses alpha for each group of frames by what is left of the motion, from a list that begins at 0, "
             "and stores it; at 0 its basis is the polynomials, and as well conditioned as elsewhere."
@@ -179,7 +177,6 @@ def splines_figure(findings: Findings) -> Figure:
     for value, text in ((printed.SPLINE_MEAN, "paper: mean"), (printed.SPLINE_LARGEST, "paper: largest")):
         panel.level(x=value)
         panel.text(value, -0.5, text, GREY, dx=-4, align="right", size=10)
-    chart = beside(panel)
 
     literal, fair, cubic, equal = (
         findings.spline(reading).first
@@ -209,7 +206,7 @@ def splines_figure(findings: Findings) -> Figure:
                 "largest E_M": [*(item.first.largest for item in readings), honest.largest, pieces.largest],
             }
         ),
-        chart=chart,
+        chart=beside(panel),
     )
 
 
@@ -245,7 +242,6 @@ def variants_figure(findings: Findings) -> Figure:
             panel.dots([chosen], [at], colour, filled=False, size=120)
             panel.text(max(ours, chosen), at, f"{ours:.4f}", colour, dx=9, size=10)
     panel.legend({"frames aligned, as the paper measures": BLUE, "in the scene, decoded": ORANGE})
-    chart = beside(panel)
 
     def error(name: str) -> float:
         return fixed[STEPS[name]].scene.mean
@@ -279,7 +275,7 @@ def variants_figure(findings: Findings) -> Figure:
                 "largest E_M in the scene": [item.scene.largest for item in every],
             }
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence=(
             "it fits displacements from a stored reference frame, takes affine functions of space instead of Eq. 23's "
             "matrices, parametrises by arc length of the decoded reference frame, and cuts long curves and clips into "

@@ -40,7 +40,6 @@ def bytes_figure(findings: Findings) -> Figure:
     panel.level(x=raw.total / 1e3, dashes=DOTTED)
     panel.text(raw.total / 1e3, 1.2e-3, "raw positions, exact", dx=5, size=10.5)
     panel.legend({f"{name.split(',')[0]}, u by index,\nfitted to all frames": COLOURS[name] for name in sizes})
-    chart = beside(panel)
 
     return Figure(
         name="bytes",
@@ -62,7 +61,7 @@ def bytes_figure(findings: Findings) -> Figure:
                 "largest error over D": [store.largest_error for store in kept],
             }
         ),
-        chart=chart,
+        chart=beside(panel),
         shows_table=True,
     )
 
@@ -79,7 +78,6 @@ def speed_figure(findings: Findings) -> Figure:
     for row, (value, colour) in enumerate(zip(seconds, colours, strict=True)):
         panel.boxes([(0, value, row - 0.3, row + 0.3, colour)])
         panel.text(value, row, f"{value:.3f} s", dx=5)
-    chart = beside(panel)
 
     normal, values, product, splines = found
     return Figure(
@@ -101,7 +99,7 @@ def speed_figure(findings: Findings) -> Figure:
                 "mean E_A": [item.mean for item in found],
             }
         ),
-        chart=chart,
+        chart=beside(panel),
     )
 
 
@@ -122,7 +120,6 @@ def time_figure(findings: Findings) -> Figure:
         right.segments([(route.errors.mean, route.errors.largest, row, row, GREY)], width=3)
         errors = f"{route.errors.mean:.4f} to {route.errors.largest:.3f}"
         right.text(route.errors.largest, row, "what is compared with" if route is fine else errors, dx=6)
-    chart = beside(left, right)
 
     own = (printed.SECONDS_KEYFRAMES + printed.SECONDS_PDE) / printed.SECONDS_ALL_FRAMES
     return Figure(
@@ -146,7 +143,7 @@ def time_figure(findings: Findings) -> Figure:
                 "largest E_M": [route.errors.largest for route in ways],
             }
         ),
-        chart=chart,
+        chart=beside(left, right),
     )
 
 
@@ -192,7 +189,6 @@ def constants_figure(findings: Findings) -> Figure:
         panel.text(30, table_1, "Table 1", dy=8, size=10.5)
         panels.append(panel)
     panels[-1].legend({name: COLOURS[name] for name in drawn})
-    chart = beside(*panels)
 
     needed = {
         name: min((p.constants or 0 for p in found if p.unrounded.mean <= printed.PDE_MEAN), default=0)
@@ -211,7 +207,7 @@ def constants_figure(findings: Findings) -> Figure:
             "than four functions of time before it needs more along the curve."
         ),
         table=_table(findings.models),
-        chart=chart,
+        chart=beside(*panels),
         consequence="it cuts curves and patches into as many pieces as the bound asks for.",
     )
 
@@ -234,7 +230,6 @@ def rate_figure(findings: Findings) -> Figure:
         panel.text(raw, 0.14, "raw float32", dx=-4, align="right", size=10.5)
         panels.append(panel)
     panels[-1].legend({**COLOURS, "solid: range coded": INK, "dashed: float32": INK})
-    chart = beside(*panels)
 
     one = models[0]
     sizes = [file.point.coded_bytes for file in files[1:]]
@@ -253,7 +248,7 @@ def rate_figure(findings: Findings) -> Figure:
             + (f"where it does not, {dearer:.1%} more." if dearer else f"from {sizes[-1]:,} down to {sizes[0]:,}.")
         ),
         table=_table([*models, *(file.point for file in files)]),
-        chart=chart,
+        chart=beside(*panels),
     )
 
 
@@ -277,7 +272,6 @@ def surface_figure(findings: Findings) -> Figure:
         panels.append(panel)
     _draw_models(panels[-1], drawn, _kilobytes, lambda p: p.surface.normal_p99 or 0.0, dashes=DASHES, dots=0, width=1)
     panels[-1].legend(COLOURS)
-    chart = beside(*panels)
 
     one = findings.models[0]
     auto = [file.point for file in findings.files if file.point.model == AUTO]
@@ -317,7 +311,7 @@ def surface_figure(findings: Findings) -> Figure:
             f"whole curves keep more of its surface.{ahead}"
         ),
         table=_table([*findings.models, *(file.point for file in findings.files)]),
-        chart=chart,
+        chart=beside(*panels),
     )
 
 
@@ -331,7 +325,6 @@ def fit_time_figure(findings: Findings) -> Figure:
     panel.level(x=findings.routes[0].seconds, dashes=DOTTED)
     panel.text(findings.routes[0].seconds, 0.035, "XPBD, 11 frames", dx=-4, align="right", size=10.5)
     panel.legend(COLOURS)
-    chart = beside(panel)
 
     quickest = min(findings.models, key=lambda point: point.seconds)
     auto = [file.point for file in findings.files if file.point.model == AUTO]
@@ -346,7 +339,7 @@ def fit_time_figure(findings: Findings) -> Figure:
             f"{max(p.seconds for p in auto):.1f} s. One thread."
         ),
         table=_table([*findings.models, *(file.point for file in findings.files)]),
-        chart=chart,
+        chart=beside(panel),
     )
 
 
@@ -374,7 +367,6 @@ def gap_figure(findings: Findings) -> Figure:
             start += size / 1e3
         panel.text(totals[row], row, f"{totals[row]:.2f} kB", dx=5)
     panel.legend(shades)
-    chart = beside(panel)
 
     coding = 1 - one.coded_bytes / (one.plain_bytes or 1)
     rows: list[tuple[Value, ...]] = [
@@ -400,7 +392,7 @@ def gap_figure(findings: Findings) -> Figure:
             ),
             tuple(rows),
         ),
-        chart=chart,
+        chart=beside(panel),
         shows_table=True,
     )
 

@@ -49,7 +49,6 @@ def choices_figure(findings: Findings) -> Figure:
         errors = found[rows[y], list(ELIMINATIONS)[x]]
         text = f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion"
         panel.text(x, y, text, "white" if ratio > DARK else "black", align="center")
-    chart = beside(panel)
 
     kept, plain = ({row: found[row, column] for row in rows} for column in ("Eq. 23, kept", "nothing removed"))
     return Figure(
@@ -76,7 +75,7 @@ def choices_figure(findings: Findings) -> Figure:
                 for (row, column), errors in found.items()
             ),
         ),
-        chart=chart,
+        chart=beside(panel),
         shows_table=True,
     )
 
@@ -96,7 +95,6 @@ def leak_figure(findings: Findings) -> Figure:
             text = "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
             panel.text(largest, at, text, colour, dx=6, size=10.5)
     panel.legend({"after Eq. 23, as the\npaper measures": GREY, "in the scene": ORANGE})
-    chart = beside(panel)
 
     everything, nothing = rungs[1], rungs[-2]
     return Figure(
@@ -120,7 +118,7 @@ def leak_figure(findings: Findings) -> Figure:
                 "largest E_M, in the scene": [rung.scene.largest for rung in rungs],
             }
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence="profile paper's parameter is the arc length of the decoded reference frame. Eq. 24 is built in "
         "this report alone.",
     )
@@ -141,7 +139,6 @@ def knot_figure(findings: Findings) -> Figure:
         panel = Panel(x, y, title=title, width=250, height=250)
         panel.line(points[:, 0], points[:, 1], colour, width=2.2)
         panels.append(panel)
-    chart = beside(*panels)
 
     listed = slice(0, None, LISTED)
     columns = {
@@ -156,7 +153,7 @@ def knot_figure(findings: Findings) -> Figure:
             "little more than each axis's range."
         ),
         table=Table.from_columns({"point": np.arange(len(shape.fitted))[listed], **columns}),
-        chart=chart,
+        chart=beside(*panels),
     )
 
 
@@ -174,7 +171,6 @@ def elimination_figure(findings: Findings) -> Figure:
     right.boxes((at - 0.35, at + 0.35, 0, share, BLUE) for at, share in enumerate(found.motion_left[1:].tolist(), 1))
     for panel in (left, right):
         panel.level(y=1.0, dashes=DOTTED)
-    chart = beside(left, right)
 
     return Figure(
         name="elimination",
@@ -192,7 +188,7 @@ def elimination_figure(findings: Findings) -> Figure:
                 "share of motion left": found.motion_left,
             }
         ),
-        chart=chart,
+        chart=beside(left, right),
         consequence="it removes no transformation: affine maps of patches are among its functions of space, which "
         "nothing needs to invert.",
     )
@@ -240,7 +236,6 @@ def sweep_figure(findings: Findings) -> Figure:
         words = [(j, i, f"{value:.1f}", "white" if value > DARK else "black") for (i, j), value in np.ndenumerate(grid)]
         panel.texts(words, align="center", size=10)
         panels.append(panel)
-    chart = beside(*panels, columns=len(PHASES))
 
     rows: list[tuple[Value, ...]] = [
         (cell.turns, cell.frame_rate, cell.phase, name, errors.mean, errors.largest, times_table_1(errors))
@@ -265,7 +260,7 @@ def sweep_figure(findings: Findings) -> Figure:
         table=Table(
             ("turns", "frames a second", "phase", "method", "mean E_A", "largest E_M", "over Table 1"), tuple(rows)
         ),
-        chart=chart,
+        chart=beside(*panels, columns=len(PHASES)),
         consequence="its curves are cut into pieces and its clips into segments until the bound holds, so that twist "
         "costs bytes and not accuracy.",
     )

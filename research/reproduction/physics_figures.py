@@ -35,7 +35,6 @@ def equation_figure(findings: Findings) -> Figure:
     for (i, j), is_solved in np.ndenumerate(solves):
         panel.boxes([(j - 0.47, j + 0.47, i - 0.45, i + 0.45, BLUE if is_solved else ORANGE)])
         panel.text(j, i, "+K" if is_solved else "-K", "white", align="center", bold=True)
-    chart = beside(panel)
 
     return Figure(
         name="equation",
@@ -57,7 +56,7 @@ def equation_figure(findings: Findings) -> Figure:
                 "residual of w_tttt = (K/m)^2 w_uuuuuuuu": found.squared.ravel(),
             }
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence="profile paper spans all 32.",
     )
 
@@ -76,7 +75,6 @@ def beam_figure(findings: Findings) -> Figure:
     right = Panel(Axis("mode of the beam", 0.7, 4.3, ticks=numbers), y, title="one period within the clip", width=240)
     for name, colour in colours.items():
         right.line(numbers, [drawn[name][at] for drawn in found.values()], colour, name=name, dots=40)
-    chart = beside(left, right)
 
     rows: list[tuple[Value, ...]] = [
         (number, float(periods), *(float(drawn[name][i]) for name in colours))
@@ -97,7 +95,7 @@ def beam_figure(findings: Findings) -> Figure:
             "holds where the motion is what Eq. 9 describes, with the beam's sign, and its rates are known."
         ),
         table=Table(("mode", "periods", *(f"{name} [rms over motion]" for name in colours)), tuple(rows)),
-        chart=chart,
+        chart=beside(left, right),
         consequence="profile paper chooses alpha and r by what they leave; auto finds such motions as principal "
         "trajectories, one for each frequency.",
     )
@@ -117,7 +115,6 @@ def tied_figure(findings: Findings) -> Figure:
         "polynomials": (np.full(TIED_RATES.size, found.polynomials), GREY),
     }
     panel.lines(TIED_RATES, lines)
-    chart = beside(panel)
 
     best = int(np.argmin(found.tied))
     return Figure(
@@ -140,5 +137,5 @@ def tied_figure(findings: Findings) -> Figure:
                 "E_A, polynomials": np.full(TIED_RATES.size, found.polynomials),
             }
         ),
-        chart=chart,
+        chart=beside(panel),
     )

@@ -99,7 +99,6 @@ def thinning_figure(count: int) -> Figure:
     )
     panel.fails("fails: the curve spins by rounding alone", above=JITTERS)
     panel.lines(thickness, {name: (values, METHODS[name][1]) for name, values in found.items()})
-    chart = beside(panel)
 
     fails_at = float(thickness[found[PROPER] > JITTERS].max(initial=0.0))
     ours = found[LEAST]
@@ -117,7 +116,7 @@ def thinning_figure(count: int) -> Figure:
         table=Table.from_columns(
             {"thickness": thickness, **{f"{name} [degrees]": values for name, values in found.items()}}
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence="it removes no rotation; this report's own has that pull: of all that fit equally well, the one "
         "that turns least.",
     )
@@ -154,7 +153,6 @@ def case_figure() -> Figure:
         x, y = divmod(index, len(METHODS))
         panel.boxes([(x - 0.47, x + 0.47, y - 0.45, y + 0.45, "#DCE9F5" if fine else FAILING)])
         panel.text(x, y, text, "#112233" if fine else FAILURE, align="center", size=10)
-    chart = beside(panel)
 
     def failing(name: str) -> int:
         return sum(not fine for row, (_, fine) in zip(rows, verdicts, strict=True) if row[2] == name)
@@ -172,7 +170,7 @@ def case_figure() -> Figure:
             ("curve", "moved by", "method", "determinant", "distance from orthogonal", "left over", "spin [degrees]"),
             tuple(rows),
         ),
-        chart=chart,
+        chart=beside(panel),
     )
 
 
@@ -202,7 +200,6 @@ def turn_figure(count: int) -> Figure:
     )
     panel.fails("nobody can know:\nit may have turned the other way", right_of=180.0, at=0.2)
     panel.lines(degrees, {name: (values, ways[name][1]) for name, values in found.items()})
-    chart = beside(panel)
 
     def value(name: str, angle: float) -> float:
         return found[name][int(np.argmin(np.abs(degrees - angle)))]
@@ -217,7 +214,7 @@ def turn_figure(count: int) -> Figure:
             "ways round are equally far: beyond, the keyframes themselves no longer say what happened."
         ),
         table=Table.from_columns({"turn [degrees]": degrees, **found}),
-        chart=chart,
+        chart=beside(panel),
     )
 
 

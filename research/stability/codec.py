@@ -86,7 +86,6 @@ def stress_figure(side: int, frames: int) -> Figure:
             values = [max(getattr(item, field), 4e-4) for item in found[name].values()]
             panel.dots(values, range(len(clips)), colour, name=name, shape=shape, size=80)
     right.legend({name: colour for name, (_, colour) in PROFILES.items()})
-    chart = beside(left, right)
 
     worst = {profile: max((item.error, name) for name, item in found[profile].items()) for profile in PROFILES}
     dearest = max((item.bits, name) for name, item in found["auto"].items())
@@ -106,7 +105,7 @@ def stress_figure(side: int, frames: int) -> Figure:
             ),
             tuple(rows),
         ),
-        chart=chart,
+        chart=beside(left, right),
         consequence=(
             "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
             "paper is for comparison and says in its report what error it leaves."
@@ -160,7 +159,6 @@ def between_figure(side: int, samples: int) -> Figure:
         panel.dots(inside, shown, INK, size=40)
         panels.append(panel)
     panels[-1].legend({**colours, "frames (dots)": INK})
-    chart = beside(*panels)
 
     return Figure(
         name="codec-between",
@@ -174,7 +172,7 @@ def between_figure(side: int, samples: int) -> Figure:
             f"{overshoot['teleporting', 'paper']:.0%} of the jump."
         ),
         table=Table(("clip", "time [s]", *colours), tuple(rows)),
-        chart=chart,
+        chart=beside(*panels),
         consequence=(
             "a jump, that is a step eight times as long as the two on either side of it, is written into the file, and "
             "motion goes straight across it; the bound is promised at the input's frames and nowhere else, so encode "
@@ -197,7 +195,6 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
     for panel, values, words in ((left, errors, ""), (right, bits, "float32 coarser\nthan the bound")):
         panel.fails(words, right_of=float(offsets[spacing > 1].min(initial=offsets[-1])))
         panel.line(offsets, values, BLUE, dots=40)
-    chart = beside(left, right)
 
     return Figure(
         name="codec-distance",
@@ -216,7 +213,7 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
                 "float32 spacing over the bound": spacing,
             }
         ),
-        chart=chart,
+        chart=beside(left, right),
         consequence=(
             "the last bits of float32 are budgeted in the bound; move a clip to the origin before encoding where you "
             "can."

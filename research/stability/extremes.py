@@ -154,7 +154,6 @@ def extremes_figure(*, quick: bool) -> Figure:
             panel.line(x, np.maximum(values, LEAST), WAYS[name].colour, name=name, dots=40)
         drawn.append(panel)
     drawn[1].legend({name: way.colour for name, way in WAYS.items()})
-    chart = beside(*drawn, columns=2)
 
     rows: list[tuple[Value, ...]] = [
         (what, float(value), name, float(values[i]))
@@ -178,7 +177,7 @@ def extremes_figure(*, quick: bool) -> Figure:
             "off: what fails, fails by stretching. Less than 2e-7 is drawn there."
         ),
         table=Table(("swept", "value", "way", "stretch, or error of the material's stretch"), tuple(rows)),
-        chart=chart,
+        chart=beside(*drawn, columns=2),
         consequence="its scenes take small steps, and solve chains as a whole; a scene says how many substeps it "
         "wants, and finer ones want more.",
     )
@@ -230,7 +229,6 @@ def tunnelling_figure(*, quick: bool) -> Figure:
     panel.line(2 * RADIUS / steps, milliseconds, "black")
     panel.text(1.3, 0.45, "line: a step is as\nlong as the ball is thick", "#333333")
     panel.text(120.0, 12.0, "fails: passes unseen", "white", bold=True)
-    chart = beside(panel)
 
     return Figure(
         name="simulation-tunnelling",
@@ -246,7 +244,7 @@ def tunnelling_figure(*, quick: bool) -> Figure:
             ("substep [s]", "speed [m/s]", "share through the ball"),
             tuple((float(h), float(v), float(found[i, j])) for i, h in enumerate(steps) for j, v in enumerate(speeds)),
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence="its scenes meet the ground and balls at speeds of some metres a second with substeps of "
         "milliseconds; there is no continuous collision detection.",
     )
@@ -303,7 +301,6 @@ def accuracy_figure(*, quick: bool) -> Figure:
         left.line([s * key[0] for s in substeps], errors, colours[key], name=name, dots=40)
         right.line(seconds, errors, colours[key], name=name, dots=40)
     right.legend({name: colours[key] for key, name in names.items()})
-    chart = beside(left, right)
 
     spread, piled = measured[20, 1, "xpbd"][1], measured[1, 20, "xpbd"][1]
     finest = measured[counts[-1], 1, "xpbd"]
@@ -324,6 +321,6 @@ def accuracy_figure(*, quick: bool) -> Figure:
             ("method", "substeps a frame", "iterations", "CPU time [s]", "rms error over the diagonal"),
             tuple((method, s, n, *measured[s, n, method]) for s, n, method in tried),
         ),
-        chart=chart,
+        chart=beside(left, right),
         consequence="one iteration and as many substeps as a scene wants are the default.",
     )

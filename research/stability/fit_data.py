@@ -72,7 +72,6 @@ def noise_figure(most: int) -> Figure:
     )
     right.fails("noise grows", above=1.0, at=0.3)
     right.lines(counts, {name: (gains[name], colour) for name, colour in COLOURS.items()}, dashed=[SPLINE])
-    chart = beside(left, right)
 
     return Figure(
         name="fit-noise",
@@ -91,7 +90,7 @@ def noise_figure(most: int) -> Figure:
                 "gain of a cubic spline": spline,
             }
         ),
-        chart=chart,
+        chart=beside(left, right),
         consequence="its groups of frames have more frames than functions wherever the clip has them.",
     )
 
@@ -144,7 +143,6 @@ def few_figure(points: int) -> Figure:
         panel.lines(x, drawn, dashed=[names[1]], labels=False, dots=40)
         panels.append(panel)
     panels[-1].legend(dict(zip(names, colours, strict=True)))
-    chart = beside(*panels)
 
     frames_worst, points_worst = found["frames"][1:3].max(axis=0), found["points"][:6].max(axis=0)
     return Figure(
@@ -157,7 +155,7 @@ def few_figure(points: int) -> Figure:
             f"{points_worst[2]:.2g}. The printed matrix is singular there: what comes out of it is chance."
         ),
         table=Table(("few of", "count", *names), tuple(rows)),
-        chart=chart,
+        chart=beside(*panels),
         consequence=(
             "a group of fewer than 4 frames, or a piece of fewer than 8 points, uses as many functions as it has."
         ),
@@ -194,7 +192,6 @@ def gap_figure(count: int) -> Figure:
         panel.fails("fails: an error of a keyframe grows threefold", above=3.0)
         panel.lines(widths, {name: (values, COLOURS[name]) for name, values in lines.items()}, dashed=[SPLINE])
         panels.append(panel)
-    chart = beside(*panels)
 
     def gain(name: str, width: float) -> float:
         return found["gap in the middle"][name][int(np.argmin(np.abs(widths - width)))]
@@ -209,7 +206,7 @@ def gap_figure(count: int) -> Figure:
             f"{gain('alpha = 0', 0.9):.2f}, and {gain('alpha = 8', 0.9):.0f} at alpha = 8."
         ),
         table=Table(("gap", "width over the clip", *COLOURS), tuple(rows)),
-        chart=chart,
+        chart=beside(*panels),
         consequence="frames carry their own times, however spaced; its functions of time are orthonormal over those.",
     )
 
@@ -233,7 +230,6 @@ def extrapolation_figure(count: int) -> Figure:
     )
     panel.fails("fails: the error is as large as the motion", above=1.0)
     panel.lines(beyond, {name: (values, colours[name]) for name, values in drawn.items()})
-    chart = beside(panel)
 
     def first_beyond(name: str) -> float:
         return float(beyond[drawn[name] > 1.0].min(initial=np.inf))
@@ -248,6 +244,6 @@ def extrapolation_figure(count: int) -> Figure:
             f"times the motion. Holding the last frame stays at {drawn['held still'].max():.1f} times."
         ),
         table=Table.from_columns({"past the end": beyond, **drawn}),
-        chart=chart,
+        chart=beside(panel),
         consequence="times outside a clip are held at its ends, looped, or refused; never extrapolated.",
     )

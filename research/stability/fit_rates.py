@@ -195,7 +195,6 @@ def condition_figure(count: int) -> Figure:
     for name, value in no_digit.items():
         panel.level(y=value)
         panel.text(1.3e-6, value, f"no digit left in {name} above", dy=-8)
-    chart = beside(panel)
 
     def largest(name: str) -> float:
         return float(rates[(found[name] > no_digit["float64"]) & (rates < 3)].max(initial=0.0))
@@ -215,7 +214,7 @@ def condition_figure(count: int) -> Figure:
             "since every function has the same leading exponential there."
         ),
         table=Table.from_columns({"rate": rates, **found}),
-        chart=chart,
+        chart=beside(panel),
         consequence="it fits in the well-conditioned basis, orthonormalised with dependent functions dropped.",
     )
 
@@ -246,7 +245,6 @@ def error_figure(count: int, points: int) -> Figure:
             panel.line(rates, np.minimum(errors[precision, name], 1e5), colour, name=name, width=width)
         panels.append(panel)
     panels[-1].legend(SOLVER_COLOURS)
-    chart = beside(*panels)
 
     def failing_below(precision: str, name: str) -> float:
         return float(rates[(errors[precision, name] > FAILS * best) & (rates < 3)].max(initial=0.0))
@@ -266,7 +264,7 @@ def error_figure(count: int, points: int) -> Figure:
         table=Table.from_columns(
             {"rate": rates, **{f"{name}, {precision}": values for (precision, name), values in errors.items()}}
         ),
-        chart=chart,
+        chart=beside(*panels),
         consequence="the well-conditioned basis, in float64, whatever the rates.",
     )
 
@@ -340,7 +338,6 @@ def map_figure(count: int, points: int) -> Figure:
         panel.cells(at, at, np.log10(ratio), colours=ORANGES, low=0, high=4, title=title, marks=marks)
         panel.borders(at, at, ratio > FAILS)
         panels.append(panel)
-    chart = beside(*panels, columns=len(NAMES))
 
     shares = {key: float((values > FAILS).mean()) for key, values in found.items()}
     return Figure(
@@ -362,5 +359,5 @@ def map_figure(count: int, points: int) -> Figure:
                 **{f"{name}, {precision}, over exact": values for (precision, name), values in found.items()},
             }
         ),
-        chart=chart,
+        chart=beside(*panels, columns=len(NAMES)),
     )

@@ -76,7 +76,6 @@ def case_figure() -> Figure:
         texts += [f"{shared:.0%} of points share u"] if shared else []
         panel.text(2.6, height, ",\n".join(texts), ORANGE, size=10.5)
     panel.legend(legend)
-    chart = beside(panel)
 
     broken = sum(1 for row in literal if row[2] or row[3] or not row[4] < FAILS)
     return Figure(
@@ -90,7 +89,7 @@ def case_figure() -> Figure:
         table=Table(
             ("curve", "parameter", "share of axes undefined", "share of points that share u", "left over"), tuple(rows)
         ),
-        chart=chart,
+        chart=beside(panel),
         consequence=(
             "it takes the arc length of the decoded reference frame; where all points of a piece coincide, the index."
         ),
@@ -152,7 +151,6 @@ def planar_figure(count: int) -> Figure:
     )
     panel.fails("fails: neighbours change places", above=1.0 / POINTS)
     panel.lines(thickness, {name: (np.maximum(v, 1e-17), drawn[name][1]) for name, v in found.items()})
-    chart = beside(panel)
 
     def fails_at(name: str) -> float:
         return float(thickness[~(found[name] < 1 / POINTS)].max(initial=0.0))
@@ -167,7 +165,7 @@ def planar_figure(count: int) -> Figure:
             "rounding then, stretched to [0, 1]. Arc length does not care."
         ),
         table=Table.from_columns({"thickness": thickness, **found}),
-        chart=chart,
+        chart=beside(panel),
         consequence="arc length adds the three axes before it divides, and is 0 only where all points coincide.",
     )
 

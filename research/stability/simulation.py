@@ -59,7 +59,6 @@ def energy_figure(seconds: float, step: float) -> Figure:
     panel.fails("fails: energy from nowhere", above=0.1, at=0.35)
     panel.level(y=0.0, dashes=DOTTED)
     panel.lines(times, {method: (np.clip(values, -5, 5), COLOURS[method]) for method, values in found.items()})
-    chart = beside(panel)
 
     gone = float(times[~(found["explicit Euler"] < 1)].min(initial=np.inf))
     return Figure(
@@ -73,7 +72,7 @@ def energy_figure(seconds: float, step: float) -> Figure:
             f"{-found['PBD'][-1]:.2g}. What is stable at any step pays with damping that is in no model."
         ),
         table=Table.from_columns({"time [s]": times, **found}),
-        chart=chart,
+        chart=beside(panel),
         consequence="the bundled simulator is XPBD with small steps, whose own damping shrinks with the step.",
     )
 
@@ -103,7 +102,6 @@ def step_figure(count: int, smallest: float) -> Figure:
     panel.ends([*steady, (0.1, RAN_OFF, "ran off", INK)])
     panel.level(x=limit)
     panel.text(limit, 0.13, "2 / highest frequency", dx=4)
-    chart = beside(panel)
 
     def breaks_at(method: str) -> float:
         return float(sizes[found[method] > DIVERGED].min(initial=np.inf))
@@ -126,7 +124,7 @@ def step_figure(count: int, smallest: float) -> Figure:
             "forces alone, as Macklin et al. 2016."
         ),
         table=Table.from_columns({"step [s]": sizes, **found}),
-        chart=chart,
+        chart=beside(panel),
         consequence=(
             "its scenes choose their own substeps, and a simulation that runs off to infinity is an error that names "
             "the frame, not a file of garbage."
@@ -150,7 +148,6 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
     panel.lines(values, {name: (found[name], COLOURS[name]) for name in METHODS}, dots=30)
     panel.level(y=LONGEST, dashes=DOTTED)
     panel.text(1.5e2, LONGEST, "the longest step tried", dy=-8, size=10.5)
-    chart = beside(panel)
 
     return Figure(
         name="simulation-limit",
@@ -165,7 +162,7 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
         table=Table.from_columns(
             {"stiffness [N/m]": values, **{f"{name} [s]": holds for name, holds in found.items()}}
         ),
-        chart=chart,
+        chart=beside(panel),
     )
 
 
@@ -218,7 +215,6 @@ def iteration_figure(most: int) -> Figure:
         panel.level(y=1.0, dashes=DOTTED)
         panel.lines(counts, {name: (values, LINES[name][2]) for name, values in lines.items()}, dots=40)
         panels.append(panel)
-    chart = beside(*panels)
 
     xpbd, pbd = found["iterations"]["XPBD"], found["iterations"]["PBD, stiffness 0.5"]
     return Figure(
@@ -231,7 +227,7 @@ def iteration_figure(most: int) -> Figure:
             "soft, never too stiff."
         ),
         table=Table(("swept", "count", *LINES), tuple(rows)),
-        chart=chart,
+        chart=beside(*panels),
         consequence=(
             "its scenes are XPBD, their chains solved as a whole where sweeps would take hundreds of iterations; PBD "
             "is there for comparison alone."
