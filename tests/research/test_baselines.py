@@ -6,13 +6,13 @@ import dataclasses
 import importlib.util
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdecodec import _core
 from pdecodec.errors import MissingExtraError
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
@@ -42,7 +42,7 @@ from pdecodec.research.baselines.transforms import (
     PrincipalShapes,
     principal_components,
 )
-from pdecodec.research.baselines.traversal import traverse
+from pdecodec.research.baselines.traversal import Traversal, traverse
 from tests.support.mesh_cases import connectivities, connectivity_of, grid
 
 ROWS, COLUMNS, FRAMES = 6, 20, 12
@@ -285,11 +285,15 @@ def test_a_length_that_cannot_be_encoded_does_not_lose_what_was_found() -> None:
     assert result.length == 0.1
 
 
-def test_a_baseline_without_a_length_is_encoded_once_for_all_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_baseline_without_a_length_is_encoded_once_for_all_bounds() -> None:
     prepared = []
-    prepare = RawFloat32.prepare
-    monkeypatch.setattr(RawFloat32, "prepare", lambda *given: prepared.append(given) or prepare(*given))
-    curve = RateCurve(RawFloat32(), wave(), SHEET)
+
+    class Counted(RawFloat32):
+        def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+            prepared.append(points)
+            return super().prepare(points, connectivity)
+
+    curve = RateCurve(Counted(), wave(), SHEET)
     assert len(prepared) == 0
     first, second = curve.reach(1e-3), curve.reach(1e-5)
     assert first is second
@@ -309,11 +313,15 @@ def test_what_was_tried_for_one_bound_serves_the_others() -> None:
     assert [made.length for made in curve.tries] == sorted(baseline.lengths)
 
 
-def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded() -> None:
     written = []
-    write = CosineInTime.write
-    monkeypatch.setattr(CosineInTime, "write", lambda *given: written.append(given) or write(*given))
-    curve = RateCurve(CosineInTime(), wave(), SHEET)
+
+    class Counted(CosineInTime):
+        def write(self, quantised: Any, connectivity: Connectivity) -> bytes:
+            written.append(quantised)
+            return super().write(quantised, connectivity)
+
+    curve = RateCurve(Counted(), wave(), SHEET)
     sizes = [curve.reach(bound).size for bound in (1e-2, 1e-3, 1e-4)]
     assert sizes == [made.size for made in reversed(curve.tries)]
     assert len(written) == 3
@@ -418,7 +426,7 @@ def test_parallelograms_that_are_not_those_of_the_places_are_refused() -> None:
     wrong_starts = [([0, 0, 1], [[0, 0, 0]]), ([0, 0, 0, 2], [[0, 0, 0]]), ([0, 1, 0, 1], [[0, 0, 0]])]
     for starts, corners in [*wrong_starts, ([0, 0, 0, 1], [[0, 3, 0]]), ([0, 0, 0, 1], [[0, -1, 0]])]:
         with pytest.raises(ValueError, match="not those of the places"):
-            _core.parallelograms(values, np.array(starts), np.array(corners), False)
+            Traversal(np.arange(3), np.array(starts), np.array(corners)).residuals(values)
 
 
 def test_parallelograms_predict_a_flat_even_sheet_exactly() -> None:
