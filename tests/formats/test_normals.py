@@ -343,18 +343,12 @@ def test_normals_by_value_are_one_within_a_tolerance_and_by_index_where_rows_are
     pair = connectivity_of(4, [[0, 1, 2], [2, 1, 3]])
     flat, order = np.tile([[0.0, 0.0, 1.0]], (6, 1)), np.arange(6)
     assert not read_normal_group(pair, "corner", flat + 1e-5 * order[:, None], None, order).values.any()
+    apart = [0, 0, 0, 1, 1, 0]
     folded = flat + np.repeat([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], 3, axis=0)
-    assert read_normal_group(pair, "corner", folded, None, order).values.tolist() == [0, 0, 0, 1, 1, 0]
-    assert read_normal_group(pair, "corner", flat[:2], np.repeat([0, 1], 3), order).values.tolist() == [
-        0,
-        0,
-        0,
-        1,
-        1,
-        0,
-    ]
+    assert read_normal_group(pair, "corner", folded, None, order).values.tolist() == apart
+    assert read_normal_group(pair, "corner", flat[:2], np.repeat([0, 1], 3), order).values.tolist() == apart
     assert not read_normal_group(pair, "corner", flat, order, order).values.any()
-    assert read_normal_group(pair, "face", flat[:2], None, order).values.tolist() == [0, 0, 0, 1, 1, 0]
+    assert read_normal_group(pair, "face", flat[:2], None, order).values.tolist() == apart
     assert not read_normal_group(pair, "vertex", flat[:4], None, order).values.any()
     nowhere = np.full((6, 3), np.nan)
     assert not read_normal_group(pair, "corner", nowhere, None, order).values.any()

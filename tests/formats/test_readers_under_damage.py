@@ -90,6 +90,29 @@ def test_gltf_with_a_value_of_another_sort_is_refused_by_its_place(
     assert message == f"{words}; export the file again"
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        ("animations 0 channels 0 sampler", 99, "animation 0 is damaged (list index out of range)"),
+        ("animations 0 samplers 0 input", 1, "animation 0 is damaged ("),
+        ("meshes 0 primitives 0 indices", 99, "accessor 99 is damaged or missing ("),
+        ("accessors 0 bufferView", 99, "accessor 0 is damaged or missing ("),
+        ("accessors 0 count", 10**6, "accessor 0 is damaged or missing (it ends after its buffer view)"),
+        ("bufferViews 0 byteLength", 10**9, "(its buffer view ends after its buffer)"),
+    ],
+)
+def test_gltf_whose_numbers_do_not_fit_each_other_is_refused(
+    place: str, value: int, words: str, clip: Path, tmp_path: Path
+) -> None:
+    def change(tree: Any) -> None:
+        *steps, last = [int(step) if step.isdecimal() else step for step in place.split()]
+        for step in steps:
+            tree = tree[step]
+        tree[last] = value
+
+    assert words in refused(clip, tmp_path, change)
+
+
 def test_noted_attributes_of_something_else_than_there_is_are_refused(clip: Path, tmp_path: Path) -> None:
     def change(tree: Any) -> None:
         for mesh in tree["meshes"]:
