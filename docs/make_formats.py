@@ -60,6 +60,12 @@ CONVENTIONS = """\
 - **Positions** are float32; what is stored as float64, as text, or comes from transforms is rounded. `encode`,
   `convert` and `compare` say how far that moves positions where it is more than the bound, or a millionth of the
   diagonal: in scenes far from their origin. It is not measured of OFF and STL text, nor of OBJ nearer to the origin.
+- **What moves a simulation** (VTK, XDMF, Exodus): geometry that the file stores for every step; in Exodus the nodal
+  variables that its own programs take for displacements (of every axis, beginning with `disp`); or the vectors on
+  nodes that `--displacement NAME` adds to the geometry, `none` for none. Nothing else does, whatever its name: a note
+  lists the vectors that could, and says which ones moved it.
+- **Values that were never written** (missing sources of virtual HDF5 datasets, chunks that no program wrote, netCDF's
+  fill value) are refused; HDF5 would give zeros for them.
 - **Connectivity that changes** is runs of frames, each of one connectivity: Alembic, USD, OBJ, PLY, VTU and PVD are
   read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
   Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not

@@ -13,8 +13,9 @@ from pdecodec.formats.base.frame_files import find_frames, frames_there, is_fram
 from pdecodec.formats.base.registry import known_extensions
 from pdecodec.system.storage import is_address
 
-_XML = {".xdmf": ".//DataItem", ".xmf": ".//DataItem", ".pvd": "./Collection/DataSet"}
-"""Elements that name other files, by extension."""
+_XDMF = (".xdmf", ".xmf")
+
+_VTK_LISTS = (".pvd", ".series", ".pvtu", ".pvtp", ".vtm")
 
 _USD = (".usd", ".usda", ".usdc")
 
@@ -75,10 +76,16 @@ def _named_by(path: Path) -> Iterator[Path]:
     suffix = path.suffix.lower()
     names: list[str] = []
     try:
-        if suffix in _XML:
-            for entry in ElementTree.parse(path).getroot().findall(_XML[suffix]):
-                heavy = (entry.text or "").strip().partition(":")[0] if entry.get("Format", "").upper() == "HDF" else ""
-                names.append(entry.get("file") or heavy)
+        if suffix in _XDMF:
+            for item in ElementTree.parse(path).getroot().iter():
+                if item.get("Format", "").upper() in ("HDF", "BINARY"):
+                    names.append((item.text or "").strip().partition(":")[0])
+                elif str(item.tag).endswith("}include"):
+                    names.append(item.get("href", ""))
+        elif suffix in _VTK_LISTS:
+            from pdecodec.formats.vtk.file_lists import named_files
+
+            yield from (file for file in named_files(path) if file.is_file())
         elif suffix == ".gltf":
             buffers = json.loads(path.read_bytes()).get("buffers", [])
             names += [

@@ -50,7 +50,7 @@ def not_kept(names: Iterable[str]) -> tuple[str, ...]:
     return (f"not kept: {listed}",) if listed else ()
 
 
-def _joined(parts: list[MeshFile]) -> MeshFile:
+def joined_meshes(parts: list[MeshFile]) -> MeshFile:
     """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
     if len(parts) == 1:
         return parts[0]
@@ -85,7 +85,7 @@ class FrameMeshes:
         self._kept = KeptPositions()
 
     def mesh(self, frame: int) -> MeshFile:
-        return _joined([self._read(path) for path in self.files[frame]])
+        return joined_meshes([self._read(path) for path in self.files[frame]])
 
     def points(self, frame: int, connectivity: Connectivity) -> Positions:
         """Positions of a frame; InputError where it has another connectivity."""

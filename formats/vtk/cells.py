@@ -110,13 +110,18 @@ class Cells:
         else:
             raise InputError(f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read")
 
-    def connectivity(self, points: NDArray[np.floating]) -> tuple[Connectivity, Int64Array | None]:
-        """Faces and lines of cells at points (nodes, 3), and which nodes are vertices: None where all are."""
+    def connectivity(
+        self, points: NDArray[np.floating], *, only_used: bool = False
+    ) -> tuple[Connectivity, Int64Array | None]:
+        """Faces and lines of cells at points (nodes, 3), and which nodes are vertices: None where all are.
+
+        Nodes of neither are left out where there are solids or curved cells, or `only_used` asks for it.
+        """
         nodes = len(points)
         surface = self._surface(points)
         curved = any(len(border) and border.shape[1] > 4 for border in self._faces)
         whole = join_cells(nodes, [*self._faces, *surface], self._lines)
-        if not self._solids and not curved:
+        if not (self._solids or curved or only_used):
             return whole, None
         used = np.zeros(nodes, bool)
         used[whole.face_indices] = True

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import atexit
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_meshes import MeshFile, not_kept, strip_triangles
+from pdecodec.formats.base.frame_meshes import MeshFile, strip_triangles
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
+from pdecodec.formats.vtk.grid_files import GridFile, Read, gathered, is_vectors
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 from pdecodec.system.workers import Worker
@@ -39,12 +39,12 @@ MOST_NUMBERED = 2**62
 """More points than any cell has: what is not to be followed never has enough."""
 
 
-def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
+def else_vtk(read: Read) -> Read:
     """A reader of a file, or the library where that refuses it and the library is installed."""
 
-    def read_either(path: Path) -> MeshFile:
+    def read_either(path: Path, wanted: str | None) -> GridFile:
         try:
-            return read(path)
+            return read(path, wanted)
         except InputError as refused:
             if not path.is_file():
                 raise
@@ -53,7 +53,7 @@ def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
                 raise InputError(message, path=path) from refused
             try:
-                return _read_in_worker(path)
+                return _read_in_worker(path, wanted)
             except InputError:
                 raise refused from None
 
@@ -66,21 +66,27 @@ worker = Worker(arrays_only=True)
 atexit.register(worker.end)
 
 
-def _read_in_worker(path: Path) -> MeshFile:
-    found = call_about_file(worker, path, _answer)
+def _read_in_worker(path: Path, wanted: str | None) -> GridFile:
+    found = call_about_file(worker, path, _answer, wanted)
     whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
     attributes = (node_attribute(found["node"]),) if "node" in found else ()
-    return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
+    mesh = MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
+    vectors, point_data, cell_data = (tuple(map(str, found[name])) for name in ("vectors", "point_data", "cell_data"))
+    return GridFile(mesh, vectors, point_data, cell_data, found.get("added"))
 
 
-def _answer(path: Path) -> dict[str, Any]:
+def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
     _limit_memory(path)
-    mesh = read_with_vtk(path)
+    grid = read_with_vtk(path, wanted)
+    mesh = grid.mesh
     whole = mesh.connectivity
     parts = (whole.face_counts, whole.face_indices, whole.line_counts, whole.line_indices)
-    arrays = {f"part{number}": part for number, part in enumerate(parts)}
+    arrays: dict[str, Any] = {f"part{number}": part for number, part in enumerate(parts)}
     arrays |= {one.name: one.values for one in mesh.attributes}
-    return {**arrays, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
+    if grid.added is not None:
+        arrays["added"] = grid.added
+    names = {name: np.array(getattr(grid, name), np.str_) for name in ("vectors", "point_data", "cell_data")}
+    return {**arrays, **names, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
 
 
 def _limit_memory(path: Path) -> None:
@@ -94,8 +100,8 @@ def _limit_memory(path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 
-def read_with_vtk(path: Path) -> MeshFile:
-    """One file's mesh.
+def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
+    """One file's grid, with vectors of a name that may be in it.
 
     Raises
     ------
@@ -120,11 +126,14 @@ def read_with_vtk(path: Path) -> MeshFile:
         raise InputError(f"VTK finds no points with cells in it ({kind}); check or export it again", path=path)
     nodes, gather = data.GetNumberOfPoints(), None
     _check_cells(data, path)
-    names = [
-        str(fields.GetArrayName(index))
+    point_data, cell_data = (
+        [str(fields.GetArrayName(index)) for index in range(fields.GetNumberOfArrays())]
         for fields in (data.GetPointData(), data.GetCellData())
-        for index in range(fields.GetNumberOfArrays())
-    ]
+    )
+    numeric = {name: data.GetPointData().GetArray(name) for name in point_data}
+    values = {name: vtk_to_numpy(array) for name, array in numeric.items() if array is not None}
+    vectors = tuple(name for name, array in values.items() if is_vectors(array))
+    added = values[wanted] if wanted in vectors and wanted is not None else None
     if not data.IsA("vtkPolyData"):
         surface = vtkGeometryFilter()
         surface.PassThroughPointIdsOn()
@@ -154,13 +163,15 @@ def read_with_vtk(path: Path) -> MeshFile:
         order = np.argsort(gather)
         place = np.argsort(order)
         points, gather = points[order], gather[order]
+        added = None if added is None else gathered(added, gather, nodes)
         faces, lines = (faces[0], place[faces[1]]), [lines[0], place[lines[1]]]
         if gather.size < nodes:
             attributes = (node_attribute(gather),)
         else:
             gather = None
     connectivity = Connectivity(len(points), *faces, *lines)
-    return MeshFile(points, connectivity, attributes, (*not_kept(names), *left_out_notice(gather, nodes)))
+    mesh = MeshFile(points, connectivity, attributes, left_out_notice(gather, nodes))
+    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added)
 
 
 def _check_cells(data: Any, path: Path) -> None:

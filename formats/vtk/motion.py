@@ -20,6 +20,9 @@ from pdecodec.errors import InputError
 NO_DISPLACEMENT = "none"
 """Value of the option ``displacement`` that adds no vectors."""
 
+NO_MOTION = ("normals", "color")
+"""Vectors, in lower case, that are not listed as what could move a mesh: our own writers put them beside it."""
+
 
 def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, defined: Sequence[str] = ()) -> str | None:
     """Return the name of the vectors that are added to the geometry, None for none of them.
@@ -63,6 +66,7 @@ def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None
     """Return the line that says which vectors move the mesh, or which could where its geometry stands still."""
     if chosen is not None:
         return (f"the vectors {chosen!r} are added to the geometry: they move the mesh",)
+    vectors = [name for name in vectors if name.lower() not in NO_MOTION]
     if moves or asked is not None or not vectors:
         return ()
     return (

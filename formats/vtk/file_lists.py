@@ -1,0 +1,152 @@
+"""Files of VTK and ParaView that list others: parts of a data set (PVTU, PVTP, VTM), steps in time (PVD, .series)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from pdecodec.errors import InputError
+from pdecodec.formats.vtk.motion import quoted
+
+PARTS = {".pvtu": "PUnstructuredGrid", ".pvtp": "PPolyData", ".vtm": "vtkMultiBlockDataSet"}
+"""Types of files that list parts, by extension."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A file of a time; `part` is what the list says of which part it is, None where it does not."""
+
+    time: float
+    file: Path
+    part: str | None
+
+
+def listed_parts(path: Path) -> list[Path]:
+    """Return the files of the parts of a data set.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, of another type, lists none, or one that is missing.
+    """
+    kind = PARTS[path.suffix.lower()]
+    try:
+        root = ElementTree.parse(path).getroot()
+        found = root.find(kind)
+        if root.get("type") != kind or found is None:
+            raise ValueError(f"its type is {root.get('type')}")
+    except (ElementTree.ParseError, OSError, ValueError) as error:
+        raise InputError(
+            f"is no {path.suffix[1:]} file, or a damaged one ({error}); write it again", path=path
+        ) from error
+    names = [one.get("Source", "") for one in found.findall("Piece")]
+    if kind == PARTS[".vtm"]:
+        # A block without data stands without a file.
+        names = [one.get("file", "") for one in found.iter("DataSet") if one.get("file")]
+    files = [path.parent / name for name in names]
+    if not files:
+        raise InputError("lists no files; write it again", path=path)
+    missing = [name for name, file in zip(names, files, strict=True) if not name or not file.is_file()]
+    if missing:
+        raise InputError(f"lists {missing[0]!r}, which is missing; restore that file", path=path)
+    return files
+
+
+def read_pvd(path: Path) -> tuple[list[float], list[list[Path]]]:
+    """Return the times [s] of a PVD file and the files of each: parts of it, in their order.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or several files are of one part at one time.
+    """
+    try:
+        rows = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
+        found = [
+            (
+                float(row.get("timestep", "nan")),
+                row.get("file", ""),
+                row.get("part"),
+                row.get("group") or row.get("name"),
+            )
+            for row in rows
+        ]
+    except (ElementTree.ParseError, OSError, ValueError) as error:
+        raise InputError(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
+    entries = [
+        Entry(time, path.parent / file, None if part is None else f"{group or ''} {part}".strip())
+        for time, file, part, group in found
+        if file
+    ]
+    if len(entries) < len(found) or not entries or any(not math.isfinite(entry.time) for entry in entries):
+        raise InputError("lists no files with times; write it again", path=path)
+    return _by_time(entries, path)
+
+
+def read_series(path: Path) -> tuple[list[float] | None, list[list[Path]]]:
+    """Return the times [s] of a ParaView file series, None where it has none, and the file of each.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or several files are of one time.
+    """
+    try:
+        files = json.loads(path.read_bytes())["files"]
+        found = [(str(one["name"]), None if one.get("time") is None else float(one["time"])) for one in files]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
+    times = [time for _, time in found if time is not None]
+    if not found or 0 < len(times) < len(found) or not all(map(math.isfinite, times)):
+        raise InputError("lists no files with times; write it again", path=path)
+    if not times:
+        return None, [[path.parent / name] for name, _ in found]
+    entries = [Entry(time, path.parent / name, "0") for (name, _), time in zip(found, times, strict=True)]
+    return _by_time(entries, path)
+
+
+def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[list[Path]]]:
+    """Return times in order, and the files of each.
+
+    Files of one time are parts of it where the list numbers them as parts, or where it says nothing about parts and
+    has as many files for every time. Else their times were rounded to one, and nobody can tell them apart.
+    """
+    at: dict[float, list[Entry]] = {}
+    for entry in entries:
+        at.setdefault(entry.time, []).append(entry)
+    unequal = len({len(found) for found in at.values()}) > 1
+    for time, found in at.items():
+        for part in dict.fromkeys(entry.part for entry in found):
+            same = [entry for entry in found if entry.part == part]
+            if len(same) > 1 and (part is not None or unequal):
+                names = quoted(entry.file.name for entry in same[:4])
+                more = "" if len(same) <= 4 else ", ..."
+                raise InputError(
+                    f"{len(same)} files of one part are at one time, {time!r} ({names}{more}): were their times "
+                    "rounded? Give each step its own time",
+                    path=path,
+                )
+    times = sorted(at)
+    return times, [[entry.file for entry in at[time]] for time in times]
+
+
+def named_files(path: Path) -> Iterator[Path]:
+    """Yield the files that a list names, and those that they name in turn; none where it is damaged."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".pvd":
+            files = [file for frame in read_pvd(path)[1] for file in frame]
+        elif suffix == ".series":
+            files = [file for frame in read_series(path)[1] for file in frame]
+        else:
+            files = listed_parts(path) if suffix in PARTS else []
+    except InputError:
+        return
+    for file in files:
+        yield file
+        if file != path and file.suffix.lower() in PARTS:
+            yield from named_files(file)

@@ -1,0 +1,144 @@
+"""Grids of VTK's files with names of their data, and meshes of them: as they are, or moved by vectors."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
+from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, not_kept_data
+from pdecodec.mesh.arrays import Int64Array
+
+
+@dataclass(frozen=True)
+class GridFile:
+    """What one file holds.
+
+    Attributes
+    ----------
+    mesh : MeshFile
+        Without displacement.
+    vectors : tuple of str
+        Names of vectors of two or three real components on points.
+    point_data, cell_data : tuple of str
+        Names of all data.
+    added : (vertices, components) array or None
+        The vectors that were asked for.
+    """
+
+    mesh: MeshFile
+    vectors: tuple[str, ...] = ()
+    point_data: tuple[str, ...] = ()
+    cell_data: tuple[str, ...] = ()
+    added: NDArray[np.generic] | None = field(default=None, compare=False)
+
+
+Read = Callable[[Path, str | None], GridFile]
+"""Reads a file, and vectors of a name that it may have; raises InputError."""
+
+
+def is_vectors(values: NDArray[np.generic]) -> bool:
+    """Whether data are vectors of two or three real components."""
+    return values.ndim == 2 and values.shape[1] in (2, 3) and values.dtype.kind == "f"
+
+
+def grid_of_cells(
+    points: NDArray[np.floating],
+    cells: Cells,
+    point_data: Mapping[str, NDArray[np.generic]],
+    cell_data: Sequence[str],
+    wanted: str | None,
+    *,
+    only_used: bool = False,
+) -> GridFile:
+    """Return the grid of cells at points (nodes, 3); `only_used` leaves out points that no face or line has."""
+    connectivity, gather = cells.connectivity(points, only_used=only_used)
+    vectors = tuple(name for name, values in point_data.items() if is_vectors(values))
+    added = point_data[wanted] if wanted in vectors and wanted is not None else None
+    notices = left_out_notice(gather, len(points))
+    if gather is None:
+        mesh = MeshFile(points, connectivity, (), notices)
+    else:
+        mesh = MeshFile(points[gather], connectivity, (node_attribute(gather),), notices)
+        added = None if added is None else gathered(added, gather, len(points))
+    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added)
+
+
+def gathered(values: NDArray[np.generic], gather: Int64Array, nodes: int) -> NDArray[np.generic]:
+    """Return the rows of data that kept points have; data of another size stay, to be refused with it."""
+    return values[gather] if len(values) == nodes else values
+
+
+def joined_grids(grids: Sequence[GridFile]) -> GridFile:
+    """Return several grids as one, their points one after the other; vectors are those that every one has."""
+    if len(grids) == 1:
+        return grids[0]
+    filled = [grid for grid in grids if len(grid.mesh.points)] or grids[:1]
+    vectors = [name for name in filled[0].vectors if all(name in grid.vectors for grid in filled)]
+    added = [grid.added for grid in filled]
+    found = [one for one in added if one is not None]
+    return GridFile(
+        joined_meshes([grid.mesh for grid in grids]),
+        tuple(vectors),
+        tuple(dict.fromkeys(name for grid in grids for name in grid.point_data)),
+        tuple(dict.fromkeys(name for grid in grids for name in grid.cell_data)),
+        np.concatenate(found) if len(found) == len(filled) else None,
+    )
+
+
+class GridReader:
+    """Reads the meshes of files, and keeps account of their data.
+
+    Parameters
+    ----------
+    read : callable
+        A :data:`Read`.
+    asked : str or None
+        The option ``displacement``.
+    """
+
+    def __init__(self, read: Read, asked: str | None) -> None:
+        self._read, self._asked = read, asked
+        self._is_chosen = False
+        self._chosen: str | None = None
+        self._vectors: tuple[str, ...] = ()
+        self._point_data: dict[str, None] = {}
+        self._cell_data: dict[str, None] = {}
+        self._geometry: dict[Path, bytes] = {}
+
+    def __call__(self, path: Path) -> MeshFile:
+        """Return the mesh of a file, moved by the vectors that are chosen from the first one."""
+        if not path.is_file():
+            raise InputError("there is no such file; restore it", path=path)
+        grid = self._read(path, self._chosen)
+        if not self._is_chosen:
+            self._chosen = choose_vectors(grid.vectors, self._asked, path)
+            self._vectors, self._is_chosen = grid.vectors, True
+            if self._chosen is not None:
+                grid = self._read(path, self._chosen)
+        if path not in self._geometry:
+            self._geometry[path] = hashlib.blake2b(np.ascontiguousarray(grid.mesh.points).tobytes()).digest()
+        self._point_data.update(dict.fromkeys(grid.point_data))
+        self._cell_data.update(dict.fromkeys(grid.cell_data))
+        if self._chosen is None or not len(grid.mesh.points):
+            return grid.mesh
+        if grid.added is None:
+            raise InputError(f"has no vectors {self._chosen!r} on its points", path=path)
+        return replace(grid.mesh, points=moved(grid.mesh.points, grid.added, self._chosen, path))
+
+    def notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
+        """Return lines about files of frames that were read: what moves the mesh, and which data are not kept."""
+        geometry = {tuple(self._geometry.get(path, b"") for path in files) for files in frames}
+        moves = len(frames) < 2 or len(geometry) > 1
+        kept = {name: None for name in self._point_data if name != self._chosen}
+        return (
+            *motion_notices(self._chosen, self._vectors, self._asked, moves=moves),
+            *not_kept_data({"point data": kept, "cell data": self._cell_data}),
+        )

@@ -1,0 +1,120 @@
+"""VTU files, one a frame, and the PVD lists of them, as they are written."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
+from pdecodec.formats.base.frame_files import FOLDER_PADDING
+from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
+from pdecodec.formats.base.normals import VertexNormals
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.vtk.xml_files import TYPES
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.system.whole_output import check_writable
+
+VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
+"""VTK's numbers of cell types that are written."""
+
+_NAMES = {code: name for name, code in TYPES.items()}
+
+
+def write_vtu(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write VTU files (``name.####.vtu``); objects are joined to one grid."""
+    grids = _Grids()
+    write_frames(sequence, output, "VTU", grids.of_run)
+    return tuple(grids.notices)
+
+
+def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write VTU files beside a list of them with their times, ``name.pvd``."""
+    path = output.path
+    check_writable(path, overwrite=output.overwrite)
+    grids = _Grids()
+    frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
+
+    def listed(files: Sequence[Path]) -> bytes:
+        rows = "".join(
+            f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
+            for time, file in zip(sequence.times, files, strict=True)
+        )
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        return f"{head}{rows}  </Collection>\n</VTKFile>\n".encode()
+
+    write_frames(sequence, frames, "VTU", grids.of_run, index=(path, listed))
+    return tuple(grids.notices)
+
+
+class _Grids:
+    """Grids of runs, and what they cannot hold, each line once."""
+
+    def __init__(self) -> None:
+        self.notices: dict[str, None] = {}
+
+    def of_run(self, run: MeshSequence, first: int) -> FrameBytes:
+        grid = _Grid(run)
+        self.notices.update(dict.fromkeys(grid.notices))
+        return grid.of_frame
+
+
+class _Grid:
+    """What is the same in every frame of a run of VTU files."""
+
+    def __init__(self, sequence: MeshSequence) -> None:
+        whole = sequence.connectivity
+        self._times = sequence.times
+        counts = np.concatenate([whole.face_counts, whole.line_counts])
+        faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
+        kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
+        point_data = ""
+        if len(sequence.objects) > 1:
+            sizes = [item.vertex_count for item in sequence.objects]
+            point_data = _array("object", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes))
+        colors = joined_colors(sequence)
+        if colors is not None:
+            point_data += _array("color", colors)
+        self._normals = VertexNormals(sequence)
+        kind = ' Normals="Normals"' if self._normals.held else ""
+        self._pieces = (
+            f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
+            f"      <PointData{kind}>{point_data}",
+            "</PointData>\n      <Points>",
+            "</Points>\n      <Cells>"
+            + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
+            + _array("offsets", np.cumsum(counts, dtype=np.int32))
+            + _array("types", kinds)
+            + "</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
+        )
+        self.notices = lost_by_joining(
+            sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
+        )
+
+    def of_frame(self, points: Float32Array, frame: int) -> bytes:
+        head = (
+            '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+            'header_type="UInt64">\n  <UnstructuredGrid>\n    <FieldData>'
+            + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
+            + "</FieldData>\n"
+        )
+        normals = _array("Normals", self._normals.at(points)) if self._normals.held else ""
+        before, between, after = self._pieces
+        return (head + before + normals + between + _array("Points", points) + after).encode("utf-8")
+
+
+def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> str:
+    data = np.ascontiguousarray(values)
+    width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim == 2 else ""
+    length = f' NumberOfTuples="{len(data)}"' if tuples else ""
+    raw = data.astype(data.dtype.newbyteorder("<")).tobytes()
+    # Length and data are one run of base64: readers decode them together where there is no compressor.
+    text = base64.b64encode(len(raw).to_bytes(8, "little") + raw).decode("ascii")
+    kind = _NAMES[data.dtype.str[1:]]
+    return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">{text}</DataArray>'
