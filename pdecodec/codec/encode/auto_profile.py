@@ -18,7 +18,7 @@ import numpy as np
 from pdecodec.codec.encode.alternatives import GroupAlternatives
 from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.codec.encode.group_choice import GroupSearch, candidates, divided
-from pdecodec.codec.encode.group_encoder import CompareProfiles, Encoder
+from pdecodec.codec.encode.group_encoder import Encoder
 from pdecodec.codec.encode.group_fit import EncodedGroup, GroupChoice, GroupFitter
 from pdecodec.codec.encode.jumps import JumpFinder
 from pdecodec.codec.encode.memory import LONGEST_GROUP, memory_plan
@@ -71,14 +71,8 @@ class EncodedPart:
 class AutoEncoder(Encoder):
     """One encode under profile "auto": in the bases and steps that cost least."""
 
-    def __init__(
-        self,
-        sequence: MeshSequence,
-        settings: EncodeSettings,
-        progress: Progress | None,
-        compare_profiles: CompareProfiles | None = None,
-    ) -> None:
-        super().__init__(sequence, settings, progress, compare_profiles)
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        super().__init__(sequence, settings, progress)
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
@@ -161,8 +155,8 @@ class AutoEncoder(Encoder):
             self._model = search.run(look)
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
-        if self._compare_profiles:
-            profiles = self._compare_profiles(self._sequence, self._bound, "auto")
+        if self.compare_profiles:
+            profiles = self.compare_profiles(self._sequence, self._bound, "auto")
             self._questions = [*self._group_questions(points, steps), profiles]
         del search, look, points
         # None is kept: the next group takes as much memory again.

@@ -60,18 +60,16 @@ class Encoder(ABC):
     sequence : MeshSequence
     settings : EncodeSettings
     progress : callable, optional
-    compare_profiles : CompareProfiles, optional
-        If given, the encoder reports which alternatives it had, this comparison among them.
+
+    Attributes
+    ----------
+    compare_profiles : CompareProfiles or None
+        If set, the encoder reports which alternatives it had, this comparison among them.
     """
 
-    def __init__(
-        self,
-        sequence: MeshSequence,
-        settings: EncodeSettings,
-        progress: Progress | None,
-        compare_profiles: CompareProfiles | None = None,
-    ) -> None:
-        self._compare_profiles = compare_profiles
+    compare_profiles: CompareProfiles | None = None
+
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
         self._sequence, self._settings, self._progress = sequence, settings, progress
         self._started = time.perf_counter()
         self._first = checked_frames(sequence, 0, 1)[0]

@@ -18,7 +18,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.encode.displacements import FARTHEST_STEPS
-from pdecodec.codec.encode.group_encoder import FINEST_STEP, CompareProfiles, Encoder
+from pdecodec.codec.encode.group_encoder import FINEST_STEP, Encoder
 from pdecodec.codec.encode.group_fit import EncodedGroup, FittedGroup, GroupFitter
 from pdecodec.codec.encode.principal import product
 from pdecodec.codec.encode.quantisation import QUARTERS, quantise
@@ -76,14 +76,8 @@ class _Projected:
 class PaperEncoder(Encoder):
     """One encode under profile "paper"."""
 
-    def __init__(
-        self,
-        sequence: MeshSequence,
-        settings: EncodeSettings,
-        progress: Progress | None,
-        compare_profiles: CompareProfiles | None = None,
-    ) -> None:
-        super().__init__(sequence, settings, progress, compare_profiles)
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        super().__init__(sequence, settings, progress)
         paper = settings.paper
         self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
         sampled = [(self._read(*part), part) for part in self._sampled_segments()]
@@ -174,8 +168,8 @@ class PaperEncoder(Encoder):
                 fitted = min(tried, key=lambda item: item.bits)
             yield fitter.encode(fitted, self._basis)
 
-        if self._compare_profiles:
-            self._questions = [self._compare_profiles(self._sequence, self._bound, "paper")]
+        if self.compare_profiles:
+            self._questions = [self.compare_profiles(self._sequence, self._bound, "paper")]
 
     def _step(self, projected: _Projected) -> float:
         """The coarsest step at which rounding adds little to the error that the model has anyhow."""

@@ -21,8 +21,10 @@ def make_encoder(sequence: MeshSequence, settings: EncodeSettings, progress: Pro
     """Return the encoder that `settings` ask for, of a sequence of constant connectivity."""
     if settings.order == "free":
         sequence = CodedOrderSequence(sequence)
-    encoder = PROFILES[settings.profile]
-    return encoder(sequence, settings, progress, compare_profiles if settings.why else None)
+    encoder = PROFILES[settings.profile](sequence, settings, progress)
+    if settings.why:
+        encoder.compare_profiles = compare_profiles
+    return encoder
 
 
 def compare_profiles(sequence: MeshSequence, bound: float | None, chosen: Profile) -> Question:
