@@ -170,13 +170,13 @@ def objects_with_attributes(draw: st.DrawFn) -> list[MeshObject]:
     ]
 
 
-@settings(max_examples=120)
+@settings(max_examples=50)
 @given(objects_with_attributes(), st.sampled_from([2, 4, 1000, 2**40]), st.integers(0, 2**32 - 1))
 def test_any_attributes_of_any_mesh_come_back_alike(objects: list[MeshObject], size: int, seed: int) -> None:
     come_back(objects, levels_of(objects, seed, size))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(objects_with_attributes(), st.binary(max_size=60), st.integers(0, 2**32 - 1))
 def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], data: bytes, seed: int) -> None:
     levels = levels_of(objects, seed, 5)
@@ -338,7 +338,7 @@ def test_values_that_do_not_lie_in_memory_in_order_come_back() -> None:
     assert np.array_equal(found.attributes[0].values, values)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     connectivities(), st.integers(0, 2**32 - 1), st.sampled_from([1e-9, 1e-4, 1 / 8192, 0.013, 0.5, 3.0]), st.booleans()
 )

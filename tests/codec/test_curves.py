@@ -215,7 +215,7 @@ def damaged_grids(draw: st.DrawFn) -> Connectivity:
     return connectivity_of(rows * columns, faces)
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(connectivities() | damaged_grids(), st.integers(0, 2**32 - 1))
 def test_every_vertex_of_any_mesh_is_in_one_curve_along_edges_which_the_plain_decoder_finds_as_well(
     connectivity: Connectivity, seed: int
