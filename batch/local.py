@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from pdecodec.batch.clips import Clip
 from pdecodec.batch.memory import AVAILABLE_SHARE, MemoryBudget, available_memory
-from pdecodec.batch.work import Look, Result, Work, failure, look_at, make_clip
+from pdecodec.batch.work import Result, Work, failure, make_clip, memory_of
 from pdecodec.errors import InputError
 from pdecodec.system.shares import thread_count
 from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedError, call_workers
@@ -32,10 +32,10 @@ def run_local(
     workers = [Worker(environment={"PDECODEC_THREADS": str(threads)}) for _ in range(jobs)]
 
     def make(worker: Worker, clip: Clip) -> Result:
-        look: Result | Look = worker.call(look_at, clip, work)
-        if isinstance(look, Result):
-            return look
-        with budget.room(look.memory):
+        memory: Result | int = worker.call(memory_of, clip, work)
+        if isinstance(memory, Result):
+            return memory
+        with budget.room(memory):
             made: Result = worker.call(make_clip, clip, work)
             return made
 

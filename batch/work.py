@@ -101,13 +101,6 @@ class Result:
         return values
 
 
-@dataclass(frozen=True)
-class Look:
-    """What a clip that has to be coded will take: memory [bytes]."""
-
-    memory: int
-
-
 def failure(clip: Clip, error: BaseException) -> Result:
     """The one line of a clip that ended in an error."""
     if isinstance(error, PdecodecError):
@@ -124,17 +117,17 @@ def failure(clip: Clip, error: BaseException) -> Result:
     )
 
 
-def look_at(clip: Clip, work: Work) -> Result | Look:
-    """The clip's result where it needs no more work, else what it will take."""
+def memory_of(clip: Clip, work: Work) -> Result | int:
+    """Return the memory [bytes] that coding a clip takes, or its result where it is not to be coded."""
     try:
         kept = _kept(clip, work)
         if kept is not None:
             return kept
         settings = clip.options.settings
         if is_address(clip.source):
-            return Look(encoding_bytes_of_file(RemoteFile(clip.source).size(), settings))
+            return encoding_bytes_of_file(RemoteFile(clip.source).size(), settings)
         with open_clip(clip.source, clip.options) as sequence:
-            return Look(encoding_bytes(sequence.frame_count, sequence.most_vertices, settings))
+            return encoding_bytes(sequence.frame_count, sequence.most_vertices, settings)
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
 
@@ -162,10 +155,10 @@ def do_clip(clip: Clip, work: Work, budget: MemoryBudget | None = None) -> Resul
     Result
         Failures, too: what went wrong is in it, nothing is raised.
     """
-    look = look_at(clip, work)
-    if isinstance(look, Result):
-        return look
-    with nullcontext() if budget is None else budget.room(look.memory):
+    memory = memory_of(clip, work)
+    if isinstance(memory, Result):
+        return memory
+    with nullcontext() if budget is None else budget.room(memory):
         return make_clip(clip, work)
 
 
@@ -268,7 +261,7 @@ def _made(clip: Clip, work: Work) -> Result:
         except InputError as error:
             if error.path is None or Path(error.path) not in (room, written):
                 raise
-            # Where it is written before it is whole is nobody's business.
+            # Report the final path, not the temporary one.
             raise InputError(error.message, path=path) from error
         figures: dict[str, Any] = {
             **_extent(sequence, _bytes_of(files)),
