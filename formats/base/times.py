@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.mesh.sequence import DEFAULT_FPS, check_times
-from pdecodec.mesh.times import MOST_TIMES, times_at_rate
+from pdecodec.mesh.times import DEFAULT_FPS, MOST_TIMES, check_times, times_at_rate
 
 SAME_TIME = 1e-6
 """Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""

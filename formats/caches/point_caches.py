@@ -28,7 +28,8 @@ from pdecodec.formats.base.times import (
     snapped_times,
 )
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.times import check_times
 
 MDD_HEADER, PC2_HEADER = struct.Struct(">ii"), struct.Struct("<12siiffi")
 

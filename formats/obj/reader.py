@@ -29,7 +29,8 @@ from pdecodec.formats.obj.model import ObjModel
 from pdecodec.formats.obj.text import NoVerticesError, ObjText, is_far, read_text, rounding_of_text, scan
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
-from pdecodec.mesh.sequence import MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.times import check_times
 
 MOST_THREADS = 8
 """Threads that read frames; beyond it the disk and the memory bus are the limit."""

@@ -24,7 +24,8 @@ from pdecodec.formats.vtk.xdmf_grids import Grids, Part, Step
 from pdecodec.formats.vtk.xdmf_items import Items
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.times import check_times
 
 _AXES = {"XYZ": 3, "XY": 2, "X_Y_Z": 3, "X_Y": 2}
 """Axes of geometries that are read, by type; those with underscores have a DataItem for each."""

@@ -31,7 +31,8 @@ from pdecodec.codec.settings import EffortName
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.selection import FrameSelection
-from pdecodec.mesh.sequence import SHORTEST_TIME_STEP, MeshSequence, Progress
+from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.times import SHORTEST_TIME_STEP
 from pdecodec.system.whole_output import check_writable
 
 SHARED_SECTIONS = ("CONN", "ORDR", "REST", "MODL", "ATTR")

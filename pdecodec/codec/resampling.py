@@ -11,8 +11,8 @@ from pdecodec.codec.decoder import Animation
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, equal_runs
-from pdecodec.mesh.sequence import MeshSequence, check_frame_range, check_times
-from pdecodec.mesh.times import Outside, times_inside
+from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.times import Outside, check_times, times_inside
 
 
 class SampledAnimation(MeshSequence):

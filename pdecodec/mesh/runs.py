@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
-from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.times import check_times
 
 OPEN_RUNS = 2
 """Runs that stay open after they were asked for: the one at a time, and the next."""

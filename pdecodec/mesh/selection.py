@@ -9,11 +9,8 @@ import numpy as np
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import (
-    MeshSequence,
-    check_frame_range,
-    check_times,
-)
+from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.times import check_times
 
 
 class FrameSelection(MeshSequence):

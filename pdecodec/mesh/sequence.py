@@ -20,23 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed, to_float32
+from pdecodec.mesh.times import check_times
 
 Progress = Callable[[int, int, str], None]
 """Called as ``progress(frames done, frames in all, what is being done)``."""
 
 AttributeDomain = Literal["vertex", "face", "corner", "object"]
 
-DEFAULT_FPS = 24.0
-"""Frames per second where neither the file nor the user gives them; readers say so in a notice."""
-
 BLOCK_BYTES = 64 * 2**20
 """Raw float32 bytes that one block of frames may take: what bounds memory while frames pass through."""
-
-LARGEST_TIME = 2.0**53
-"""Farthest time from 0 [s]: there float64 no longer tells half seconds apart."""
-
-SHORTEST_TIME_STEP = 2.0**-53
-"""Least time from frame to frame [s], a tenth of a femtosecond: rates stay far from overflow."""
 
 MAX_INDEX = int(np.iinfo(np.int32).max)
 """Largest vertex index: indices are int32 everywhere, here and in the file."""
@@ -435,46 +427,3 @@ def check_frame_range(sequence: MeshSequence, start: int, stop: int) -> None:
     """Raise IndexError unless ``0 <= start <= stop <= frame_count``."""
     if not 0 <= start <= stop <= sequence.frame_count:
         raise IndexError(f"frames {start} to {stop} of a sequence of {sequence.frame_count}")
-
-
-def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tuple[Float64Array, float]:
-    """Times and nominal frame rate, checked and completed.
-
-    Parameters
-    ----------
-    frames : int
-        Number of frames that there must be times for.
-    times : (frames,) array [s] or None
-        Default: ``arange(frames) / fps``.
-    fps : float [1/s] or None
-        Default: from the median spacing of `times`, else 24.
-
-    Returns
-    -------
-    times : (frames,) float64 [s]
-    fps : float [1/s]
-    """
-    if frames == 0:
-        raise InputError("there are no frames; give at least one")
-    if fps is not None and not (np.isfinite(fps) and fps > 0):
-        raise InputError(f"frames per second must be a positive number, not {fps}")
-    if times is None:
-        fps = DEFAULT_FPS if fps is None else fps
-        with np.errstate(over="ignore"):  # refused below
-            times = np.arange(frames) / fps
-    checked = np.ascontiguousarray(times, dtype=np.float64)
-    if checked.shape != (frames,):
-        raise InputError(f"there are {frames} frames, but times have shape {checked.shape}")
-    if not np.isfinite(checked).all():
-        raise InputError("a time is not a finite number", frame=int(np.flatnonzero(~np.isfinite(checked))[0]))
-    steps = np.diff(checked)
-    if (steps <= 0).any():
-        raise InputError("times must increase from frame to frame", frame=int(np.flatnonzero(steps <= 0)[0]) + 1)
-    if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
-        raise InputError(
-            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart"
-        )
-    if fps is None:
-        spacing = float(np.median(steps)) if frames > 1 else 1.0 / DEFAULT_FPS
-        fps = round(1.0 / spacing, 6) or DEFAULT_FPS
-    return checked, float(fps)

@@ -1,13 +1,23 @@
-"""Times: at a rate, and what one before the first frame or after the last one means."""
+"""Times of frames: checked, completed, at a rate, and what one before the first frame or after the last one means."""
 
 from __future__ import annotations
 
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pdecodec.errors import SettingsError
+from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
+
+DEFAULT_FPS = 24.0
+"""Frames per second where neither the file nor the user gives them; readers say so in a notice."""
+
+LARGEST_TIME = 2.0**53
+"""Farthest time from 0 [s]: there float64 no longer tells half seconds apart."""
+
+SHORTEST_TIME_STEP = 2.0**-53
+"""Least time from frame to frame [s], a tenth of a femtosecond: rates stay far from overflow."""
 
 TIME_SLACK = 1e-9
 """Share of a frame by which the last time may overshoot: 100 frames at 1/24 s each do not add up exactly."""
@@ -15,6 +25,49 @@ TIME_SLACK = 1e-9
 
 MOST_TIMES = 2**24
 """Times that one rate may give: eight days at 24 a second. More is a rate mistyped, and would fill the memory."""
+
+
+def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tuple[Float64Array, float]:
+    """Times and nominal frame rate, checked and completed.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames that there must be times for.
+    times : (frames,) array [s] or None
+        Default: ``arange(frames) / fps``.
+    fps : float [1/s] or None
+        Default: from the median spacing of `times`, else 24.
+
+    Returns
+    -------
+    times : (frames,) float64 [s]
+    fps : float [1/s]
+    """
+    if frames == 0:
+        raise InputError("there are no frames; give at least one")
+    if fps is not None and not (np.isfinite(fps) and fps > 0):
+        raise InputError(f"frames per second must be a positive number, not {fps}")
+    if times is None:
+        fps = DEFAULT_FPS if fps is None else fps
+        with np.errstate(over="ignore"):  # refused below
+            times = np.arange(frames) / fps
+    checked = np.ascontiguousarray(times, dtype=np.float64)
+    if checked.shape != (frames,):
+        raise InputError(f"there are {frames} frames, but times have shape {checked.shape}")
+    if not np.isfinite(checked).all():
+        raise InputError("a time is not a finite number", frame=int(np.flatnonzero(~np.isfinite(checked))[0]))
+    steps = np.diff(checked)
+    if (steps <= 0).any():
+        raise InputError("times must increase from frame to frame", frame=int(np.flatnonzero(steps <= 0)[0]) + 1)
+    if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
+        raise InputError(
+            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart"
+        )
+    if fps is None:
+        spacing = float(np.median(steps)) if frames > 1 else 1.0 / DEFAULT_FPS
+        fps = round(1.0 / spacing, 6) or DEFAULT_FPS
+    return checked, float(fps)
 
 
 def times_at_rate(first: float, last: float, fps: float) -> Float64Array:

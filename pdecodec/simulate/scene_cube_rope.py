@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.mesh.sequence import DEFAULT_FPS
+from pdecodec.mesh.times import DEFAULT_FPS
 from pdecodec.simulate.constraints import Constraints
 from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
 from pdecodec.simulate.meshing import triangulate, tube_quads

@@ -11,7 +11,8 @@ import numpy as np
 
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array
-from pdecodec.mesh.sequence import DEFAULT_FPS, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.times import DEFAULT_FPS
 from pdecodec.simulate.constraints import Method
 from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.system import System

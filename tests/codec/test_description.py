@@ -29,14 +29,8 @@ from pdecodec.codec.sections.description import (
 )
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.mesh.sequence import (
-    LARGEST_TIME,
-    SHORTEST_TIME_STEP,
-    ArraySequence,
-    Connectivity,
-    MeshObject,
-    MeshSequence,
-)
+from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject, MeshSequence
+from pdecodec.mesh.times import LARGEST_TIME, SHORTEST_TIME_STEP
 from spec.sealing import content, seal, take_apart
 from tests.support.damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 
