@@ -150,7 +150,7 @@ class XmlFile:
         dtype = np.dtype(self._order + TYPES[str(array.get("type"))])
         kind, text = array.get("format", "ascii"), (array.text or "")
         if kind == "ascii":
-            return np.array(text.split()).astype(dtype)
+            return np.fromiter(map(float if dtype.kind == "f" else int, text.split()), dtype)
         if self._compressor not in (None, "vtkZLibDataCompressor"):
             raise ValueError(f"its compressor is {self._compressor}")
         if kind == "binary":

@@ -5,6 +5,7 @@ A new format gets every test there by one more line here. Of what it does not de
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import encode, open_sequence, write_sequence
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshSequence
+from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import needed, uv_with_seam
 
@@ -201,6 +202,22 @@ def _write_vtp(points: NDArray[np.float32], whole: Connectivity, path: Path) -> 
     )
 
 
+@_write_frames
+def _write_pvtu(points: NDArray[np.float32], whole: Connectivity, path: Path) -> None:
+    write_sequence(ArraySequence(points[None], objects=[MeshObject("mesh", whole)]), path.with_suffix(".vtu"))
+    piece = f'<Piece Source="{path.with_suffix(".vtu").name}"/>'
+    kind = "PUnstructuredGrid"
+    path.write_text(f'<VTKFile type="{kind}"><{kind}>{piece}</{kind}></VTKFile>')
+
+
+def _write_series(sequence: MeshSequence, path: str) -> None:
+    pattern = Path(f"{path}.####.vtu")
+    write_sequence(sequence, pattern)
+    names = sorted(file.name for file in pattern.parent.glob(f"{Path(path).name}.*.vtu"))
+    steps = [{"name": name, "time": time} for name, time in zip(names, sequence.times.tolist(), strict=True)]
+    Path(path).write_text(json.dumps({"files": steps}))
+
+
 def _write_exodus(sequence: MeshSequence, path: str) -> None:
     points, whole = sequence.read_frames(0, sequence.frame_count).astype(np.float64), sequence.connectivity
     with h5py.File(path, "w") as file:
@@ -259,9 +276,11 @@ CONTRACT = (
     _ONE(file="x.xdmf"),
     _ONE(file="x.pvd", runs=True),
     _ONE(file="x.e", write=_write_exodus, written=False, shapes=tuple(one for one in _OF_TWO if one != "polygons")),
+    _ONE(file="x.vtu.series", write=_write_series, written=False, runs=True),
     _COUNTED(file="x.####.vtu"),
     _COUNTED(file="x.####.ply", shapes=("vertex", "points", *FACES), attributes=_COLORS, attribute_error=1 / 509),
     _READ(file="x.####.vtp", write=_write_vtp),
+    _READ(file="x.####.pvtu", write=_write_pvtu),
     _READ(file="x.####.vtk", write=_write_vtk, shapes=_OF_TWO[2:]),
     _READ(file="x.####.off", write=_write_off, shapes=_OF_TWO),
     _READ(file="x.####.stl", write=_write_stl, shapes=()),
