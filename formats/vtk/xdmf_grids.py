@@ -117,7 +117,6 @@ class Grids:
     def _in_time(self, grid: Element, children: Sequence[Element]) -> list[Step]:
         """Return the steps of a temporal collection: times are those of its grids, or its own list of them."""
         name = grid.get("Name", "")
-        listed = self._times(grid)
         steps: list[Step] = []
         for child in children:
             found = self._steps(child, None)
@@ -135,6 +134,7 @@ class Grids:
                 path=self._path,
                 frame=known.index(False),
             )
+        listed = self._times(grid)
         if listed is None:
             return steps
         if len(listed) != len(steps):
@@ -203,7 +203,11 @@ class Grids:
             numbers = [numbers[0] + numbers[1] * step for step in range(int(numbers[2]))]
         elif kind == "range":
             if _collection(grid) == "temporal" and len(self._document.children(grid, "Grid")) > 1:
-                return None  # a span that holds the times of its grids, and is none of them
+                raise InputError(
+                    f"the time of the temporal collection {name!r} is a range, which does not say when each of its "
+                    "grids is; list their times",
+                    path=self._path,
+                )
             numbers = numbers[:1]
         return numbers
 
