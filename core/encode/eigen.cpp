@@ -8,7 +8,6 @@
 #include "base/lanes.hpp"
 #include "base/parallel.hpp"
 #include "encode/matrices.hpp"
-#include "encode/secular.hpp"
 #include "linalg/products.hpp"
 #include "linalg/vectors.hpp"
 
@@ -116,7 +115,7 @@ constexpr i64 rows_at_once = 48;  // of eigenvectors, which a thread works on to
 Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     : diagonal(size), beside(size), size_(size), stride_(whole_eights(size)), vectors_(size * stride_), factors_(size) {
     for (i64 i = 0; i < size; ++i) std::copy_n(matrix + i * size, size, vectors_.data() + i * stride_);
-    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         reduce<bytes>(vectors_.data(), factors_.data(), diagonal.data(), beside.data(), size_, stride_);
     });
 }

@@ -127,33 +127,35 @@ namespace {
 
 // Columns stand as rows, `length` apart. A column's reflection acts on its numbers from the diagonal on; what stands before
 // is set aside in the triangle, and zero.
-void reduce(double *columns, double *factors, double *triangle, i64 length, i64 count) {
+template <int bytes>
+PDEANIM_INLINE void reduce(double *columns, double *factors, double *triangle, i64 length, i64 count) {
     for (i64 j = 0; j < count; ++j) {
         double *own = columns + j * length;
         const i64 first = j / abreast * abreast, left = length - first;
         std::copy_n(own, j, triangle + j * count);
         std::fill_n(own, j, 0.0);
-        const Reflection found = reflection_of<usual_bytes>(own + first, left, j - first);
+        const Reflection found = reflection_of<bytes>(own + first, left, j - first);
         factors[j] = found.factor;
         triangle[j * count + j] = found.image;
         for (i64 k = j + 1; k < count; ++k) {
             double *other = columns + k * length;
             // Numbers of the other column before the diagonal meet zeros.
-            add_multiple<usual_bytes>(other + first, -found.factor * dot<usual_bytes>(other + first, own + first, left),
-                                      own + first, left);
+            add_multiple<bytes>(other + first, -found.factor * dot<bytes>(other + first, own + first, left),
+                                own + first, left);
         }
     }
 }
 
-void expand(double *vectors, const double *columns, const double *factors, i64 length, i64 count) {
+template <int bytes>
+PDEANIM_INLINE void expand(double *vectors, const double *columns, const double *factors, i64 length, i64 count) {
     for (i64 j = count; j-- > 0;) {
         const double *own = columns + j * length;
         const i64 first = j / abreast * abreast, left = length - first;
         vectors[j * length + j] = 1.0;
         for (i64 k = j; k < count; ++k) {
             double *other = vectors + k * length;
-            add_multiple<usual_bytes>(other + first, -factors[j] * dot<usual_bytes>(other + first, own + first, left),
-                                      own + first, left);
+            add_multiple<bytes>(other + first, -factors[j] * dot<bytes>(other + first, own + first, left), own + first,
+                                left);
         }
     }
 }
@@ -168,8 +170,10 @@ OrthonormalColumns orthonormal_columns(const double *matrix, i64 rows, i64 colum
     for (i64 i = 0; i < rows; ++i) {
         for (i64 j = 0; j < columns; ++j) reduced[j * length + i] = down * matrix[i * columns + j];
     }
-    reduce(reduced.data(), factors.data(), turned.data(), length, columns);
-    expand(vectors.data(), reduced.data(), factors.data(), length, columns);
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        reduce<bytes>(reduced.data(), factors.data(), turned.data(), length, columns);
+        expand<bytes>(vectors.data(), reduced.data(), factors.data(), length, columns);
+    });
     OrthonormalColumns found{std::vector<double>(columns * rows), std::vector<double>(columns * columns)};
     for (i64 j = 0; j < columns; ++j) {
         std::copy_n(vectors.data() + j * length, rows, found.vectors.data() + j * rows);

@@ -1,4 +1,4 @@
-#include "encode/secular.hpp"
+#include "encode/matrices.hpp"
 
 #include <algorithm>
 #include <cmath>

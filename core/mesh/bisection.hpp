@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "mesh/connectivity.hpp"
+#include "mesh/corner_table.hpp"
 #include "mesh/z_order.hpp"
 
 namespace pdeanim {

@@ -11,6 +11,18 @@
 
 namespace pdeanim {
 
+// Faces and lines of one object.
+struct Connectivity {
+    i64 vertices = 0;
+    std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
+};
+
+// The same, in arrays of the caller's.
+struct ConnectivityView {
+    i64 vertices;
+    std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
+};
+
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1

@@ -8,7 +8,6 @@
 
 #include "mesh/corner_table.hpp"
 #include "mesh/graph.hpp"
-#include "mesh/triangle_pairs.hpp"
 
 namespace pdeanim {
 

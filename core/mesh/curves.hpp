@@ -5,9 +5,9 @@
 // 1. polylines of three points or more, as they are;
 // 2. edge loops: edges that go straight on through vertices where four quads meet, the longest loops first and with
 //    them the loops beside them, so that curves lie side by side and long. Pairs of triangles that make the quads of a
-//    grid count as quads (triangle_pairs.hpp);
+//    grid count as quads (triangle_pairs.cpp);
 // 3. a path cover of what remains, of irregular and triangle meshes, chains of two-point lines, polygons: paths that go
-//    as straight as they can and end where they would come back beside themselves (path_cover.hpp);
+//    as straight as they can and end where they would come back beside themselves (graph.cpp);
 // 4. isolated vertices: all those of an object are one curve, along a space-filling curve through the reference frame.
 //
 // Positions only decide between grids that connectivity cannot tell apart, and the order of isolated vertices. Encoder
@@ -17,7 +17,7 @@
 #include <span>
 #include <vector>
 
-#include "mesh/connectivity.hpp"
+#include "mesh/corner_table.hpp"
 #include "mesh/z_order.hpp"
 
 namespace pdeanim {
@@ -30,5 +30,21 @@ struct Curves {
 // Curves of all objects, one object after the other. reference: the reference frame's grid coordinates, of the vertices
 // of all objects.
 Curves extract_curves(std::span<const ConnectivityView> objects, std::span<const GridPoint> reference);
+
+// The grid in a triangulated grid: pairs of triangles that make its quads.
+//
+// Inside a grid of quads four quads meet at a vertex, at its border two. In a vertex's triangles this says how many
+// pairs there are to be: where as many triangles are left as pairs are lacking, each belongs to another pair; where
+// twice as many are left, they pair with each other. From a few pairs most others follow, whatever way the diagonals
+// go. Where nothing follows, as in a grid whose diagonals all go one way, a neighbouring pair is copied, and positions
+// decide between directions that connectivity cannot tell apart: the two diagonals of a rectangle are equally long.
+//
+// Of each corner of a mesh of faces, the corner of another face on the same edge; -1 unless exactly two faces have it.
+std::vector<i32> twins(const CornerTable &corners);
+
+// Of each face that is one of a pair, the corner whose edge is the pair's diagonal; -1 of other faces. cells: of each
+// vertex, as `cells_in_box` gives them.
+std::vector<i32> pair_triangles(const CornerTable &corners, std::span<const i32> twin,
+                                std::span<const GridPoint> cells);
 
 }  // namespace pdeanim

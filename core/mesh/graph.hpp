@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "mesh/connectivity.hpp"
+#include "mesh/corner_table.hpp"
 
 namespace pdeanim {
 

@@ -1,4 +1,4 @@
-#include "mesh/triangle_pairs.hpp"
+#include "mesh/curves.hpp"
 
 #include <array>
 #include <utility>

@@ -1,7 +1,7 @@
 #include <stdexcept>
 
 #include "base/lanes.hpp"
-#include "simulate/slots.hpp"
+#include "simulate/sheets.hpp"
 
 namespace pdeanim::xpbd {
 

@@ -1,5 +1,5 @@
 #include "base/lanes.hpp"
-#include "simulate/slots.hpp"
+#include "simulate/sheets.hpp"
 
 namespace pdeanim::xpbd {
 
@@ -48,11 +48,14 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
     }
 }
 
-void solve_damped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<true, Slot<bytes>>(places, slots, count, scaling); });
-}
-void solve_undamped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<false, Slot<bytes>>(places, slots, count, scaling); });
+void solve_all(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        if (scaling.damping > 0.0) {
+            solve_pairs<true, Slot<bytes>>(places, slots, count, scaling);
+        } else {
+            solve_pairs<false, Slot<bytes>>(places, slots, count, scaling);
+        }
+    });
 }
 
 class Distances : public SlottedBatch {
@@ -68,8 +71,7 @@ protected:
         const PairSlots slots{
             {members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1), multipliers_of(group)},
             inverse_masses_.data() + first_of(group, 2)};
-        const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
-        take(places, slots, count(group), scaling_);
+        solve_all(places, slots, count(group), scaling_);
     }
 
 private:
@@ -85,6 +87,104 @@ std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &
     own.reserve(pairs.size());
     for (const i32 particle : pairs) own.push_back(inverse_masses[particle]);
     return std::make_unique<Distances>(pairs, halves, lengths, multipliers, own, scaling);
+}
+
+namespace {
+
+struct BendingSlots {
+    const i32 *members;
+    const double *coefficients, *shares, *inverses;  // shares: inverse mass times coefficient of each particle
+    double *multipliers;
+};
+
+// One constraint after another, the axes side by side; lanes of a slot only give the processor something to do meanwhile.
+template <bool is_damped>
+PDEANIM_INLINE void solve_bending(Places places, BendingSlots slots, std::size_t count, Scaling scaling) {
+    const auto [compliance, damping, relaxation] = scaling;
+    for (std::size_t slot = 0; slot < count; ++slot) {
+        const i32 *members = slots.members + slot * 4 * slot_size;
+        const double *coefficients = slots.coefficients + slot * 4 * slot_size;
+        const double *shares = slots.shares + slot * 4 * slot_size;
+        double *multipliers = slots.multipliers + slot * 4 * slot_size;
+        for (int lane = 0; lane < slot_size; ++lane) {
+            const i32 a = members[lane], b = members[slot_size + lane];
+            const i32 c = members[2 * slot_size + lane], d = members[3 * slot_size + lane];
+            const double of_a = coefficients[lane], of_b = coefficients[slot_size + lane];
+            const double of_c = coefficients[2 * slot_size + lane], of_d = coefficients[3 * slot_size + lane];
+            Place *const now = places.positions;
+            const Register x_a = lanes_at<4>(now[a].at), x_b = lanes_at<4>(now[b].at);
+            const Register x_c = lanes_at<4>(now[c].at), x_d = lanes_at<4>(now[d].at);
+            const Register value = of_a * x_a + of_b * x_b + of_c * x_c + of_d * x_d;
+            Register multiplier = lanes_at<4>(multipliers + 4 * lane);
+            Register right = -value - compliance * multiplier;
+            if constexpr (is_damped) {
+                const Place *const old = places.previous;
+                const Register before = of_a * lanes_at<4>(old[a].at) + of_b * lanes_at<4>(old[b].at) +
+                                        of_c * lanes_at<4>(old[c].at) + of_d * lanes_at<4>(old[d].at);
+                right -= damping * (value - before);
+            }
+            Register change = right * slots.inverses[slot * slot_size + lane];  // Eq. 6
+            multiplier += change;
+            put_lanes(multipliers + 4 * lane, multiplier);
+            change = change * relaxation;
+            put_lanes(now[a].at, x_a + shares[lane] * change);  // Eq. 7
+            put_lanes(now[b].at, x_b + shares[slot_size + lane] * change);
+            put_lanes(now[c].at, x_c + shares[2 * slot_size + lane] * change);
+            put_lanes(now[d].at, x_d + shares[3 * slot_size + lane] * change);
+        }
+    }
+}
+
+void solve_all(const Places &places, const BendingSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_wide([&](auto) PDEANIM_INLINE_LAMBDA {
+        if (scaling.damping > 0.0) {
+            solve_bending<true>(places, slots, count, scaling);
+        } else {
+            solve_bending<false>(places, slots, count, scaling);
+        }
+    });
+}
+
+class Bending : public SlottedBatch {
+public:
+    Bending(std::span<const i32> stencils, const Halves &halves, std::span<const double> coefficients,
+            std::span<const double> shares, std::span<double> multipliers, std::span<const double> inverses,
+            const Scaling &scaling)
+        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling, Multipliers::by_axes),
+          coefficients_(slotted(coefficients, 4, 0.0)), shares_(slotted(shares, 4, 0.0)),
+          inverses_(slotted(inverses, 1, 0.0)) {}
+
+protected:
+    void solve_group(const Places &places, Group group) override {
+        const BendingSlots slots{members_.data() + first_of(group, 4), coefficients_.data() + first_of(group, 4),
+                                 shares_.data() + first_of(group, 4), inverses_.data() + first_of(group, 1),
+                                 multipliers_of(group)};
+        solve_all(places, slots, count(group), scaling_);
+    }
+
+private:
+    std::vector<double> coefficients_, shares_, inverses_;
+};
+
+}  // namespace
+
+std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, const Halves &halves,
+                                    std::span<const double> coefficients, std::span<double> multipliers,
+                                    std::span<const double> inverse_masses, const Scaling &scaling) {
+    std::vector<double> inverses(stencils.size() / 4, 0.0), shares(stencils.size());
+    for (std::size_t i = 0; i < inverses.size(); ++i) {
+        double slope = 0.0;
+        for (int k = 0; k < 4; ++k) {
+            const double coefficient = coefficients[4 * i + k];
+            const double inverse_mass = inverse_masses[stencils[4 * i + k]];
+            shares[4 * i + k] = inverse_mass * coefficient;
+            const double term = inverse_mass * coefficient * coefficient;
+            slope = k == 0 ? term : slope + term;
+        }
+        // Held particles have nothing to give.
+        if (slope != 0.0) inverses[i] = 1.0 / ((1.0 + scaling.damping) * slope + scaling.compliance);
+    }
+    return std::make_unique<Bending>(stencils, halves, coefficients, shares, multipliers, inverses, scaling);
 }
 
 }  // namespace pdeanim::xpbd

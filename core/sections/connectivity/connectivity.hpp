@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "base/arithmetic.hpp"
-#include "mesh/connectivity.hpp"
+#include "mesh/corner_table.hpp"
 
 namespace pdeanim {
 

@@ -3,7 +3,6 @@
 #include <optional>
 
 #include "base/errors.hpp"
-#include "mesh/ranks.hpp"
 
 namespace pdeanim {
 

@@ -10,7 +10,7 @@
 #include "base/errors.hpp"
 #include "entropy/numbers.hpp"
 #include "entropy/range_coder.hpp"
-#include "sections/reference/predictor.hpp"
+#include "sections/reference/reference.hpp"
 
 namespace pdeanim {
 

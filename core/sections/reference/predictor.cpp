@@ -1,4 +1,4 @@
-#include "sections/reference/predictor.hpp"
+#include "sections/reference/reference.hpp"
 
 #include <algorithm>
 #include <cmath>

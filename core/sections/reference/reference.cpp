@@ -9,7 +9,6 @@
 #include "entropy/range_coder.hpp"
 #include "mesh/corner_table.hpp"
 #include "sections/reference/point_model.hpp"
-#include "sections/reference/predictor.hpp"
 
 namespace pdeanim {
 

@@ -1,4 +1,4 @@
-#include "mesh/border.hpp"
+#include "sections/connectivity/surface.hpp"
 
 namespace pdeanim {
 
