@@ -14,7 +14,7 @@ from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREEN, GREY, INK,
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
-from pdecodec.research.reproduction.rates import AUTO, NUMBER_BYTES, PAPER, PDE, POLYNOMIALS, SPLINES, Point
+from pdecodec.research.reproduction.rates import AUTO, NUMBER_BYTES, PAPER, PDE, POLYNOMIALS, SPLINES, Point, table_of
 
 
 def bytes_figure(findings: Findings) -> Figure:
@@ -206,7 +206,7 @@ def constants_figure(findings: Findings) -> Figure:
             "Which smooth functions they are makes little difference; how many, and where, does: this fall needs more "
             "than four functions of time before it needs more along the curve."
         ),
-        table=_table(findings.models),
+        table=table_of(findings.models),
         chart=beside(*panels),
         consequence="it cuts curves and patches into as many pieces as the bound asks for.",
     )
@@ -247,7 +247,7 @@ def rate_figure(findings: Findings) -> Figure:
             "the paper's are fitted curve by curve. A looser bound takes fewer bytes: "
             + (f"where it does not, {dearer:.1%} more." if dearer else f"from {sizes[-1]:,} down to {sizes[0]:,}.")
         ),
-        table=_table([*models, *(file.point for file in files)]),
+        table=table_of([*models, *(file.point for file in files)]),
         chart=beside(*panels),
     )
 
@@ -310,7 +310,7 @@ def surface_figure(findings: Findings) -> Figure:
             "light: a rope that is off by a hundredth of its length is thinner than that, and smooth functions along "
             f"whole curves keep more of its surface.{ahead}"
         ),
-        table=_table([*findings.models, *(file.point for file in findings.files)]),
+        table=table_of([*findings.models, *(file.point for file in findings.files)]),
         chart=beside(*panels),
     )
 
@@ -338,7 +338,7 @@ def fit_time_figure(findings: Findings) -> Figure:
             f"models and keeps a bound, takes {min(p.seconds for p in auto):.1f} to "
             f"{max(p.seconds for p in auto):.1f} s. One thread."
         ),
-        table=_table([*findings.models, *(file.point for file in findings.files)]),
+        table=table_of([*findings.models, *(file.point for file in findings.files)]),
         chart=beside(panel),
     )
 
@@ -395,22 +395,3 @@ def gap_figure(findings: Findings) -> Figure:
         chart=beside(panel),
         shows_table=True,
     )
-
-
-def _table(points: list[Point]) -> Table:
-    columns: dict[str, Callable[[Point], Value]] = {
-        "model": lambda p: p.model,
-        "constants a curve and axis": lambda p: p.constants,
-        "bytes as float32": lambda p: p.plain_bytes,
-        "bytes coded": lambda p: p.coded_bytes,
-        "CPU time [s]": lambda p: p.seconds,
-        "mean E_A": lambda p: p.errors.mean,
-        "largest E_M": lambda p: p.errors.largest,
-        "KG error [%]": lambda p: p.kg_error,
-        "edge difference (STED)": lambda p: p.surface.sted,
-        "normals, mean angle [degrees]": lambda p: p.surface.normal_error,
-        "normals, 99 % within [degrees]": lambda p: p.surface.normal_p99,
-        "mean E_A before rounding": lambda p: p.unrounded.mean,
-        "largest E_M before rounding": lambda p: p.unrounded.largest,
-    }
-    return Table(tuple(columns), tuple(tuple(read(point) for read in columns.values()) for point in points))

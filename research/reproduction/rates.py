@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import DistortionMeter
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surface
+from pdecodec.report.charts.figure import Table, Value
 from pdecodec.research.baselines.coding import decode_bands, encode_bands
 from pdecodec.research.reproduction.bspline import DEGREE, uniform_knots
 from pdecodec.research.reproduction.functions import ALPHA, SPACE_FUNCTIONS, TIME_FUNCTIONS, R, unit_basis
@@ -191,3 +193,23 @@ def every_file(rope: Rope) -> list[File]:
     """Profile paper, and profile auto over :data:`TOLERANCES`."""
     files = [measure_file(rope, PAPER, EncodeSettings(profile="paper"))]
     return files + [measure_file(rope, AUTO, EncodeSettings(tolerance=tolerance)) for tolerance in TOLERANCES]
+
+
+def table_of(points: list[Point]) -> Table:
+    """Return a row of everything that was measured for each point."""
+    columns: dict[str, Callable[[Point], Value]] = {
+        "model": lambda p: p.model,
+        "constants a curve and axis": lambda p: p.constants,
+        "bytes as float32": lambda p: p.plain_bytes,
+        "bytes coded": lambda p: p.coded_bytes,
+        "CPU time [s]": lambda p: p.seconds,
+        "mean E_A": lambda p: p.errors.mean,
+        "largest E_M": lambda p: p.errors.largest,
+        "KG error [%]": lambda p: p.kg_error,
+        "edge difference (STED)": lambda p: p.surface.sted,
+        "normals, mean angle [degrees]": lambda p: p.surface.normal_error,
+        "normals, 99 % within [degrees]": lambda p: p.surface.normal_p99,
+        "mean E_A before rounding": lambda p: p.unrounded.mean,
+        "largest E_M before rounding": lambda p: p.unrounded.largest,
+    }
+    return Table(tuple(columns), tuple(tuple(read(point) for read in columns.values()) for point in points))
