@@ -10,12 +10,10 @@ from xml.etree import ElementTree
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_files import find_frames, frames_there, is_frame_pattern
-from pdecodec.formats.base.registry import known_extensions
+from pdecodec.formats.base.registry import format_of_extension, known_extensions, load
 from pdecodec.system.storage import is_address
 
 _XDMF = (".xdmf", ".xmf")
-
-_VTK_LISTS = (".pvd", ".series", ".pvtu", ".pvtp", ".vtm")
 
 _USD = (".usd", ".usda", ".usdc")
 
@@ -73,7 +71,7 @@ def output_files(output: str) -> list[Path]:
 
 def _named_by(path: Path) -> Iterator[Path]:
     """Files that a file names and that are there; none where it is damaged: readers say so."""
-    suffix = path.suffix.lower()
+    suffix, entry = path.suffix.lower(), format_of_extension(path)
     names: list[str] = []
     try:
         if suffix in _XDMF:
@@ -82,10 +80,8 @@ def _named_by(path: Path) -> Iterator[Path]:
                     names.append((item.text or "").strip().partition(":")[0])
                 elif str(item.tag).endswith("}include"):
                     names.append(item.get("href", ""))
-        elif suffix in _VTK_LISTS:
-            from pdecodec.formats.vtk.file_lists import named_files
-
-            yield from (file for file in named_files(path) if file.is_file())
+        elif entry is not None and entry.companions is not None:
+            yield from (file for file in load(entry, entry.companions, "read", path)(path) if file.is_file())
         elif suffix == ".gltf":
             buffers = json.loads(path.read_bytes()).get("buffers", [])
             names += [

@@ -105,6 +105,8 @@ class Format:
         ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
     onto : str or None
         Likewise, what puts motion onto a file of the format (:data:`pdecodec.formats.base.onto.OntoWriter`).
+    companions : str or None
+        Likewise, what yields the files that a file of the format names.
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
@@ -135,6 +137,7 @@ class Format:
     reader: str | None = None
     writer: str | None = None
     onto: str | None = None
+    companions: str | None = None
     write_with: str = ""
     extra: str | None = None
     frame_per_file: bool = False
