@@ -347,22 +347,29 @@ class Animation(MeshSequence):
         """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
         with self._naming_the_file():
             groups, space_kind = self._core.groups, self._core.model.kind
-        remarks, file_bytes = self._remarks, sum(self.sections.values())
         frames = [group.frames for group in groups]
         return {
-            "file_bytes": file_bytes,
-            "ratio": 12 * self.frame_count * self.vertex_count / file_bytes,
-            "sections": self.sections,
-            "summary": str(remarks.get("summary", "")),
-            "generator": str(remarks.get("generator", "")),
-            "settings": remarks.get("settings", {}),
+            **self._facts(),
             "time_bases": sorted({TIME_BASES[group.basis] for group in groups}),
             "space_basis": SPACE_KINDS[space_kind],
             "functions_of_time": max(group.functions for group in groups),
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
+            "alternatives": self._remarks.get("alternatives"),
+        }
+
+    def _facts(self) -> dict[str, Any]:
+        """Return what :meth:`info` says of a file of one run or several."""
+        sections, remarks = self.sections, self._remarks
+        file_bytes = sum(sections.values())
+        return {
+            "file_bytes": file_bytes,
+            "ratio": 12 * self.position_count / file_bytes,
+            "sections": sections,
+            "summary": str(remarks.get("summary", "")),
+            "generator": str(remarks.get("generator", "")),
+            "settings": remarks.get("settings", {}),
             "jumps": list(self.jumps),
-            "alternatives": remarks.get("alternatives"),
         }
 
     @property

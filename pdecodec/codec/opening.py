@@ -118,15 +118,8 @@ class ChangingAnimation(ChangingSequence, Animation):
 
     def info(self) -> dict[str, Any]:
         """What the headers say of the file, as of other animations; how many runs, how long and how large."""
-        remarks, file_bytes = self._remarks, self._core.file_bytes
         return {
-            "file_bytes": file_bytes,
-            "ratio": 12 * self.position_count / file_bytes,
-            "sections": self.sections,
-            "summary": str(remarks.get("summary", "")),
-            "generator": str(remarks.get("generator", "")),
-            "settings": remarks.get("settings", {}),
-            "jumps": list(self.jumps),
+            **self._facts(),
             "runs": len(self.runs),
             "run_frames": [int(self.run_frames.min()), int(self.run_frames.max())],
             "run_vertices": [int(self.run_vertices.min()), int(self.run_vertices.max())],
