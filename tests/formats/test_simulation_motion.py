@@ -1,0 +1,445 @@
+"""What moves a mesh of VTK, XDMF and Exodus, by one rule; which files lists of VTK name; what is not kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.base.companions import input_files
+from pdecodec.mesh.sequence import ArraySequence
+from tests.support.command_line import Capture, done, error_of
+from tests.support.exodus_files import SQUARE, write_exodus
+
+RISE = np.array([0.0, 0.1, 0.2])
+"""A displacement a step."""
+
+STILL = np.zeros(3)
+
+
+def moved_by(path: Path, displacement: str | None = None) -> list[list[float]]:
+    """How far the second vertex is from its place in the first frame of the mesh at rest, a frame each."""
+    with open_sequence(path, displacement=displacement) as read:
+        points = read.read_frames(0, read.frame_count)[:, 1].astype(np.float64)
+    return np.round(points - SQUARE[1], 6).tolist()
+
+
+def along(axis: int, amounts: Sequence[float] = (0.0, 0.1, 0.2)) -> list[list[float]]:
+    return [[amount * (axis == other) for other in range(3)] for amount in amounts]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("displ_x", "displ_y", "displ_z"),
+        ("disp_x", "disp_y", "disp_z"),
+        ("DISPLX", "DISPLY", "DISPLZ"),
+        ("dispx", "dispy", "dispz"),
+        ("Displacement_X", "Displacement_Y", "Displacement_Z"),
+        ("displ_z", "vel_x", "displ_x", "vel_y", "displ_y", "vel_z"),
+    ],
+)
+def test_exodus_is_moved_by_what_its_programs_take_for_displacements(tmp_path: Path, names: tuple[str, ...]) -> None:
+    nodal = {name: RISE if name.lower() in ("displ_y", "disp_y", "disply", "dispy", "displacement_y") else STILL
+             for name in names}  # fmt: skip
+    write_exodus(tmp_path / "x.e", nodal)
+    assert moved_by(tmp_path / "x.e") == along(1)
+    assert moved_by(tmp_path / "x.e", "none") == along(1, [0.0])
+    with open_sequence(tmp_path / "x.e") as read:
+        assert read.notices[0].startswith("the vectors 'disp".replace("disp", names[0][:4]))
+        assert any("nodal variables 'vel_x', 'vel_y', 'vel_z' are not kept" in line for line in read.notices) == (
+            len(names) > 3
+        )
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("UX", "UY", "UZ"),
+        ("u_x", "u_y", "u_z"),
+        ("vel_x", "vel_y", "vel_z"),
+        ("U", "V", "W"),
+        ("undisp_x", "undisp_y", "undisp_z"),
+    ],
+)
+def test_other_vectors_of_exodus_move_nothing_unless_they_are_asked_for(tmp_path: Path, names: tuple[str, ...]) -> None:
+    write_exodus(tmp_path / "x.e", dict.fromkeys(names, STILL) | {names[0]: RISE})
+    assert moved_by(tmp_path / "x.e") == along(0, [0.0])
+    base = names[0][:-1].rstrip("_")
+    with open_sequence(tmp_path / "x.e") as read:
+        assert f"nodal variables '{names[0]}'" in read.notices[-1]
+        asks = any(f"nothing says that {base!r} is its displacement" in line for line in read.notices)
+        assert asks == bool(base)
+    if base:
+        assert moved_by(tmp_path / "x.e", base) == along(0)
+        assert moved_by(tmp_path / "x.e", base.upper()) == along(0)
+
+
+def test_displacements_of_exodus_that_leave_a_choice_are_refused(tmp_path: Path) -> None:
+    pairs = {f"{base}_{axis}": RISE if axis == "z" else STILL for base in ("disp", "displ") for axis in "xyz"}
+    write_exodus(tmp_path / "x.e", pairs)
+    with pytest.raises(InputError, match="several vectors are displacements \\('disp', 'displ'\\); name one of them"):
+        open_sequence(tmp_path / "x.e")
+    assert moved_by(tmp_path / "x.e", "displ") == along(2)
+    with pytest.raises(InputError, match=r"has no vectors 'u' on its nodes .*; there are 'disp', 'displ'"):
+        open_sequence(tmp_path / "x.e", displacement="u")
+
+
+def test_displacements_along_some_axes_say_along_which_not(tmp_path: Path) -> None:
+    write_exodus(tmp_path / "x.e", {"disp_x": RISE, "disp_y": STILL})
+    with open_sequence(tmp_path / "x.e") as read:
+        assert "the displacements have no components along z" in read.notices
+    assert moved_by(tmp_path / "x.e") == along(0)
+    write_exodus(tmp_path / "y.e", {"disp_x": RISE, "disp_y": STILL}, points=SQUARE[:, :2])
+    with open_sequence(tmp_path / "y.e") as read:
+        assert read.notices == ("the vectors 'disp' are added to the geometry: they move the mesh",)
+    assert moved_by(tmp_path / "y.e") == along(0)
+
+
+def test_variables_blocks_and_sets_of_exodus_are_named_and_blocks_behind_an_empty_one_read(tmp_path: Path) -> None:
+    listed = {
+        "name_elem_var": ["stress_xx", "vonmises"],
+        "name_glo_var": ["energy"],
+        "name_sset_var": ["traction"],
+        "name_assembly_red_var": ["area"],
+        "ns_names": ["", "clamped"],
+        "ss_names": ["left"],
+    }
+    write_exodus(tmp_path / "x.e", {"heat": RISE}, blocks={1: [[1, 2, 3]], 3: [[1, 3, 4]]}, kind="TRI3", listed=listed)
+    with open_sequence(tmp_path / "x.e") as read:
+        assert read.connectivity.face_indices.tolist() == [0, 1, 2, 0, 2, 3]
+        assert read.notices == (
+            "its shape stays, one frame is read of 3 time steps: nothing displaces its nodes",
+            "nodal variables 'heat', element variables 'stress_xx', 'vonmises', side set variables 'traction', global "
+            "variables 'energy', assembly_red variables 'area', node sets 'clamped' and side sets 'left' are not kept",
+        )
+
+
+@pytest.mark.data
+def test_a_real_exodus_file_moves_in_all_of_its_steps(shared_data: Path) -> None:
+    folder = shared_data / "fields" / "seacas_block_crush"
+    expected = np.load(folder / "seacas_block_crush.npz")
+    with open_sequence(folder / "block_crush_1.ex2") as read:
+        (node,) = read.objects[0].attributes
+        assert np.array_equal(read.read_frames(0, 11), expected["points"][:, node.values - 1])
+        assert np.array_equal(read.times, expected["times"])
+        assert (np.abs(np.diff(read.read_frames(0, 11), axis=0)).max(axis=(1, 2)) > 0).all()
+
+
+VELOCITY = SQUARE * 0 + [1, 0, 0]
+
+
+def write_vtk(path: Path, rise: float = 0.0, x: float = 0.0, **point_data: np.ndarray) -> None:
+    """A square of VTK, at a height and with data; the cell's rank beside them."""
+    mesh = meshio.Mesh(SQUARE + np.array([x, 0, rise]), [("quad", [[0, 1, 2, 3]])], point_data, {"rank": [np.zeros(1)]})
+    mesh.write(path)
+
+
+@pytest.mark.parametrize("extension", ["vtu", "vtk"])
+@pytest.mark.parametrize("name", ["u", "displacement", "velocity", "UX", "disp"])
+def test_vectors_of_vtk_move_nothing_unless_they_are_asked_for(tmp_path: Path, extension: str, name: str) -> None:
+    for frame, amount in enumerate(RISE):
+        write_vtk(tmp_path / f"x{frame}.{extension}", **{name: VELOCITY * amount, "heat": np.zeros(4)})
+    path = tmp_path / f"x#.{extension}"
+    assert moved_by(path) == along(0, [0.0] * 3)
+    assert moved_by(path, name) == along(0)
+    with open_sequence(path, fps=24) as read:
+        assert read.notices == (
+            f"the mesh stands still: nothing says that {name!r} is its displacement; the option displacement=NAME adds "
+            "vectors to the geometry",
+            f"point data {name!r}, 'heat' and cell data 'rank' are not kept",
+        )
+    with open_sequence(path, fps=24, displacement=name) as read:
+        assert read.notices == (
+            f"the vectors {name!r} are added to the geometry: they move the mesh",
+            "point data 'heat' and cell data 'rank' are not kept",
+        )
+    with pytest.raises(InputError, match=f"has no vectors 'heat' on its nodes .*; there are {name!r}"):
+        open_sequence(path, displacement="heat")
+
+
+def test_geometry_that_moves_is_not_moved_again(tmp_path: Path) -> None:
+    for frame, amount in enumerate(RISE):
+        write_vtk(tmp_path / f"x{frame}.vtu", float(amount), displacement=VELOCITY * amount)
+    assert moved_by(tmp_path / "x#.vtu") == along(2)
+    with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
+        assert read.notices == ("point data 'displacement' and cell data 'rank' are not kept",)
+    write_vtk(tmp_path / "x1.vtu", 0.1)
+    lacks = pytest.raises(InputError, match=r"x1\.vtu: has no vectors 'displacement' on its points")
+    with open_sequence(tmp_path / "x#.vtu", fps=24, displacement="displacement") as read, lacks:
+        read.read_frames(1, 2)
+
+
+def test_data_that_only_later_files_have_are_named_too(tmp_path: Path) -> None:
+    write_vtk(tmp_path / "x0.vtu")
+    write_vtk(tmp_path / "x1.vtu", 1.0, late=np.zeros(4))
+    with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
+        assert read.notices == ("point data 'late' and cell data 'rank' are not kept",)
+
+
+def test_solids_are_moved_on_their_surface(tmp_path: Path) -> None:
+    points = np.array([[0.5, 0.5, 0.5], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    mesh = meshio.Mesh(points, [("tetra", [[1, 2, 3, 4]])], {"u": points * 2})
+    for extension in ("vtu", "vtk"):
+        mesh.write(tmp_path / f"x.{extension}")
+        with open_sequence(tmp_path / f"x.{extension}", displacement="u") as read:
+            assert np.array_equal(read.read_frames(0, 1)[0], points[1:] * 3)
+
+
+def pvtu(path: Path, pieces: Sequence[str], kind: str = "PUnstructuredGrid") -> None:
+    rows = "".join(f'<Piece Source="{piece}"/>' for piece in pieces)
+    path.write_text(f'<VTKFile type="{kind}"><{kind} GhostLevel="0"><PPoints/>{rows}</{kind}></VTKFile>')
+
+
+def pvd(path: Path, rows: Sequence[tuple[str, str, str]]) -> None:
+    listed = "".join(f'<DataSet timestep="{time}" {part} file="{file}"/>' for time, part, file in rows)
+    path.write_text(f'<VTKFile type="Collection"><Collection>{listed}</Collection></VTKFile>')
+
+
+def parallel(folder: Path) -> None:
+    """Three steps of two parts side by side."""
+    for frame, amount in enumerate(RISE):
+        write_vtk(folder / f"p0_{frame}.vtu", float(amount), u=VELOCITY)
+        write_vtk(folder / f"p1_{frame}.vtu", float(amount), x=2.0, u=VELOCITY)
+        pvtu(folder / f"u{frame}.pvtu", [f"p0_{frame}.vtu", f"p1_{frame}.vtu"])
+
+
+def test_parallel_files_are_read_alone_as_frames_and_in_lists(tmp_path: Path) -> None:
+    parallel(tmp_path)
+    pvd(tmp_path / "x.pvd", [(f"{frame / 2}", 'part="0"', f"u{frame}.pvtu") for frame in range(3)])
+    files = [{"name": f"u{frame}.pvtu", "time": frame / 2} for frame in range(3)]
+    (tmp_path / "x.pvtu.series").write_text(json.dumps({"file-series-version": "1.0", "files": files}))
+    for name, times in (("x.pvd", [0, 0.5, 1]), ("x.pvtu.series", [0, 0.5, 1]), ("u#.pvtu", [0, 1 / 24, 2 / 24])):
+        with open_sequence(tmp_path / name) as read:
+            assert read.times.tolist() == times
+            assert read.connectivity.face_indices.tolist() == list(range(8))
+            found = read.read_frames(0, 3)
+            assert np.allclose(found[:, :, 2], RISE[:, None])
+            assert found[0, :, 0].tolist() == [0, 1, 1, 0, 2, 3, 3, 2]
+            assert "point data 'u' and cell data 'rank' are not kept" in read.notices
+    assert len(input_files(str(tmp_path / "x.pvd"))) == len(input_files(str(tmp_path / "x.pvtu.series"))) == 10
+    with open_sequence(tmp_path / "x.pvd", displacement="u") as read:
+        assert read.read_frames(0, 1)[0, :, 0].tolist() == [1, 2, 2, 1, 3, 4, 4, 3]
+    (tmp_path / "p1_0.vtu").unlink()
+    with pytest.raises(InputError, match=r"u0\.pvtu: lists 'p1_0\.vtu', which is missing"):
+        open_sequence(tmp_path / "x.pvd")
+
+
+def test_blocks_of_a_multi_block_file_and_a_part_without_points_are_joined(tmp_path: Path) -> None:
+    parallel(tmp_path)
+    empty = (
+        '<VTKFile type="UnstructuredGrid" byte_order="LittleEndian"><UnstructuredGrid><Piece NumberOfPoints="0" '
+        'NumberOfCells="0"><Points><DataArray type="Float32" NumberOfComponents="3" format="ascii"/></Points><Cells>'
+        '<DataArray type="Int64" Name="connectivity" format="binary"/><DataArray type="Int64" Name="offsets" '
+        'format="ascii"/><DataArray type="UInt8" Name="types" format="ascii"/></Cells></Piece></UnstructuredGrid>'
+        "</VTKFile>"
+    )
+    (tmp_path / "none.vtu").write_text(empty)
+    rows = '<Block index="0"><DataSet index="0" file="p0_0.vtu"/><DataSet index="1"/></Block>'
+    rows += '<DataSet index="1" file="u0.pvtu"/><DataSet index="2" file="none.vtu"/>'
+    kind = "vtkMultiBlockDataSet"
+    (tmp_path / "x.vtm").write_text(f'<VTKFile type="{kind}"><{kind}>{rows}</{kind}></VTKFile>')
+    with open_sequence(tmp_path / "x.vtm", displacement="u") as read:
+        assert read.read_frames(0, 1)[0, ::4, 0].tolist() == [1, 1, 3]
+
+
+def test_ghost_cells_that_another_part_has_are_left_out(tmp_path: Path) -> None:
+    strip = np.array([[x, y, 0] for x in range(3) for y in range(2)], np.float64)
+    cells = [[0, 2, 3, 1], [2, 4, 5, 3]]
+    for part, ghosts in enumerate(([0, 1], [1, 0])):
+        data = {"vtkGhostType": [np.array(ghosts, np.uint8)]}
+        meshio.Mesh(strip, [("quad", cells)], {}, data).write(tmp_path / f"p{part}.vtu")
+    pvtu(tmp_path / "x.pvtu", ["p0.vtu", "p1.vtu"])
+    with open_sequence(tmp_path / "x.pvtu") as read:
+        assert read.vertex_count == 8
+        assert read.read_frames(0, 1)[0, :, 0].tolist() == [0, 0, 1, 1, 1, 1, 2, 2]
+        assert read.connectivity.face_indices.tolist() == [0, 2, 3, 1, 4, 6, 7, 5]
+
+
+ROUNDED = [("0", 0), ("4e+06", 1), ("8e+06", 2), ("8e+06", 3), ("8e+06", 4)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([(time, 'part="0"', f"s{k}.vtu") for time, k in ROUNDED], r"3 files of one part are at one time, 8000000\.0"),
+        ([(time, "", f"s{k}.vtu") for time, k in ROUNDED], r"at one time, 8000000\.0 \('s2\.vtu', 's3\.vtu', 's4"),
+        ([(f"{k // 2}", 'part="0"', f"s{k}.vtu") for k in range(4)], r"2 files of one part are at one time, 0\.0"),
+        ([(f"{k // 2}", 'group="a" part="1"', f"s{k}.vtu") for k in range(4)], "were their times rounded"),
+        ([("1", 'part="0"', "s0.vtu"), ("1.0", 'part="0"', "s1.vtu")], r"at one time, 1\.0"),
+        ([("1", "", "s0.vti")], r"files of type \.vti are not read as part of a list"),
+        ([("1", "", "s9.vtu")], r"s9\.vtu: there is no such file"),
+        ([("1", "", ""), ("2", "", "s0.vtu")], "lists no files with times"),
+    ],
+)
+def test_steps_of_a_pvd_that_cannot_be_told_apart_are_refused(
+    tmp_path: Path, rows: list[tuple[str, str, str]], message: str
+) -> None:
+    for frame in range(5):
+        write_vtk(tmp_path / f"s{frame}.vtu", float(frame))
+    (tmp_path / "s0.vti").write_text("")
+    pvd(tmp_path / "x.pvd", rows)
+    with pytest.raises(InputError, match=message):
+        open_sequence(tmp_path / "x.pvd")
+
+
+@pytest.mark.parametrize("parts", [('part="0"', 'part="1"'), ("", ""), ('group="a" part="0"', 'group="b" part="0"')])
+def test_parts_of_a_time_are_joined_where_the_list_tells_them_apart(tmp_path: Path, parts: tuple[str, str]) -> None:
+    rows = []
+    for frame in range(2):
+        for number, part in enumerate(parts):
+            write_vtk(tmp_path / f"s{frame}{number}.vtu", float(frame), x=2.0 * number)
+            rows.append((str(frame), part, f"s{frame}{number}.vtu"))
+    pvd(tmp_path / "x.pvd", rows)
+    with open_sequence(tmp_path / "x.pvd") as read:
+        assert read.times.tolist() == [0, 1]
+        assert read.vertex_count == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is no file series, or a damaged one"),
+        ('{"files": []}', "lists no files with times"),
+        ('{"files": [{"name": "s0.vtu", "time": 0}, {"name": "s1.vtu"}]}', "lists no files with times"),
+        ('{"files": [{"name": "s0.vtu", "time": 1}, {"name": "s1.vtu", "time": 1}]}', r"at one time, 1\.0"),
+        ('{"files": [{"name": "s0.stl", "time": 1}]}', "there is no such file|files of type"),
+    ],
+)
+def test_a_damaged_series_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    write_vtk(tmp_path / "s0.vtu")
+    (tmp_path / "x.series").write_text(text)
+    with pytest.raises(InputError, match=message):
+        open_sequence(tmp_path / "x.series")
+
+
+def test_a_series_without_times_is_counted_and_names_legacy_files(tmp_path: Path) -> None:
+    for frame, amount in enumerate(RISE):
+        write_vtk(tmp_path / f"s{frame}.vtk", float(amount))
+    (tmp_path / "x.vtk.series").write_text(json.dumps({"files": [{"name": f"s{frame}.vtk"} for frame in range(3)]}))
+    with open_sequence(tmp_path / "x.vtk.series", fps=10) as read:
+        assert np.allclose(read.times, RISE)
+    assert moved_by(tmp_path / "x.vtk.series") == along(2)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "moves"),
+    [
+        ("u", "Vector", False),
+        ("displacement", "Vector", False),
+        ("velocity", "Vector", False),
+        ("u", "Scalar", False),
+        ("u", "Matrix", False),
+        ("UX", "Vector", True),
+    ],
+)
+def test_vectors_of_xdmf_move_nothing_unless_they_are_asked_for(
+    tmp_path: Path, name: str, kind: str, moves: bool
+) -> None:
+    width = {"Scalar": 1, "Matrix": 2}.get(kind, 3)
+    with h5py.File(tmp_path / "d.h5", "w") as file:
+        file["p"] = SQUARE
+        for frame, amount in enumerate(RISE):
+            file[f"u{frame}"] = VELOCITY[:, :width] * amount
+            file[f"p{frame}"] = SQUARE + np.array([0, 0, amount])
+    quad = '<Topology TopologyType="Quadrilateral"><DataItem Dimensions="1 4">0 1 2 3</DataItem></Topology>'
+
+    def item(dataset: str, columns: int) -> str:
+        return f'<DataItem Format="HDF" Dimensions="4 {columns}">d.h5:/{dataset}</DataItem>'
+
+    steps = "".join(
+        f'<Grid><Time Value="{frame}"/>{quad}<Geometry>{item(f"p{frame}" if moves else "p", 3)}</Geometry>'
+        f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">{item(f"u{frame}", width)}</Attribute></Grid>'
+        for frame in range(3)
+    )
+    path = tmp_path / "x.xdmf"
+    path.write_text(
+        f'<Xdmf><Domain><Grid GridType="Collection" CollectionType="Temporal">{steps}</Grid></Domain></Xdmf>'
+    )
+    assert moved_by(path) == (along(2) if moves else along(0, [0.0] * 3))
+    with open_sequence(path) as read:
+        told = f"nothing says that {name!r} is its displacement"
+        assert any(told in line for line in read.notices) == (kind != "Scalar" and not moves)
+        assert read.notices[-1] == f"point data {name!r} are not kept"
+    if kind == "Scalar":
+        with pytest.raises(InputError, match="has no vectors 'u' on its nodes"):
+            open_sequence(path, displacement=name)
+    elif not moves:
+        assert moved_by(path, name) == along(0)
+
+
+def test_the_command_line_moves_by_the_vectors_that_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_exodus(tmp_path / "x.e", {"u_x": RISE, "u_y": STILL, "u_z": STILL})
+    done("convert", "x.e", "x.npz", "--displacement", "u")
+    assert np.allclose(np.load("x.npz")["points"][:, 1, 0], 1 + RISE)
+    assert "there are 'u'" in error_of(capsys, 3, "convert", "x.e", "y.npz", "--displacement", "v")
+    write_sequence(ArraySequence(SQUARE[None]), tmp_path / "a.npz")
+    with pytest.raises(SettingsError, match="displacement"):
+        open_sequence(tmp_path / "a.npz", displacement="u")
+
+
+def test_what_vtk_itself_reads_follows_the_same_rule(tmp_path: Path) -> None:
+    pytest.importorskip("vtkmodules", reason="VTK is not installed here (pip install 'pdecodec[vtk]')")
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkFiltersCore import vtkAppendFilter
+    from vtkmodules.vtkFiltersSources import vtkCubeSource
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
+
+    cube, grid = vtkCubeSource(), vtkAppendFilter()
+    cube.Update()
+    grid.AddInputData(cube.GetOutput())
+    grid.Update()
+    for name, writer, data in (
+        ("x.vtp", vtkXMLPolyDataWriter(), cube.GetOutput()),
+        ("x.vtu", vtkXMLUnstructuredGridWriter(), grid.GetOutput()),
+    ):
+        lifted = numpy_to_vtk(np.tile([0.0, 0, 2], (24, 1)), deep=True)
+        lifted.SetName("u")
+        data.GetPointData().AddArray(lifted)
+        writer.SetFileName(str(tmp_path / name))
+        writer.SetInputData(data)
+        writer.SetCompressorTypeToLZ4()
+        writer.Write()
+        with open_sequence(tmp_path / name) as still, open_sequence(tmp_path / name, displacement="u") as read:
+            assert np.allclose(read.read_frames(0, 1) - still.read_frames(0, 1), [0, 0, 2])
+            assert "'u'" in still.notices[-1]
+            assert still.notices[-1].endswith("are not kept")
+        with pytest.raises(InputError, match="has no vectors 'v' on its nodes"):
+            open_sequence(tmp_path / name, displacement="v")
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("01/parts.xdmf", [[0, 0.5, 1], [0, 1, 2]]),
+        ("01/one.xdmf", [[0, 0.5, 1]]),
+        ("02/moving.xdmf", [[0, 0.5, 1]]),
+        ("03/fe_u.xdmf", [[0, 0]]),
+        ("03/fe_w.xdmf", [[0, 0]]),
+        ("04/velocity.xdmf", [[0, 0, 0]]),
+        ("04/poisson.xdmf", [[0, 0, 0]]),
+        ("06/parallel.pvd", [[0, 0.5, 1], [0, 0.5, 1]]),
+    ],
+)
+def test_small_inputs_of_bug_reports_come_in_right(shared_data: Path, name: str, expected: list[list[float]]) -> None:
+    with open_sequence(shared_data / "reports" / name) as read:
+        points = read.read_frames(0, read.frame_count)
+        assert points[:, ::4, 2].T.tolist() == expected
+        assert points[:, 0, :2].tolist() == [[0, 0]] * read.frame_count
+
+
+@pytest.mark.data
+def test_small_inputs_of_bug_reports_whose_times_were_rounded_are_refused(shared_data: Path) -> None:
+    with pytest.raises(InputError, match=r"rounded\.pvd: 3 files of one part are at one time, 8000000\.0"):
+        open_sequence(shared_data / "reports" / "06" / "rounded.pvd")
