@@ -153,6 +153,14 @@ void turn(Axis &a, Axis &b, i64 cosine, i64 sine) {
     }
 }
 
+// The largest integer whose square is at most `square`, 0 to 2^62.
+i64 integer_root(i64 square) {
+    i64 root = static_cast<i64>(std::sqrt(static_cast<double>(square)));
+    while (root * root > square) --root;
+    while ((root + 1) * (root + 1) <= square) ++root;
+    return root;
+}
+
 // Turn two coordinates so that they are not correlated; false where they hardly are.
 bool decorrelate(Axis &a, Axis &b, int shift) {
     const i64 first = moment(a, a), second = moment(b, b), mixed = moment(a, b);
@@ -169,13 +177,6 @@ bool decorrelate(Axis &a, Axis &b, int shift) {
 }
 
 }  // namespace
-
-i64 integer_root(i64 square) {
-    i64 root = static_cast<i64>(std::sqrt(static_cast<double>(square)));
-    while (root * root > square) --root;
-    while ((root + 1) * (root + 1) <= square) ++root;
-    return root;
-}
 
 int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i32> vertices) {
     const i64 size = static_cast<i64>(vertices.size());

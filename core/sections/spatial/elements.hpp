@@ -88,9 +88,6 @@ private:
     AlignedArray<double> columns_, functions_;
 };
 
-// The largest integer whose square is at most `square`, 0 to 2^62.
-i64 integer_root(i64 square);
-
 // Local coordinates of an element: about its mean, along its principal axes, the widest first.
 //
 // They are found by one-sided Jacobi rotations in integers, so that everyone finds the same. Coordinates that are hardly
