@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern, sequences_in
@@ -95,7 +95,9 @@ _BYTES = ("size", "max_memory")
 
 def _value(name: str, value: Any) -> Any:
     if name not in OPTION_NAMES:
-        raise SettingsError(f"there is no option {name!r}; there are source, output, {', '.join(OPTION_NAMES)}")
+        raise SettingsError(
+            f"there is no option {name!r}; there are source, output, {', '.join(OPTION_NAMES)}", code="unknown-name"
+        )
     if value is None:
         return None
     kind = _KINDS.get(name, str)
@@ -112,7 +114,7 @@ def _value(name: str, value: Any) -> Any:
     except (KeyError, ValueError, TypeError) as error:
         what = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of names"}
         wanted = "a number of bytes such as 200kB" if name in _BYTES else what.get(kind, "text")
-        raise SettingsError(f"{name} must be {wanted}, not {value!r}") from error
+        raise SettingsError(f"must be {wanted}, not {value!r}", setting=name) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +165,7 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
     if path.suffix.lower() in MANIFESTS:
         clips = list(_of_manifest(path, options))
         if not clips:
-            raise InputError("this manifest lists no clip; see pdecodec batch --help", path=given)
+            raise InputError("this manifest lists no clip; write a row for each", code="no-frames", path=given)
     elif is_address(given):
         clips = _named([(given, _below(given, ""))], options)
     elif path.is_dir():
@@ -176,7 +178,9 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
         check_there(given)
         clips = _named([(given, path.name)], options)
     if not clips:
-        raise InputError("there is no mesh sequence; name a manifest, a pattern in quotes or a folder", path=given)
+        raise InputError(
+            "there is no mesh sequence; name a manifest, a pattern in quotes or a folder", code="no-frames", path=given
+        )
     _check_outputs(clips)
     return clips
 
@@ -196,7 +200,7 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
                 raise SettingsError(f"has no source{there}; name the file, pattern or folder of the clip")
             own = options.with_values(values)
         except SettingsError as error:
-            raise SettingsError(f"clip {number}: {error.message}", path=path) from error
+            raise SettingsError(f"clip {number}: {error}", code=error.code, path=path) from error
         if own.mesh is not None and "mesh" in values:
             own = replace(own, mesh=_seen_from(path, own.mesh))
         whole = _seen_from(path, source)
@@ -217,15 +221,16 @@ def _rows(path: Path) -> list[tuple[int, Any]]:
         else:
             found = json.loads(text)
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error}); check the name", path=path) from error
+        raise unreadable(error, path, "check the name") from error
     except (ValueError, csv.Error, RecursionError) as error:
-        raise InputError(f"is not a manifest of clips ({error}); see pdecodec batch --help", path=path) from error
+        message = f"is not a manifest of clips ({error}); docs/pipelines.md shows one"
+        raise damaged(message, path=path) from error
     if isinstance(found, Mapping):
         defaults, found = found.get("defaults", {}), found.get("clips")
         if isinstance(defaults, Mapping) and isinstance(found, list):
             found = [{**defaults, **row} if isinstance(row, Mapping) else row for row in found]
     if not isinstance(found, list):
-        raise InputError("is not a manifest: a list of clips, or an object with a list clips, is needed", path=path)
+        raise damaged("is not a manifest: a list of clips, or an object with a list clips, is needed", path=path)
     return list(enumerate(found, 1))
 
 
@@ -315,5 +320,6 @@ def _check_outputs(clips: Iterable[Clip]) -> None:
         other = taken.setdefault(clip.output.lower(), clip)
         if other is not clip:
             raise SettingsError(
-                f"{other.source} and {clip.source} would both go to {clip.output}; name outputs in a manifest"
+                f"{other.source} and {clip.source} would both go to {clip.output}; name outputs in a manifest",
+                code="overwrites-input",
             )

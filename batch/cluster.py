@@ -84,7 +84,9 @@ def connected(address: str) -> Iterator[Any]:
     try:
         client = Client(**place, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError("no Dask scheduler answers there; check the address", path=address) from error
+        raise InputError(
+            "no Dask scheduler answers there; check the address", code="unreadable", path=address
+        ) from error
     with client:
         yield client
 
@@ -95,7 +97,7 @@ def do_on_worker(clip: Clip, work: Work, max_memory: int | None = None) -> Resul
     os.environ.setdefault("PDECODEC_THREADS", "1")
     if not is_address(work.folder) and not Path(work.folder, STATE_FOLDER).is_dir():
         message = "is not seen by a worker; take a folder that all of them see under this name, or an address"
-        return failure(clip, InputError(message, path=work.folder))
+        return failure(clip, InputError(message, code="file-missing", path=work.folder))
     return do_clip(clip, work, _shared_budget(max_memory))
 
 
@@ -141,7 +143,9 @@ def seen_by_all(work: Work) -> Work:
 
 def _result_of(clip: Clip, future: Any, address: str) -> Result:
     if future.status == "cancelled":
-        raise InputError("the Dask cluster ended; start it and run again, what is done is kept", path=address)
+        raise InputError(
+            "the Dask cluster ended; start it and run again, what is done is kept", code="worker-ended", path=address
+        )
     error = future.exception()
     if error is None:
         result: Result = future.result()
@@ -157,7 +161,9 @@ def _ours(error: BaseException, clip: Clip) -> BaseException:
         return error
     if isinstance(error, KilledWorker):
         message = "workers ended on it, again and again; see whether it is damaged, or give workers more memory"
-        return InputError(message, path=clip.source)
+        return InputError(message, code="worker-ended", path=clip.source)
     if isinstance(error, ImportError):
-        return InputError(f"a worker has no pdecodec as it is here ({error}); install it there", path=clip.source)
+        return InputError(
+            f"a worker has no pdecodec as it is here ({error}); install it there", code="worker-ended", path=clip.source
+        )
     return error

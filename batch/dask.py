@@ -1,6 +1,6 @@
 """Clips in one's own graphs of Dask (extra ``dask``): coding as tasks, decoded positions as an array of blocks.
 
-``pdecodec batch --dask`` does all that a batch needs; this is for what else is to happen to clips on the way::
+The command `batch` does all that a batch needs; this is for what else is to happen to clips on the way::
 
     import dask
     import pdecodec.dask
@@ -124,14 +124,14 @@ def positions(
     except ImportError as error:
         raise _missing(error) from error
     if block is not None and block < 1:
-        raise SettingsError(f"block must be 1 or more, not {block}")
+        raise SettingsError(f"must be 1 or more, not {block}", setting="block")
     place = os.fspath(source) if is_address(source) else os.path.abspath(source)
     with open_animation(place, limits=limits) as animation:
         if isinstance(animation, ChangingAnimation):
             raise SettingsError("has frames of several meshes, which make no one array; take its runs", path=source)
         asked = animation.times if times is None else np.asarray(times, np.float64)
         if asked.ndim != 1 or np.isnan(asked).any():
-            raise SettingsError("times must be a list of numbers")
+            raise SettingsError("must be a list of numbers", setting="times")
         vertices, edges = animation.vertex_count, animation.group_edges
         if block is not None or times is not None:
             edges = [*range(0, asked.size, block or max(1, asked.size)), asked.size]

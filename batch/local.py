@@ -46,9 +46,9 @@ def run_local(
 def _error_of_clip(error: Exception, clip: Clip) -> Exception:
     """What to tell of a clip whose worker did not answer."""
     if isinstance(error, WorkerNotStartedError):
-        message = f"no process could be started to code it ({error}); take fewer --jobs"
-        return InputError(message, path=clip.source)
+        message = f"no process could be started to code it ({error})"
+        return InputError(message, code="worker-ended", path=clip.source, setting="jobs", purpose="to take fewer")
     if isinstance(error, WorkerEndedError):
-        message = f"the process that coded it ended ({error}); see whether the file is damaged, take fewer --jobs"
-        return InputError(message, path=clip.source)
+        message = f"the process that coded it ended ({error}); see whether the file is damaged"
+        return InputError(message, code="worker-ended", path=clip.source, setting="jobs", purpose="to take fewer")
     return error

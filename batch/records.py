@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pdecodec.errors import InputError
+from pdecodec.errors import unreadable
 from pdecodec.system.storage import RemoteFile, is_address
 from pdecodec.system.whole_output import whole_file, write_errors
 
@@ -65,7 +65,7 @@ def digest_of(path: Place) -> str:
             # IO[bytes], as places open files, lacks what file_digest reads by; every file of theirs has it.
             return hashlib.file_digest(file, _ALGORITHM).hexdigest()  # type: ignore[arg-type]
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+        raise unreadable(error, path) from error
 
 
 def digests_of(files: Sequence[Place]) -> list[list[str]]:
@@ -85,7 +85,7 @@ def stamp_of(files: Sequence[Place]) -> list[list[Any]]:
         try:
             status = path.stat()
         except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+            raise unreadable(error, path) from error
         found.append([path.name, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino])
     return found
 

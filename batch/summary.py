@@ -13,14 +13,14 @@ from typing import Any
 
 from pdecodec.batch.records import place_of, write_text
 from pdecodec.batch.work import Result
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 
 SUMMARY = "summary"
 """Name of the tables, in the folder of the outputs; the extension is the notation's."""
 
 COLUMNS = (
     "source", "output", "state", "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound",
-    "max_error", "rms_error", "diagonal", "groups", "verified_error", "seconds", "message",
+    "max_error", "rms_error", "diagonal", "groups", "verified_error", "seconds", "code", "message",
 )  # fmt: skip
 """Of the CSV table: bytes, scene units, seconds."""
 
@@ -120,7 +120,7 @@ def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:
         found = json.loads(earlier.read_text(encoding="utf-8"))["clips"]
         before = {one["output"]: int(one["bytes"]) for one in found if one["bytes"] is not None}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("is not the summary.json of a batch; name one", path=earlier) from error
+        raise damaged("is not the summary.json of a batch; name one", path=earlier) from error
     lines = []
     for result in results:
         old, new = before.get(result.output), result.figures.get("bytes")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,10 +80,8 @@ class Result:
     source, output : str
     state : {"done", "kept", "failed", "planned"}
         Coded now; coded before, and as it should be; not there; to be coded, in a dry run.
-    message : str
-        Of one that failed: what is wrong, in a line.
-    exit_code : int
-        Of one that failed: what the command alone would have ended with.
+    error : PdecodecError, optional
+        Of one that failed.
     figures : dict
         By the names of :data:`FIGURES`: bytes, scene units, seconds.
     """
@@ -90,31 +89,39 @@ class Result:
     source: str
     output: str
     state: State
-    message: str = ""
-    exit_code: int = 0
+    error: PdecodecError | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def message(self) -> str:
+        """What is wrong, in a line."""
+        return "" if self.error is None else " ".join(str(self.error).split())
+
     def to_dict(self) -> dict[str, Any]:
-        """One flat object, ready for JSON."""
-        values = {**asdict(self), **{name: self.figures.get(name) for name in FIGURES}}
-        del values["figures"]
-        return values
+        """One flat object, ready for JSON; `exit_code` is that of the command for this clip alone."""
+        error = self.error
+        told = {
+            "message": self.message,
+            "code": "" if error is None else error.code.value,
+            "exit_code": 0 if error is None else error.exit_code,
+        }
+        figures = {name: self.figures.get(name) for name in FIGURES}
+        return {"source": self.source, "output": self.output, "state": self.state, **told, **figures}
 
 
 def failure(clip: Clip, error: BaseException) -> Result:
-    """The one line of a clip that ended in an error."""
+    """Return the result of a clip that ended in an error."""
     if isinstance(error, PdecodecError):
-        message, code = str(error) if error.path is not None else f"{clip.source}: {error}", error.exit_code
+        told = error if error.path is not None else error.placed(path=clip.source)
     elif isinstance(error, OSError):
-        message = f"{error.filename or clip.source}: {error.strerror or error}"
-        code = InputError.exit_code
+        code = "disk-full" if error.errno == errno.ENOSPC else "unreadable"
+        told = InputError(str(error.strerror or error), code=code, path=error.filename or clip.source)
     elif isinstance(error, MemoryError):
-        message, code = f"{clip.source}: not enough memory; take fewer jobs", InputError.exit_code
+        told = InputError("not enough memory; take fewer jobs", code="too-large", path=clip.source)
     else:
-        message, code = f"{clip.source}: a bug in pdecodec: {type(error).__name__}: {error}; please report it", 1
-    return Result(
-        source=clip.source, output=clip.output, state="failed", message=" ".join(message.split()), exit_code=code
-    )
+        message = f"a bug in pdecodec: {type(error).__name__}: {error}; please report it"
+        told = PdecodecError(message, path=clip.source)
+    return Result(source=clip.source, output=clip.output, state="failed", error=told)
 
 
 def memory_of(clip: Clip, work: Work) -> Result | int:
@@ -230,7 +237,11 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     if record is None or written not in (record.output_digest, record.replaces):
         if not work.overwrite:
             raise InputError(
-                "is there, and not as this batch wrote it; move it away, or give --overwrite to replace it", path=path
+                "is there, and not as this batch wrote it",
+                code="output-exists",
+                path=path,
+                setting="overwrite",
+                purpose="to replace it",
             )
         return None
     files = _files(clip)
@@ -262,7 +273,7 @@ def _made(clip: Clip, work: Work) -> Result:
             if error.path is None or Path(error.path) not in (room, written):
                 raise
             # Report the final path, not the temporary one.
-            raise InputError(error.message, path=path) from error
+            raise error.placed(path=path) from error
         figures: dict[str, Any] = {
             **_extent(sequence, _bytes_of(files)),
             "bytes": report.file_bytes,
@@ -280,7 +291,7 @@ def _made(clip: Clip, work: Work) -> Result:
             figures["verified_error"] = _verified(written, sequence, clip.options, figures)
         digests = digests_of(_files(here))
         if stamp_of(files) != stamp:
-            raise InputError("was changed while it was read; run again", path=clip.source)
+            raise InputError("was changed while it was read; run again", code="file-changed", path=clip.source)
         figures["seconds"] = time.perf_counter() - began
         record = Record(
             source_digests=digests,

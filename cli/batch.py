@@ -12,14 +12,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import PartlyDoneError, byte_size, counted, print_json, progress_bar, put, ratio, say, visible
+from pdecodec.cli.console import (
+    PartlyDoneError,
+    byte_size,
+    counted,
+    in_options,
+    print_json,
+    progress_bar,
+    put,
+    ratio,
+    say,
+    visible,
+)
 from pdecodec.cli.encode import encode
 from pdecodec.cli.options import (
     check_growth,
     growth_options,
     json_option,
     loudness_options,
-    naming_options,
     parse_bytes,
 )
 from pdecodec.errors import InputError, SettingsError
@@ -141,7 +151,7 @@ def batch(
             write_summary(results, output)
     if as_json:
         print_json(summary_json(results))
-    failures = [result.message for result in results if result.state == "failed"]
+    failures = [in_options(one.error, context.command.params) for one in results if one.error is not None]
     failures += [] if fail_if_larger is None or compare is None else grown(results, Path(compare), fail_if_larger)
     for failure in failures:
         say(f"failed: {failure}", level=-1)
@@ -160,8 +170,7 @@ def batch(
 def _clip_options(given: dict[str, Any]) -> ClipOptions:
     from pdecodec.batch.clips import ClipOptions
 
-    with naming_options(given):
-        return ClipOptions().with_values({name: value for name, value in given.items() if value is not None})
+    return ClipOptions().with_values({name: value for name, value in given.items() if value is not None})
 
 
 def _make_folder(folder: str) -> None:
@@ -170,7 +179,9 @@ def _make_folder(folder: str) -> None:
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"this folder cannot be made ({error.strerror or error})", path=folder) from error
+        raise InputError(
+            f"this folder cannot be made ({error.strerror or error})", code="output-unwritable", path=folder
+        ) from error
 
 
 def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:

@@ -37,13 +37,13 @@ def check(
     """Look for all that is wrong with .pdeanim files: structure, checksums, ranges; with --deep by decoding everything.
 
     A FILE of - is standard input. Findings go to standard output, a line each, or as JSON; each begins with a code that
-    stays what it is (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
+    stays what it is (docs/errors.md lists them). The exit code is 4 where there is one that is more than a note.
     """
     from pdecodec.codec.checking import FileCheck, check_file
 
     for source in sources:
         if Path(source).is_dir():
-            raise InputError("is a folder; check takes .pdeanim files", path=source)
+            raise InputError("is a folder; check takes .pdeanim files", code="invalid-input", path=source)
     if sources.count(STREAM) > 1:
         raise SettingsError("standard input can be read once; leave out one -")
     limits = decode_limits(max_memory, max_output)

@@ -35,10 +35,10 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
 
     path = Path(output)
     if path.suffix.lower() not in (".npz", ".csv"):
-        raise SettingsError(f"{output}: coefficients are written as .npz or .csv; choose one of these")
+        raise SettingsError("coefficients are written as .npz or .csv; choose one of these", path=output)
     check_output(output, overwrite=overwrite)
     if not Path(source).is_file():
-        raise InputError("there is no such file", path=source)
+        raise InputError("there is no such file", code="file-missing", path=source)
     check_apart([source], [output])
     with naming_file(source), open_animation(source) as animation:
         forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]

@@ -57,8 +57,8 @@ def compare(
             raise SettingsError(f"{name} must be zero or more, not {value}")
     asked = [InputOptions(fps=rate_to_assume(source, fps)) for source in (reference, other)]
     with open_clip(reference, asked[0]) as first, open_clip(other, asked[1]) as second:
-        say_notices(first)
-        say_notices(second)
+        say_notices(first.notices)
+        say_notices(second.notices)
         other_frames = _at_times_of(first, second) if at_frames else second
         # Transforms that were kept, here or there, are part of where vertices are.
         with rounding_noticed() as rounding:

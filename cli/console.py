@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice, PdecodecError
 
 if TYPE_CHECKING:
     from pdecodec.codec.encode.report import Question
@@ -49,10 +49,25 @@ def say(text: str, *, level: int = 0) -> None:
         click.echo(visible(text), err=True)
 
 
-def say_notices(sequence: MeshSequence) -> None:
-    """What a reader wants a person to know, a line each."""
-    for notice in sequence.notices:
-        say(f"note: {notice}")
+def in_options(line: PdecodecError | Notice, parameters: Iterable[click.Parameter]) -> str:
+    """Return the line of an error or a notice, with the option that sets it in the place of a setting or a limit.
+
+    The options of a command are called as the settings of the library that they set: they are the table.
+    """
+    wanted = line.limit or line.setting
+    for option in parameters:
+        if isinstance(option, click.Option) and option.name == wanted:
+            name = max(option.opts, key=len)
+            value = line.value if line.value is not None else option.metavar
+            return line.worded(name, f"pass {name}" if value is None else f"pass {name} {value}")
+    return str(line)
+
+
+def say_notices(notices: Iterable[str]) -> None:
+    """What a reader or a writer wants a person to know, a line each."""
+    for notice in notices:
+        parameters = click.get_current_context().command.params
+        say(f"note: {in_options(notice, parameters) if isinstance(notice, Notice) else notice}")
 
 
 def say_rounding(distance: float, scale: float) -> None:

@@ -70,7 +70,7 @@ def _convert(
     with open_whole(source, asked) as whole:
         sequence = choose(whole, asked, job.source_name)
         bound = rigid_bound(whole, asked.scale) if rigid else None
-        say_notices(sequence)
+        say_notices(sequence.notices)
         say_start(job, sequence)
 
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
@@ -88,8 +88,7 @@ def _convert(
             say_rounding(rounding.largest, frame_scale(sequence.read_frames(0, 1)[0]))
         counts = {"frames": sequence.frame_count, "vertices": sequence.most_vertices, "runs": len(sequence.runs)}
         size = extent(sequence)
-    for notice in notices:
-        say(f"note: {notice}")
+    say_notices(notices)
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"output": written, **counts, "seconds": seconds, "notices": list(notices)})

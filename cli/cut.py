@@ -127,7 +127,7 @@ def join(
                 coming.append(other)
                 continue
             sequence = stack.enter_context(open_clip(other, InputOptions(**reading)))
-            say_notices(sequence)
+            say_notices(sequence.notices)
             coming.append(sequence)
         with progress_bar() as progress:
             report = join_animations(
@@ -145,7 +145,7 @@ def join(
 
 def _check_output(output: str, sources: list[str]) -> None:
     if not output.lower().endswith(".pdeanim"):
-        raise SettingsError(f"{output}: this writes .pdeanim files; for other formats use pdecodec decode")
+        raise SettingsError("this writes .pdeanim files; for other formats use pdecodec decode", path=output)
     check_apart(sources, [output])
 
 

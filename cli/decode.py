@@ -118,7 +118,7 @@ def _decode(
         raise SettingsError("-o -: velocities go to a file of their own, beside this format's; name a file")
     job.check(outputs, [times.times, writing.onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
-        raise InputError("is a folder; decode takes a .pdeanim file", path=source)
+        raise InputError("is a folder; decode takes a .pdeanim file", code="invalid-input", path=source)
     if salvage and (times.given or writing.velocities):
         what = times.given[0] if times.given else "--velocities"
         raise SettingsError(f"--salvage gives frames as they are; leave out {what}")
@@ -127,7 +127,7 @@ def _decode(
         positions, speeds = _decoded(animation, times, place, job.source_name, with_speeds=writing.velocities)
         sequences = [positions] if speeds is None else [positions, speeds]
         _check_output(sequences, max_output, source)
-        say_notices(positions)
+        say_notices(positions.notices)
         say_start(job, positions)
         bound = rigid_bound(animation, place.scale) if writing.rigid else None
         write = partial(writing.write, bound=bound)
@@ -140,8 +140,7 @@ def _decode(
             with progress_bar() as progress:
                 found = write(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
             notices.update(dict.fromkeys(found))
-        for notice in notices:
-            say(f"note: {notice}")
+        say_notices(notices)
         size = extent(positions)
         result: dict[str, Any] = {
             "outputs": outputs,
@@ -187,7 +186,9 @@ class _Times(_Part):
 
     def check(self) -> None:
         if len(self.given) > 1:
-            raise SettingsError(f"{' and '.join(self.given)} exclude each other; give one of them")
+            raise SettingsError(
+                f"{' and '.join(self.given)} exclude each other; give one of them", code="conflicting-settings"
+            )
         if self.outside != "refuse" and not (self.at or self.times):
             raise SettingsError(
                 f"--outside {self.outside} is for times given with --at or --times; give them, or leave it out"
@@ -310,10 +311,8 @@ def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str
     size = sum(12 * sequence.position_count for sequence in sequences)
     what = f"{extent(sequences[0])}, {byte_size(size)}"
     if most is not None and size > most:
-        raise InputError(
-            f"declares {what}, and --max-output allows {byte_size(most)}; choose --frames or --object, or raise it",
-            path=path,
-        )
+        message = f"declares {what}, and --max-output allows {byte_size(most)}"
+        raise InputError(f"{message}; choose --frames or --object, or raise it", code="output-limit", path=path)
     if most is None and size > MUCH_OUTPUT:
         say(f"note: {path} declares {what} to be decoded; --max-output refuses files that declare more than you expect")
 
@@ -330,7 +329,7 @@ def _velocity_path(output: str) -> str:
     path = Path(output)
     holds_all_frames = known_extensions(lambda entry: entry.writes and not entry.frame_per_file)
     if path.suffix.lower() not in holds_all_frames:
-        raise SettingsError(f"{output}: --velocities are written as {', '.join(holds_all_frames)}; name such a file")
+        raise SettingsError(f"--velocities are written as {', '.join(holds_all_frames)}; name such a file", path=output)
     return str(path.with_name(f"{path.stem}.velocities{path.suffix}"))
 
 

@@ -12,6 +12,7 @@ import click
 
 from pdecodec.cli.console import byte_size, print_json, print_table, progress_bar, put, ratio, say
 from pdecodec.cli.options import json_option
+from pdecodec.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from pdecodec.mesh.surface_metrics import SurfaceDistortion
@@ -29,7 +30,6 @@ def demo(*, output: str, as_json: bool) -> None:
     Files of an earlier demonstration in DIR are replaced.
     """
     say("simulating, encoding and decoding; about half a minute")
-    from pdecodec.errors import MissingExtraError
     from pdecodec.report.demo import demonstrate, draw
 
     started = time.perf_counter()

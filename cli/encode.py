@@ -17,7 +17,6 @@ from pdecodec.cli.options import (
     json_option,
     loudness_options,
     max_output_option,
-    naming_options,
     overwrite_option,
     parse_bytes,
 )
@@ -150,16 +149,17 @@ def _encode(
         for kind in (EncodeSettings, PaperSettings)
     )
     if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
-        raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
+        raise SettingsError(
+            "give one of --tolerance, --max-error, --rms and --size, not several", code="conflicting-settings"
+        )
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
-    with naming_options((*settings, *paper)):
-        checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    checked = EncodeSettings(**settings, paper=PaperSettings(**given))
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     asked = InputOptions(**options)
     job.check([output], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
     with open_clip(source, asked, name=job.source_name) as sequence:
-        say_notices(sequence)
+        say_notices(sequence.notices)
         say_start(job, sequence)
         files = input_files(source)
         source_bytes = bytes_of(source, files)
@@ -174,7 +174,7 @@ def _encode(
             count = max(SAMPLES[-1], SAMPLED_POSITIONS // sequence.most_vertices)
             say_plan(job, sequence, write, files=len(files), size=source_bytes, samples=(count // 2, count))
             return
-        with progress_bar() as progress, naming_file(source), naming_options((*settings, "rms", "size")):
+        with progress_bar() as progress, naming_file(source):
             report = encode_sequence(
                 sequence, output, checked, rms=rms, size=size, overwrite=overwrite, progress=progress
             )

@@ -58,7 +58,7 @@ def info(
     # What cannot be read is a fact to tell here, no reason to stop.
     asked = InputOptions(skip_unsupported=True, **reading)
     with standard_input(source) as path, open_clip(path, asked) as sequence:
-        say_notices(sequence)
+        say_notices(sequence.notices)
         files = input_files(path)
         facts = {
             **_facts(sequence, all_frames=all_frames),
@@ -85,7 +85,7 @@ def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
     from pdecodec.codec.encode.report import from_json
 
     if not isinstance(sequence, Animation):
-        raise SettingsError(f"{source}: --why is about .pdeanim files")
+        raise SettingsError("--why is about .pdeanim files", path=source)
     kept = from_json(sequence.info().get("alternatives"))
     if kept:
         return kept

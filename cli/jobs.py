@@ -146,7 +146,10 @@ def jobs(
         name = f"{_stem(source)}.{ending}" if ending else f"{_stem(source)}/"
         name = output + name if is_address(output) else str(Path(output) / name) + ("" if ending else "/")
         if name in found:
-            raise SettingsError(f"{found[name].source} and {source} would both go to {name}; convert them one by one")
+            raise SettingsError(
+                f"{found[name].source} and {source} would both go to {name}; convert them one by one",
+                code="overwrites-input",
+            )
         found[name] = Job(source, name, source, name, in_folder=True)
     return list(found.values())
 
@@ -214,11 +217,9 @@ def _named(path: str, name: str) -> Iterator[None]:
     try:
         yield
     except PdecodecError as error:
-        place = name if error.path == path else error.path
-        message = error.message.replace(path, name)
-        if (place, message) == (error.path, error.message):
+        if error.path != path:
             raise
-        raise type(error)(message, path=place, frame=error.frame, offset=error.offset) from error
+        raise error.placed(path=name) from error
 
 
 @contextmanager

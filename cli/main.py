@@ -13,12 +13,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import click
 
 from pdecodec import __version__
-from pdecodec.cli.console import PartlyDoneError, set_loudness, visible
-from pdecodec.errors import InputError, LimitError, PdecodecError, SettingsError
+from pdecodec.cli.console import PartlyDoneError, in_options, set_loudness, visible
+from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
@@ -83,6 +84,14 @@ class CommandsOnDemand(click.Group):
             args = [name, *rest]
         return super().resolve_command(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; an error of the library is one line, with the command's options in the place of settings."""
+        try:
+            return super().invoke(ctx)
+        except PdecodecError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            ctx.exit(_fail(in_options(error, [] if command is None else command.params), error.exit_code))
+
     def _paths(self, ctx: click.Context, args: list[str]) -> tuple[list[str], str]:
         """Inputs and output of a command line, in lower case; none where it cannot be told apart yet."""
         for name in ("encode", "decode", "convert"):
@@ -140,11 +149,6 @@ def run(arguments: Sequence[str]) -> int:
         error.show(shown)
         click.echo(visible(shown.getvalue()), err=True, nl=False)
         return SettingsError.exit_code
-    except LimitError as error:
-        option = "--max-output" if "the output limit" in error.message else "--max-memory"
-        return _fail(f"{error}; {option} raises the limit", error.exit_code)
-    except PdecodecError as error:
-        return _fail(str(error), error.exit_code)
     except SystemExit as error:
         # Outside its standalone mode click exits in two cases: a shell's completion is answered, or the reader of our
         # output has seen enough (`| head`).

@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -242,22 +241,10 @@ def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimit
     return DecodeLimits(max_memory=usual.max_memory if max_memory is None else max_memory, max_output=max_output)
 
 
-@contextmanager
-def naming_options(names: Iterable[str]) -> Iterator[None]:
-    """Within, errors about settings of the library name the options that they are here."""
-    try:
-        yield
-    except SettingsError as error:
-        name, _, rest = error.message.partition(" ")
-        if name not in names:
-            raise
-        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
-
-
 def refuse_pdeanim(output: str, instead: str) -> None:
     """Raise SettingsError, ending in what to do instead, where the output of a command that does not encode is one."""
     if output.lower().endswith(".pdeanim"):
-        raise SettingsError(f"{output}: only pdecodec encode writes .pdeanim files; {instead}")
+        raise SettingsError(f"only pdecodec encode writes .pdeanim files; {instead}", path=output)
 
 
 def check_output(output: str, *, overwrite: bool) -> None:
@@ -274,22 +261,30 @@ def check_output(output: str, *, overwrite: bool) -> None:
     _check_name(output)
     if is_address(output):
         if not overwrite and RemoteFile(output).exists():
-            raise InputError("exists already; choose another name, or give --overwrite to replace it", path=output)
+            raise InputError(
+                "exists already; choose another name, or give --overwrite to replace it",
+                code="output-exists",
+                path=output,
+            )
         return
     folder = path.parent
     if not folder.is_dir():
-        raise InputError("this folder does not exist; make it first", path=folder)
+        raise InputError("this folder does not exist; make it first", code="file-missing", path=folder)
     if not os.access(folder, os.W_OK):
-        raise InputError("this folder cannot be written to; choose another", path=folder)
+        raise InputError("this folder cannot be written to; choose another", code="output-unwritable", path=folder)
     if path.is_dir() and path.suffix and not output.endswith("/"):
-        raise InputError("is a folder; name a file in it", path=path)
+        raise InputError("is a folder; name a file in it", code="output-unwritable", path=path)
     if overwrite:
         return
     from pdecodec.formats.base.companions import output_files
 
     taken = [path] if path.is_dir() and any(path.iterdir()) else output_files(output)
     if taken:
-        raise InputError("exists already; choose another name, or give --overwrite to replace it", path=taken[0])
+        raise InputError(
+            "exists already; choose another name, or give --overwrite to replace it",
+            code="output-exists",
+            path=taken[0],
+        )
 
 
 def _check_name(output: str) -> None:
@@ -300,7 +295,7 @@ def _check_name(output: str) -> None:
     if not Path(output).suffix and not output.endswith("/") and not Path(output).is_dir():
         known = extensions_of(lambda entry: entry.writes)
         raise SettingsError(
-            f"{output}: has no extension; write {output}/ for a folder of frames, or add one of {known}"
+            f"has no extension; write {output}/ for a folder of frames, or add one of {known}", path=output
         )
 
 
@@ -318,7 +313,9 @@ def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
     for output in outputs:
         shared = [file for file in output_files(output) if file.resolve() in inputs]
         if shared:
-            raise SettingsError(f"{output}: would replace {shared[0]}, which is read; choose another name")
+            raise SettingsError(
+                f"{output}: would replace {shared[0]}, which is read; choose another name", code="overwrites-input"
+            )
 
 
 def stored_bytes(files: Iterable[Path]) -> int:

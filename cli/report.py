@@ -155,7 +155,7 @@ def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str,
 
     for name, path in clips.items():
         with open_clip(path, InputOptions(fps=rate_to_assume(path, fps))) as sequence:
-            say_notices(sequence)
+            say_notices(sequence.notices)
             baked = changed(sequence, bake_transforms)
             if isinstance(baked, ChangingSequence):
                 yield name, baked

@@ -47,7 +47,7 @@ def view(
     paths = [Path(path) for path in (first, second) if path is not None]
     place = Path(output) if output else paths[0].with_suffix(".html")
     if place.suffix.lower() not in {".html", ".htm"}:
-        raise SettingsError(f"{place}: a page is written; give it the extension .html")
+        raise SettingsError("a page is written; give it the extension .html", path=place)
     for path in paths:
         open_animation(path).close()
     check_writable(place, overwrite=overwrite)
@@ -88,7 +88,7 @@ def serve(*, folder: str, port: int) -> None:
 
     place = Path(folder)
     if not place.is_dir():
-        raise InputError("is no folder; name the one that the .pdeanim files are in", path=place)
+        raise InputError("is no folder; name the one that the .pdeanim files are in", code="invalid-input", path=place)
     try:
         server = FolderServer(place, port)
     except OSError as error:

@@ -63,7 +63,7 @@ BUILT_IN = (
         times="float32",
         options=("mesh",),
         keeps="positions, times (float32)",
-        loses="faces, names and attributes; they come from --mesh",
+        loses="faces, names and attributes; they come from a mesh beside it",
     ),
     Format(
         name="pc2",
@@ -74,7 +74,7 @@ BUILT_IN = (
         writer="pdecodec.formats.caches.point_caches:write_pc2",
         options=("mesh",),
         keeps="positions, start and step in frames",
-        loses="the frame rate, irregular times; faces, names and attributes come from --mesh",
+        loses="the frame rate, irregular times; faces, names and attributes come from a mesh beside it",
     ),
     Format(
         name="alembic",
@@ -94,8 +94,8 @@ BUILT_IN = (
         write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
-        "points that come and go, transforms (--transforms keep), instances as objects, irregular times, velocities "
-        "(written)",
+        "points that come and go, transforms (kept apart on request), instances as objects, irregular times, "
+        "velocities (written)",
         loses="stored velocities, parameters that change, cameras and lights, NURBS, files of the HDF5 kind",
     ),
     Format(
@@ -116,8 +116,8 @@ BUILT_IN = (
         write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
-        "of each run, ids of points that come and go, transforms (--transforms keep), irregular times, up axis, unit, "
-        "velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
+        "of each run, ids of points that come and go, transforms (kept apart on request), irregular times, up axis, "
+        "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
         "become polygons, instances objects",
         loses="stored velocities, primvars that change, creases, cameras and lights, materials but for "
         "their names, visibility, NURBS, instances that come and go",
@@ -135,7 +135,7 @@ BUILT_IN = (
         write_options=("quantize", "meshopt", "rigid"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
-        "rate, times (float32); skins, morph targets and moving nodes are applied at --fps; Draco and meshopt "
+        "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "
         "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
         loses="tangents, other attributes, animation of anything but nodes and weights; the scene is turned Y-up",
     ),
@@ -147,7 +147,7 @@ BUILT_IN = (
         options=("displacement",),
         writer="pdecodec.formats.vtk.xdmf_writer:write_xdmf",
         keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids, normals of smooth "
-        "meshes (written); geometry of each step moves it, or the vectors that --displacement names",
+        "meshes (written); geometry of each step moves it, or the vectors that a setting names",
         loses="names of objects (written), attributes and sets (named), up axis and unit; changing connectivity",
     ),
     Format(
@@ -160,7 +160,7 @@ BUILT_IN = (
         writer="pdecodec.formats.vtk.writer:write_pvd",
         holds_runs=True,
         keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
-        "solids; parts are joined; points of each step move it, or the vectors that --displacement names",
+        "solids; parts are joined; points of each step move it, or the vectors that a setting names",
         loses="names of objects (numbers stay, as point data), other attributes (named when read), up axis and unit",
     ),
     Format(
@@ -231,7 +231,7 @@ BUILT_IN = (
         options=("displacement",),
         write_with="a .xdmf file",
         keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
-        "times, displacements (nodal variables of every axis that begin with disp, or those that --displacement names)",
+        "times, displacements (nodal variables of every axis that begin with disp, or those that a setting names)",
         loses="other variables, names of blocks and sets (all named), nodes that are not on the surface, elements of "
         "splines",
     ),

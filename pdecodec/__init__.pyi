@@ -20,6 +20,7 @@ from pdecodec.codec.settings import EncodeSettings as EncodeSettings
 from pdecodec.codec.settings import PaperSettings as PaperSettings
 from pdecodec.codec.source import DecodeLimits as DecodeLimits
 from pdecodec.errors import CorruptFileError as CorruptFileError
+from pdecodec.errors import ErrorCode as ErrorCode
 from pdecodec.errors import InputError as InputError
 from pdecodec.errors import LimitError as LimitError
 from pdecodec.errors import MissingExtraError as MissingExtraError

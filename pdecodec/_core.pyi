@@ -20,12 +20,6 @@ Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
 State = tuple[Float64Array, Float64Array, Float64Array]
 Scaling = tuple[float, float, float]
 
-class CorruptError(Exception):
-    """Its arguments: message, byte of the file or None, frame or None."""
-
-class LimitError(Exception): ...
-class ReadError(Exception): ...
-
 class CodedConnectivity(NamedTuple):
     """Sections CONN and ORDR; the latter is empty where there is no order to restore."""
 

@@ -12,15 +12,46 @@
 
 namespace pdeanim {
 
-// The bytes are not those of a sound file; where that is known, at which byte of the file and at which frame.
-struct CorruptError : std::runtime_error {
-    explicit CorruptError(const std::string &message, i64 offset_ = -1, i64 frame_ = -1)
-        : std::runtime_error(message), offset(offset_), frame(frame_) {}
-
-    i64 offset, frame;
+// Codes of pdecodec.errors.ErrorCode that a damaged file can have.
+enum class FaultCode {
+    identifier,
+    version,
+    header_checksum,
+    table,
+    table_checksum,
+    truncated,
+    trailing_bytes,
+    section_unknown_required,
+    section_checksum,
+    section_content,
+    group_checksum,
+    group_content,
 };
 
-// The bytes ask for more than the caller's limits allow.
+// The four letters of a section's type.
+struct Section {
+    explicit Section(std::string_view type_) : type(type_) {}
+
+    std::string type;
+};
+
+// The bytes are not those of a sound file. Where they are known: the section, the byte of the file and the frame.
+struct CorruptError : std::runtime_error {
+    explicit CorruptError(const std::string &message, FaultCode code_ = FaultCode::section_content, i64 offset_ = -1)
+        : std::runtime_error(message), code(code_), offset(offset_) {}
+
+    // The message begins with the section: "section CONN has bytes too many".
+    CorruptError(const Section &section_, const std::string &message, FaultCode code_ = FaultCode::section_content,
+                 i64 offset_ = -1)
+        : std::runtime_error("section " + section_.type + " " + message), code(code_), section(section_.type),
+          offset(offset_) {}
+
+    FaultCode code;
+    std::string section;
+    i64 offset, frame = -1;
+};
+
+// The bytes ask for more memory than the caller's limit allows.
 struct LimitError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -51,8 +82,7 @@ public:
         do {
             if (bytes > left) {
                 throw LimitError("declares " + std::string(what) + ", about " + std::to_string(bytes_ - left + bytes) +
-                                 " bytes to decode; the limit is " + std::to_string(bytes_) +
-                                 "; raise it if you trust the file");
+                                 " bytes to decode; the limit is " + std::to_string(bytes_));
             }
         } while (!left_.compare_exchange_weak(left, left - bytes));
     }

@@ -38,8 +38,8 @@ void Container::check_known() const {
     for (const SectionEntry &entry : entries_) {
         const auto is_known = [&](const SectionType &type) { return type.in_file && type.name == entry.type; };
         if (entry.is_required && std::none_of(section_types.begin(), section_types.end(), is_known)) {
-            throw CorruptError("needs section " + entry.type + ", which this decoder does not know; update pdecodec",
-                               static_cast<i64>(entry.offset));
+            throw CorruptError(Section(entry.type), "is required, and unknown to this decoder; update pdecodec",
+                               FaultCode::section_unknown_required, static_cast<i64>(entry.offset));
         }
     }
 }
@@ -50,25 +50,29 @@ void Container::read_table() {
     const std::size_t shown = std::min(header.size(), identifier.size());
     if (header.empty() ||
         !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
-        throw CorruptError("not a .pdeanim file (its first bytes are others); pdecodec encode makes one", 0);
+        throw CorruptError("not a .pdeanim file (its first bytes are others); pdecodec encode makes one",
+                           FaultCode::identifier, 0);
     }
     if (header.size() < header_size) {
-        throw CorruptError("ends inside its header; get it again", static_cast<i64>(header.size()));
+        throw CorruptError("ends inside its header; get it again", FaultCode::truncated,
+                           static_cast<i64>(header.size()));
     }
     FieldReader fields(std::span<const u8>(header).subspan(identifier.size()), "header");
     const int major = fields.integer<u16>();
     fields.integer<u16>();  // the minor version says only what an older decoder may ignore
     const u32 count = fields.integer<u32>(), table_checksum = fields.integer<u32>();
     if (!is_checksum(crc32(std::span<const u8>(header).first(header_size - checksum_size)), fields.integer<u32>())) {
-        throw CorruptError("its header is damaged; get it again", 0);
+        throw CorruptError("its header is damaged; get it again", FaultCode::header_checksum, 0);
     }
     if (major != major_version) {
         throw CorruptError("has format version " + std::to_string(major) + ", this decoder reads version " +
-                           std::to_string(major_version) + "; update pdecodec");
+                               std::to_string(major_version) + "; update pdecodec",
+                           FaultCode::version);
     }
     if (count > most_sections) {
-        throw CorruptError("declares " + std::to_string(count) + " sections, at most " + std::to_string(most_sections) +
-                           " can be");
+        throw CorruptError(
+            "declares " + std::to_string(count) + " sections, at most " + std::to_string(most_sections) + " can be",
+            FaultCode::table);
     }
     std::vector<std::vector<u8>> rows;
     u64 offset = header_size;
@@ -78,7 +82,9 @@ void Container::read_table() {
         offset += rows.back().size();
         checksum = crc32(rows.back(), checksum);
     }
-    if (!is_checksum(checksum, table_checksum)) throw CorruptError("its table of sections is damaged", header_size);
+    if (!is_checksum(checksum, table_checksum)) {
+        throw CorruptError("its table of sections is damaged", FaultCode::table_checksum, header_size);
+    }
     for (const std::vector<u8> &row : rows) {
         SectionEntry entry;
         entry.type = readable(std::span<const u8>(row).first(4));
@@ -87,7 +93,7 @@ void Container::read_table() {
         for (std::size_t i = row.size() - checksum_size; i-- > row_head;) entry.length = entry.length << 8 | row[i];
         entry.checksum = FieldReader(std::span<const u8>(row).last(checksum_size), "table").integer<u32>();
         if (find(entry.type)) {
-            throw CorruptError("section " + entry.type + " stands twice", static_cast<i64>(offset));
+            throw CorruptError(Section(entry.type), "stands twice", FaultCode::table, static_cast<i64>(offset));
         }
         offset = entry.length > UINT64_MAX - offset ? UINT64_MAX : offset + entry.length;
         entries_.push_back(std::move(entry));
@@ -97,6 +103,7 @@ void Container::read_table() {
         throw CorruptError(std::string(is_short ? "is truncated" : "has bytes after its last section") + ": " +
                                std::to_string(source_.size()) + " bytes where the table says " +
                                std::to_string(offset) + "; get it again",
+                           is_short ? FaultCode::truncated : FaultCode::trailing_bytes,
                            static_cast<i64>(std::min(offset, source_.size())));
     }
 }
@@ -107,7 +114,7 @@ std::vector<u8> Container::read_row(u64 offset) const {
     const std::size_t size = row.size() >= row_head ? row[row_head - 1] >> length_at : most_length_bytes + 1;
     const std::size_t needed = row_head + size + checksum_size;
     if (size > most_length_bytes || row.size() < needed) {
-        throw CorruptError("its table of sections is damaged", header_size);
+        throw CorruptError("its table of sections is damaged", FaultCode::table, header_size);
     }
     row.resize(needed);
     return row;
@@ -122,7 +129,7 @@ const SectionEntry *Container::find(std::string_view type) const {
 
 const SectionEntry &Container::entry(std::string_view type) const {
     if (const SectionEntry *found = find(type)) return *found;
-    throw CorruptError("has no section " + std::string(type) + "; get it again");
+    throw CorruptError(Section(type), "is missing; get the file again");
 }
 
 std::vector<u8> Container::read(std::string_view type) const {
@@ -130,7 +137,8 @@ std::vector<u8> Container::read(std::string_view type) const {
     std::vector<u8> data;
     read_range(found.offset, found.length, data);
     if (found.checksum && !is_checksum(crc32(data), *found.checksum)) {
-        throw CorruptError("section " + found.type + " is damaged; get the file again", static_cast<i64>(found.offset));
+        throw CorruptError(Section(found.type), "is damaged; get the file again", FaultCode::section_checksum,
+                           static_cast<i64>(found.offset));
     }
     return data;
 }
@@ -144,7 +152,7 @@ void Container::read_range(u64 offset, u64 length, std::vector<u8> &data) const 
     data.resize(before + static_cast<std::size_t>(length));
     const std::size_t count = source_.read(offset, std::span<u8>(data).subspan(before));
     if (count < length) {
-        throw CorruptError("was shortened while it was read", static_cast<i64>(offset + count));
+        throw CorruptError("was shortened while it was read", FaultCode::truncated, static_cast<i64>(offset + count));
     }
 }
 
@@ -161,7 +169,8 @@ void Container::check(const SectionEntry &entry) const {
         done += count;
     }
     if (done < entry.length || !is_checksum(checksum, *entry.checksum)) {
-        throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
+        throw CorruptError(Section(entry.type), "is damaged; get the file again", FaultCode::section_checksum,
+                           static_cast<i64>(entry.offset));
     }
 }
 

@@ -30,7 +30,7 @@ public:
     // A finite float64.
     double real() {
         const double value = std::bit_cast<double>(integer<u64>());
-        if (!std::isfinite(value)) throw CorruptError(section() + " holds a number that is not finite");
+        if (!std::isfinite(value)) throw CorruptError(section(), "holds a number that is not finite");
         return value;
     }
 
@@ -42,7 +42,7 @@ public:
             value |= static_cast<u64>(byte & 127) << shift;
             if (byte < 128) return static_cast<i64>(value);
         }
-        throw CorruptError(section() + " holds a count of more than " + std::to_string(count_bits) + " bits");
+        throw CorruptError(section(), "holds a count of more than " + std::to_string(count_bits) + " bits");
     }
 
     // All that is left.
@@ -51,19 +51,19 @@ public:
     // Refuse bytes that are left over.
     void finish() const {
         if (at_ != data_.size()) {
-            throw CorruptError(section() + " has " + std::to_string(data_.size() - at_) + " bytes too many");
+            throw CorruptError(section(), "has " + std::to_string(data_.size() - at_) + " bytes too many");
         }
     }
 
 private:
     static constexpr int count_bits = 63;
 
-    std::string section() const { return std::string("section ") + name_; }
+    Section section() const { return Section(name_); }
 
     std::span<const u8> take(std::size_t size) {
         if (size > data_.size() - at_) {
-            throw CorruptError(section() + " ends at its byte " + std::to_string(data_.size()) + ", " +
-                               std::to_string(size) + " more are needed");
+            throw CorruptError(section(), "ends at its byte " + std::to_string(data_.size()) + ", " +
+                                              std::to_string(size) + " more are needed");
         }
         at_ += size;
         return data_.subspan(at_ - size, size);

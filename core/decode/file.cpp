@@ -30,11 +30,11 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
         return;
     }
     if (sequence_.run_frames.size() != 1) {
-        throw CorruptError("section SEQN declares " + std::to_string(sequence_.run_frames.size()) +
-                           " runs of frames, and there is no section RUNS");
+        throw CorruptError(Section("SEQN"), "declares " + std::to_string(sequence_.run_frames.size()) +
+                                                " runs of frames, and there is no section RUNS");
     }
     for (const std::string_view type : {data, of_run[names_at].name}) {
-        if (container_.find(type)) throw CorruptError("has section " + std::string(type) + ", and no section RUNS");
+        if (container_.find(type)) throw CorruptError(Section(type), "is there, and no section RUNS");
     }
     runs_.push_back({.first = 0, .frames = frames()});
 }
@@ -42,7 +42,8 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
 void File::read_runs() {
     for (const SectionType &type : of_run) {
         if (const SectionEntry *found = container_.find(type.name)) {
-            throw CorruptError("has section " + found->type + " beside section RUNS", static_cast<i64>(found->offset));
+            throw CorruptError(Section(found->type), "is there beside section RUNS", FaultCode::section_content,
+                               static_cast<i64>(found->offset));
         }
     }
     const std::size_t count = sequence_.run_frames.size();
@@ -56,20 +57,20 @@ void File::read_runs() {
     for (const i64 frames : sequence_.run_frames) {
         Run run{.first = first, .frames = frames, .vertices = fields.count()};
         if (run.vertices < 1 || run.vertices > Run::most_vertices) {
-            throw CorruptError("section RUNS declares " + std::to_string(run.vertices) + " vertices of run " +
-                               std::to_string(runs_.size()));
+            throw CorruptError(Section("RUNS"), "declares " + std::to_string(run.vertices) + " vertices of run " +
+                                                    std::to_string(runs_.size()));
         }
         for (std::size_t k = 0; k < of_run.size(); ++k) {
             const u64 stored = static_cast<u64>(fields.count());
             SectionPlace &place = run.places[k];
             if (stored == 0) {
-                if (runs_.empty()) throw CorruptError("section RUNS has a first run that lacks a section");
+                if (runs_.empty()) throw CorruptError(Section("RUNS"), "has a first run that lacks a section");
                 place = runs_.back().places[k];
                 continue;
             }
             place = {.offset = at, .length = stored - 1, .checksum = std::nullopt};
             if (place.length > left) {
-                throw CorruptError("section RDAT ends before its run " + std::to_string(runs_.size()) + " does");
+                throw CorruptError(Section("RDAT"), "ends before its run " + std::to_string(runs_.size()) + " does");
             }
             if (place.length > 0 && !of_run[k].in_groups) place.checksum = fields.integer<u32>();
             at += place.length;
@@ -79,7 +80,7 @@ void File::read_runs() {
         runs_.push_back(run);
     }
     fields.finish();
-    if (left > 0) throw CorruptError("section RDAT has " + std::to_string(left) + " bytes that are of no run");
+    if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that are of no run");
 }
 
 std::size_t File::run_of(i64 frame) const {

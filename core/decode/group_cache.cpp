@@ -59,9 +59,10 @@ DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_
         };
         return decode_group(group, *chunks, space, run_.times_of(group), std::move(taken), threads,
                             {values, ahead.coefficients(k)});
-    } catch (const CorruptError &error) {
-        if (error.frame >= 0) throw;
-        throw CorruptError(error.what(), error.offset, group.first);
+    } catch (CorruptError &error) {
+        if (error.code == FaultCode::section_content) error.code = FaultCode::group_content;
+        if (error.frame < 0) error.frame = group.first;
+        throw;
     }
 }
 

@@ -22,21 +22,21 @@ constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
 double read_real(FieldReader &fields, bool is_whole) {
     if (!is_whole) return fields.real();
     const i64 value = fields.count();
-    if (value > i64{1} << 53) throw CorruptError("section SEQN has a whole number out of range");
+    if (value > i64{1} << 53) throw CorruptError(Section("SEQN"), "has a whole number out of range");
     return static_cast<double>(value);
 }
 
 std::vector<i64> read_jumps(FieldReader &fields, i64 frames) {
     const i64 count = fields.count();
     if (count < 1 || count >= frames) {
-        throw CorruptError("section SEQN has " + std::to_string(count) + " jumps in " + std::to_string(frames) +
-                           " frames");
+        throw CorruptError(Section("SEQN"),
+                           "has " + std::to_string(count) + " jumps in " + std::to_string(frames) + " frames");
     }
     std::vector<i64> found;
     i64 at = 0;
     for (i64 k = 0; k < count; ++k) {
         const i64 gap = fields.count();
-        if (gap < 1 || gap >= frames - at) throw CorruptError("section SEQN has a jump at no frame");
+        if (gap < 1 || gap >= frames - at) throw CorruptError(Section("SEQN"), "has a jump at no frame");
         at += gap;
         found.push_back(at);
     }
@@ -64,10 +64,10 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
     SequenceDescription found;
     const i64 runs = fields.count();
     i64 frames = 0;
-    if (runs < 1) throw CorruptError("section SEQN declares no run of frames");
+    if (runs < 1) throw CorruptError(Section("SEQN"), "declares no run of frames");
     for (i64 run = 0; run < runs; ++run) {
         const i64 own = fields.count();
-        if (own < 1) throw CorruptError("section SEQN declares no frames");
+        if (own < 1) throw CorruptError(Section("SEQN"), "declares no frames");
         if (own > most_frames - frames) {
             throw LimitError("section SEQN declares " + std::to_string(own) + " frames after " +
                              std::to_string(frames) + ", more than the memory limit allows");
@@ -78,7 +78,7 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
     const u8 all_flags = fields.integer<u8>(), flags = all_flags & ~has_jumps;
     const u8 rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
     found.fps = read_real(fields, flags & whole_frame_rate);
-    if (!(found.fps > 0.0)) throw CorruptError("section SEQN has a frame rate that is not positive");
+    if (!(found.fps > 0.0)) throw CorruptError(Section("SEQN"), "has a frame rate that is not positive");
     const auto keep_rest = [&] {
         if (all_flags & has_jumps) found.jumps = read_jumps(fields, frames);
         const std::span<const u8> rest = fields.rest();
@@ -98,10 +98,10 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
         }
     }
     if (found.times.empty()) {
-        throw CorruptError("section SEQN stores its times in an unknown way (" + std::to_string(flags) + ")");
+        throw CorruptError(Section("SEQN"), "stores its times in an unknown way (" + std::to_string(flags) + ")");
     }
     if (!are_sound(found.times)) {
-        throw CorruptError("section SEQN has times that do not increase or lie out of range");
+        throw CorruptError(Section("SEQN"), "has times that do not increase or lie out of range");
     }
     return found;
 }
@@ -133,7 +133,7 @@ Model Model::of_bytes(std::span<const u8> data) {
     FieldReader fields(data, "MODL");
     const u8 kind = fields.integer<u8>();
     if (kind > static_cast<u8>(SpaceKind::curve)) {
-        throw CorruptError("section MODL names space basis " + std::to_string(kind) + ", which is unknown");
+        throw CorruptError(Section("MODL"), "names space basis " + std::to_string(kind) + ", which is unknown");
     }
     Model model;
     SpaceForm &form = model.form;
@@ -149,13 +149,13 @@ Model Model::of_bytes(std::span<const u8> data) {
     form.is_affine = affine != 0;
     model.residual_step = fields.real();
     if (form.points < 1 || form.points > most_points[kind] || form.functions < 1 || form.functions > most_functions) {
-        throw CorruptError("section MODL has a size of patches out of range");
+        throw CorruptError(Section("MODL"), "has a size of patches out of range");
     }
     if (form.threshold >= thresholds || affine > 1 || !(form.rate >= 0.0 && form.rate <= limits::largest_rate)) {
-        throw CorruptError("section MODL has a threshold, a rate or a sort of pieces out of range");
+        throw CorruptError(Section("MODL"), "has a threshold, a rate or a sort of pieces out of range");
     }
     if (!(model.residual_step > 0.0 && model.residual_step <= limits::largest_step)) {
-        throw CorruptError("section MODL has a quantisation step out of range");
+        throw CorruptError(Section("MODL"), "has a quantisation step out of range");
     }
     const std::span<const u8> layout = fields.rest();
     model.layout.assign(layout.begin(), layout.end());
@@ -176,11 +176,11 @@ Group read_group(FieldReader &fields) {
     group.functions = fields.count();
     const u8 kind = fields.integer<u8>();
     if (group.frames < 1 || group.frames > limits::most_group_frames) {
-        throw CorruptError("section GRUP has a group of " + std::to_string(group.frames) + " frames; 1 to " +
-                           std::to_string(limits::most_group_frames) + " can be");
+        throw CorruptError(Section("GRUP"), "has a group of " + std::to_string(group.frames) + " frames; 1 to " +
+                                                std::to_string(limits::most_group_frames) + " can be");
     }
     if ((kind & ~is_double) > last_basis) {
-        throw CorruptError("section GRUP has a group of kind " + std::to_string(kind) + ", which is unknown");
+        throw CorruptError(Section("GRUP"), "has a group of kind " + std::to_string(kind) + ", which is unknown");
     }
     group.basis = static_cast<TimeBasis>(kind & ~is_double);
     group.is_single = !(kind & is_double);
@@ -192,10 +192,10 @@ Group read_group(FieldReader &fields) {
         group.alpha = fields.real();
     }
     if (!is_step(group.step) || !is_step(group.time_step)) {
-        throw CorruptError("section GRUP has a quantisation step out of range");
+        throw CorruptError(Section("GRUP"), "has a quantisation step out of range");
     }
     if (!(group.alpha >= 0.0 && group.alpha <= limits::largest_rate)) {
-        throw CorruptError("section GRUP has an alpha outside 0 to 12");
+        throw CorruptError(Section("GRUP"), "has an alpha outside 0 to 12");
     }
     group.sizes[1] = static_cast<u64>(fields.count());
     group.sizes[2] = static_cast<u64>(fields.count());
@@ -203,8 +203,8 @@ Group read_group(FieldReader &fields) {
     const i64 most = group.basis == TimeBasis::closed_form ? std::min(group.frames, closed_functions)
                                                            : group.frames * group.time_axes();
     if (group.functions > most) {
-        throw CorruptError("section GRUP has " + std::to_string(group.functions) + " functions of time for " +
-                           std::to_string(group.frames) + " frames");
+        throw CorruptError(Section("GRUP"), "has " + std::to_string(group.functions) + " functions of time for " +
+                                                std::to_string(group.frames) + " frames");
     }
     return group;
 }
@@ -233,18 +233,17 @@ GroupTable::GroupTable(const Container &container, i64 frames, i64 most_groups) 
     }
     fields.finish();
     if (left < 0) {
-        throw CorruptError("section SEQN declares " + std::to_string(frames) + " frames, the groups have " +
-                           std::to_string(frames - left));
+        throw CorruptError(Section("SEQN"), "declares " + std::to_string(frames) + " frames, the groups have " +
+                                                std::to_string(frames - left));
     }
     for (const Group &group : groups_) {
         if ((group.basis == TimeBasis::closed_form) != (groups_[0].basis == TimeBasis::closed_form)) {
-            throw CorruptError("section GRUP has groups in closed form and others; a file has one or the other");
+            throw CorruptError(Section("GRUP"), "has groups in closed form and others; a file has one or the other");
         }
     }
     for (std::size_t i = 0; i < ends.size(); ++i) {
         if (container.entry(chunk_sections[i].name).length != ends[i]) {
-            throw CorruptError("section " + std::string(chunk_sections[i].name) +
-                               " has another length than the groups say");
+            throw CorruptError(Section(chunk_sections[i].name), "has another length than the groups say");
         }
     }
 }
@@ -265,7 +264,10 @@ Chunks GroupTable::chunks(const Container &container, std::size_t index) const {
         checksum = crc32(found[i], checksum);
     }
     if (!is_checksum(checksum, group.checksum)) {
-        throw CorruptError("group " + std::to_string(index) + " is damaged; get the file again", -1, group.first);
+        CorruptError error("group " + std::to_string(index) + " is damaged; get the file again",
+                           FaultCode::group_checksum);
+        error.frame = group.first;
+        throw error;
     }
     return found;
 }

@@ -91,13 +91,13 @@ void RunSections::read_vertex_counts(std::size_t run) {
         first_vertices_.push_back(own > Run::most_vertices - before ? Run::most_vertices + 1 : before + own);
     }
     if (vertices() < 1 || vertices() > Run::most_vertices) {
-        throw CorruptError("section CONN declares too few vertices or too many, 1 to " +
-                           std::to_string(Run::most_vertices) + " can be");
+        throw CorruptError(Section("CONN"), "declares too few vertices or too many, 1 to " +
+                                                std::to_string(Run::most_vertices) + " can be");
     }
     const i64 declared = file_->runs()[run].vertices;
     if (declared >= 0 && vertices() != declared) {
-        throw CorruptError("section CONN declares " + std::to_string(vertices()) + " vertices, section RUNS " +
-                           std::to_string(declared));
+        throw CorruptError(Section("CONN"), "declares " + std::to_string(vertices()) + " vertices, section RUNS " +
+                                                std::to_string(declared));
     }
     const std::span<const u8> rest = fields.rest();
     polygons_ = std::vector<u8>(rest.begin(), rest.end());
@@ -161,13 +161,13 @@ const Reference &RunSections::reference() {
         for (double &coordinate : found.origin) coordinate = fields.real();
         const u8 predictor = fields.integer<u8>();
         if (predictor >= predictors) {
-            throw CorruptError("section REST names predictor " + std::to_string(predictor) +
-                               ", this decoder has 0 to " + std::to_string(predictors - 1));
+            throw CorruptError(Section("REST"), "names predictor " + std::to_string(predictor) +
+                                                    ", this decoder has 0 to " + std::to_string(predictors - 1));
         }
         bool is_sound = found.step > 0.0 && found.step <= limits::largest_step;
         for (const double coordinate : found.origin)
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
-        if (!is_sound) throw CorruptError("section REST has a quantisation step or an origin out of range");
+        if (!is_sound) throw CorruptError(Section("REST"), "has a quantisation step or an origin out of range");
         found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
         found.points.reserve(3 * found.grid.size());
         for (const GridPoint &point : found.grid) {

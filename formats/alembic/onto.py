@@ -119,7 +119,7 @@ class _Copy:
             if name == _CHILD_BOUNDS:
                 self._lost["bounds of children"] = None
             elif name == _VELOCITIES and fit is not None and self._output.velocities is None:
-                self._lost["velocities, which are others now (--velocities writes them)"] = None
+                self._lost["velocities, which are others now, and are written on request"] = None
             elif fit is not None and name in _WRITTEN:
                 continue
             elif header.isCompound():

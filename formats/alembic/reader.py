@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from alembic3d import Abc
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan, sample_times, samples_at, select
 from pdecodec.formats.base.registry import Transforms, read_errors
@@ -122,14 +122,18 @@ def _archive_errors(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
+        raise damaged(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
 
 
 def _open_archive(path: Path) -> Any:
     with read_errors(path), path.open("rb") as file:
         head = file.read(len(HDF5_IDENTIFIER))
     if head == HDF5_IDENTIFIER:
-        raise InputError("is an HDF5-backed Alembic file; convert it to Ogawa first (abcconvert -toOgawa)", path=path)
+        raise InputError(
+            "is an HDF5-backed Alembic file; convert it to Ogawa first (abcconvert -toOgawa)",
+            code="unsupported-feature",
+            path=path,
+        )
     return Abc.IArchive(str(path))
 
 

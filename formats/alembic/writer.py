@@ -85,7 +85,9 @@ def archive_file(output: Output) -> Iterator[Path]:
             ReservedRoom(partial).release()
         except RuntimeError as error:
             reason = failure_of(partial.parent, f"Alembic says {error}")
-            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+            raise InputError(
+                f"cannot be written ({reason}); check the folder and the free space", code="output-unwritable"
+            ) from error
 
 
 def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:

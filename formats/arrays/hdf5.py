@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
@@ -175,7 +175,7 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
         total = math.prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
         written = dataset.id.get_num_chunks()
         if written < total:
-            raise InputError(
+            raise damaged(
                 f"{total - written} of {total} chunks of dataset {name!r} were never written; write the file again",
                 path=path,
             )
@@ -183,7 +183,7 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
         for file, _, _ in dataset.external:
             _found_beside(str(file), path, name)
     elif dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_NOT_ALLOCATED:
-        raise InputError(f"dataset {name!r} was never written; write the file again", path=path)
+        raise damaged(f"dataset {name!r} was never written; write the file again", path=path)
 
 
 def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
@@ -217,7 +217,7 @@ def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
                 check_stored(file[inner], file_path, depth + 1)
     if not is_open and covered < dataset.size:
         lost = dataset.size - covered
-        raise InputError(
+        raise damaged(
             f"{lost} of {dataset.size} values of the virtual dataset {dataset.name!r} have no source; write it again",
             path=path,
         )
@@ -290,5 +290,5 @@ def _file_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterat
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, MemoryError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(
-            f"cannot be read as HDF5 ({reason}); check or write it again", path=path, frame=frame
+            f"cannot be read as HDF5 ({reason}); check or write it again", code="unreadable", path=path, frame=frame
         ) from error

@@ -20,7 +20,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.mesh.sequence import MeshSequence
@@ -108,15 +108,21 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
         elif version == (2, 0):
             found = np.lib.format.read_array_header_2_0(member)
         else:
-            raise InputError(f"{info.filename} has version {version} of NumPy's format; write it as version 1 or 2")
+            raise InputError(
+                f"{info.filename} has version {version} of NumPy's format; write it as version 1 or 2",
+                code="unsupported-feature",
+            )
         header = _Header(*found, member.tell())
     if header.dtype.hasobject:
-        raise InputError(f"{info.filename} holds Python objects, which are never loaded; store numbers or text")
+        raise InputError(
+            f"{info.filename} holds Python objects, which are never loaded; store numbers or text",
+            code="unsupported-feature",
+        )
     length = header.length + math.prod(header.shape) * header.dtype.itemsize
     if any(size < 0 for size in header.shape) or length != info.file_size:
-        raise InputError(f"{info.filename} is damaged: its length is not what its header says; write it again")
+        raise damaged(f"{info.filename} is damaged: its length is not what its header says; write it again")
     if info.file_size > DEFLATE_FACTOR * info.compress_size:
-        raise InputError(f"{info.filename} is damaged: it claims more than its bytes can hold; write it again")
+        raise damaged(f"{info.filename} is damaged: it claims more than its bytes can hold; write it again")
     return header
 
 
@@ -154,7 +160,7 @@ class _StoredArray:
             # IO[bytes], as files are typed here, lacks what every one of them has.
             read = file.readinto(numbers.data.cast("B")) if count else 0  # type: ignore[attr-defined]
         if read < numbers.nbytes:
-            raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)
+            raise damaged("the file ends early; write it again", path=self._path, frame=start, offset=offset)
         return numbers.reshape(stop - start, *self.shape[1:])
 
 
@@ -164,4 +170,4 @@ def _archive_errors(path: Path | RemoteFile) -> Iterator[None]:
         with read_errors(path):
             yield
     except (*_DAMAGE, SyntaxError, TypeError, ValueError) as error:
-        raise InputError(f"is not a readable NumPy archive ({error}); write it again", path=path) from error
+        raise damaged(f"is not a readable NumPy archive ({error}); write it again", path=path) from error

@@ -113,7 +113,7 @@ def rate_to_assume(source: str | os.PathLike[str], fps: float | None) -> float |
 
 
 def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:
-    """The objects that `--object` asks for; all of them where it does not.
+    """The objects of these names; all of them where there are none.
 
     Raises
     ------
@@ -123,7 +123,8 @@ def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) ->
     if not names:
         return sequence
     if len(sequence.runs) > 1:
-        raise SettingsError("--object is for sequences whose connectivity is constant, and this one's changes")
+        message = "is for sequences whose connectivity is constant, and this one's changes"
+        raise SettingsError(message, code="connectivity-changes", setting="objects")
     known = [item.name for item in sequence.objects]
     # A name that nothing matches goes on as it is: the selection says which names there are.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
@@ -140,7 +141,7 @@ def _matching(name: str, known: Sequence[str]) -> list[str]:
 
 
 def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
-    """The frames that `--frames` asks for.
+    """The frames that a text asks for, in one of two notations; all of them where there is none.
 
     Raises
     ------
@@ -154,10 +155,11 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
         return select(sequence, _positions_of_numbers(sequence, text))
     start, stop, step = (int(part) if part else None for part in found.groups())
     if step == 0:
-        raise SettingsError(f"--frames {text}: the step must be at least 1")
+        raise SettingsError(f"{text}: the step must be at least 1", setting="frames")
     chosen = range(sequence.frame_count)[start:stop:step]
     if not chosen:
-        raise SettingsError(f"--frames {text}: none of the {sequence.frame_count} frames is left")
+        message = f"{text}: none of the {sequence.frame_count} frames is left"
+        raise SettingsError(message, code="frame-out-of-range", setting="frames")
     return select(sequence, chosen)
 
 
@@ -181,17 +183,19 @@ def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
     try:
         ranges = [_frame_numbers(part) for part in text.split(",") if part.strip()]
     except SettingsError as error:
-        raise SettingsError(f"--frames {text}: {error}") from error
+        raise SettingsError(f"{text}: {error}", setting="frames") from error
     wanted = sorted(set().union(*ranges))
     if not wanted:
         raise SettingsError(
-            f"--frames {text!r} names no frame; write positions as A:B:STEP or frame numbers as 1-100x2"
+            f"{text!r} names no frame; write positions as A:B:STEP or frame numbers as 1-100x2", setting="frames"
         )
     numbers = np.rint(sequence.times * sequence.fps).astype(np.int64).tolist()
     position_of = dict(zip(numbers, range(len(numbers)), strict=True))
     missing = [number for number in wanted if number not in position_of]
     if missing:
         raise SettingsError(
-            f"--frames {text}: there is no frame number {missing[0]}; they run from {numbers[0]} to {numbers[-1]}"
+            f"{text}: there is no frame number {missing[0]}; they run from {numbers[0]} to {numbers[-1]}",
+            code="frame-out-of-range",
+            setting="frames",
         )
     return [position_of[number] for number in wanted]

@@ -50,7 +50,7 @@ def check_there(source: str) -> None:
     path = Path(source)
     if is_address(source) or path.exists() or (is_frame_pattern(path) and frames_there(path)):
         return
-    raise InputError("there is no such file; check the name", path=path)
+    raise InputError("there is no such file; check the name", code="file-missing", path=path)
 
 
 def output_files(output: str) -> list[Path]:

@@ -61,10 +61,10 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
         sequence = _only_sequence(sequences_in(path, extension), path)
         return _checked(sequence, path, wanted=None)
     if not is_frame_pattern(path):
-        raise InputError("there is no such file; check the name", path=path)
+        raise InputError("there is no such file; check the name", code="file-missing", path=path)
     pattern = parse_pattern(path)
     if not path.parent.is_dir():
-        raise InputError("this folder does not exist; check the name", path=path.parent)
+        raise InputError("this folder does not exist; check the name", code="file-missing", path=path.parent)
     numbered = _numbered(path.parent, pattern)
     there = _of_name(numbered, pattern.basename(), pattern)
     if not there and pattern.frameRange().startswith("-"):
@@ -105,7 +105,9 @@ def parse_pattern(path: Path) -> Any:
     try:
         return FileSequence(str(path), pad_style=PAD_STYLE_HASH1)
     except FileSeqException as error:
-        raise InputError(f"is not a frame pattern ({error}); use name.####{path.suffix}", path=path) from error
+        raise InputError(
+            f"is not a frame pattern ({error}); use name.####{path.suffix}", code="unknown-format", path=path
+        ) from error
 
 
 def sequences_in(folder: Path, extension: str) -> list[Any]:
@@ -126,7 +128,9 @@ def sequences_in(folder: Path, extension: str) -> list[Any]:
         marked = [str(folder / name) for name in _hyphens_marked(names)]
         found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
     except (OSError, FileSeqException) as error:
-        raise InputError(f"its frames cannot be listed ({error}); check the folder", path=folder) from error
+        raise InputError(
+            f"its frames cannot be listed ({error}); check the folder", code="unreadable", path=folder
+        ) from error
     for item in found:
         item.setBasename(item.basename().replace(_NO_SIGN, ""))
     return sorted((item for item in found if item.extension().lower() == extension), key=str)
@@ -150,10 +154,10 @@ def _hyphens_marked(names: Sequence[str]) -> list[str]:
 
 def _only_sequence(found: list[Any], path: Path) -> Any:
     if not found:
-        raise InputError("no frame matches; check the name and the folder", path=path)
+        raise InputError("no frame matches; check the name and the folder", code="no-frames", path=path)
     if len(found) > 1:
         names = ", ".join(f"{item.basename()}{item.padding()}{item.extension()}" for item in found)
-        raise InputError(f"several sequences are here ({names}); name one of them", path=path)
+        raise InputError(f"several sequences are here ({names}); name one of them", code="ambiguous-input", path=path)
     return found[0]
 
 
@@ -171,6 +175,7 @@ def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
         raise InputError(
             f"frame number {missing[0]} is missing; restore the file, "
             f"or give the range that is there in the pattern, as name.1-9x2####{sequence.extension()}",
+            code="frame-missing",
             path=path,
         )
     return FrameFiles(

@@ -95,6 +95,7 @@ class FrameMeshes:
             if not mesh.connectivity.same_as(connectivity):
                 raise InputError(
                     f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
+                    code="file-changed",
                     path=self.files[frame][0],
                     frame=frame,
                 )
@@ -182,7 +183,7 @@ def runs_of_frames(
     kept = [(first, end, vertices) for (first, vertices), end in zip(starts, ends, strict=True) if vertices]
     frames = [end - first for first, end, _ in kept]
     if not kept:
-        raise InputError("there are no vertices in any frame; check the file")
+        raise InputError("there are no vertices in any frame; check the file", code="no-vertices")
     if sum(frames) < times.size:
         lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
         notices = (*notices, f"{lost}: what came before stands still there")
@@ -277,15 +278,22 @@ def write_frames(
     if not is_frame_pattern(pattern):
         if sequence.frame_count > 1:
             name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
-            raise InputError(f"{sequence.frame_count} frames do not fit one {what} file; name it {name}", path=pattern)
+            raise InputError(
+                f"{sequence.frame_count} frames do not fit one {what} file; name it {name}",
+                code="too-large",
+                path=pattern,
+            )
         with output.whole_file() as partial:
             partial.write_bytes(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
         return [pattern]
     old = frames_there(pattern)
     if old and not output.overwrite:
         raise InputError(
-            f"frames are there already ({old[0].name}); choose another name, or overwrite them (--overwrite)",
+            f"frames are there already ({old[0].name})",
+            code="output-exists",
             path=pattern,
+            setting="overwrite",
+            purpose="to replace them",
         )
     parsed = parse_pattern(pattern)
     # Frames carry the numbers of their times where those follow each other, else they count up from the first.

@@ -36,11 +36,11 @@ def call_about_file(
         return found
     except WorkerEndedError as error:
         message = "the library that reads it ended on this file: it is damaged; export it again"
-        raise InputError(message, path=path, frame=frame) from error
+        raise InputError(message, code="worker-ended", path=path, frame=frame) from error
     except WorkerNotStartedError as error:
-        raise InputError(f"no process could be started to read it ({error})", path=path) from error
+        raise InputError(f"no process could be started to read it ({error})", code="worker-ended", path=path) from error
     except PdecodecError as error:
-        raise type(error)(error.message, path=path, frame=error.frame) from error
+        raise error.placed(path=path) from error
 
 
 class IsolatedSequence(LaidOutSequence):
@@ -114,6 +114,6 @@ def _open(
 def _read(path: Path, start: int, stop: int) -> dict[str, Any]:
     """Read a block of frames in a worker."""
     if path not in _opened:  # a process that ended was started again
-        raise InputError("the process that had opened it ended; open it again")
+        raise InputError("the process that had opened it ended; open it again", code="worker-ended")
     with rounding_noticed() as rounding:
         return {"points": _opened[path].read_frames(start, stop), "rounding": np.array(rounding.largest)}

@@ -27,7 +27,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.times import timing_of_arrays
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.rounding import to_float32
@@ -53,7 +53,7 @@ class LaidOutSequence(MeshSequence):
         if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
             raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}")
         if shape[1] == 0:
-            raise InputError("points have no vertices; give at least one")
+            raise InputError("points have no vertices; give at least one", code="no-vertices")
         arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
         self.objects = _objects_of(arrays, shape[1])
         self.metadata = _metadata_of(arrays)
@@ -132,7 +132,7 @@ def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
         objects.append(_object_of(arrays, f"objects/{len(objects)}"))
     total = sum(item.vertex_count for item in objects)
     if total != vertex_count:
-        raise InputError(f"objects have {total} vertices, points have {vertex_count}; write the file again")
+        raise damaged(f"objects have {total} vertices, points have {vertex_count}; write the file again")
     return tuple(objects)
 
 
@@ -178,7 +178,7 @@ def _attribute_of(arrays: Arrays, place: str) -> Attribute:
 
 def _array(arrays: Arrays, name: str) -> NDArray[Any]:
     if name not in arrays:
-        raise InputError(f"{name} is missing; write the file again")
+        raise damaged(f"{name} is missing; write the file again")
     return arrays[name]
 
 

@@ -20,7 +20,7 @@ from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.formats.base.attribute_roles import reversed_corners, vertex_slices
 from pdecodec.formats.base.companions import input_files, output_files
 from pdecodec.formats.base.normals import NormalRows
-from pdecodec.formats.base.opening import open_sequence
+from pdecodec.formats.base.opening import misplaced, open_sequence
 from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
@@ -98,21 +98,27 @@ def write_onto(
     entry, wanted = format_to_read(source), format_to_write(path)
     if entry is not wanted or entry.onto is None:
         kinds = ", ".join(one.title.partition(",")[0] for one in list_formats() if one.onto)
-        message = f"{entry.title} does not go onto {wanted.title}; --onto takes one format for both: {kinds}"
+        message = f"takes one format for both, {kinds}; {entry.title} does not go onto {wanted.title}"
         if entry is wanted:
-            message = f"--onto is for {kinds}, not for {entry.title}; leave it out"
-        raise SettingsError(message, path=where)
+            message = f"is for {kinds}, not for {entry.title}; leave it out"
+        raise SettingsError(message, code="setting-unsupported", path=where, setting="onto")
     if layer and entry.name != "usd":
-        raise SettingsError("--layer is for USD; leave it out", path=where)
+        raise misplaced("layer", "USD", where)
     if meshopt and "meshopt" not in entry.write_options:
-        raise SettingsError("--meshopt is for glTF; leave it out", path=where)
+        raise misplaced("meshopt", "glTF", where)
     if clip is not None and "clip" not in entry.options:
-        raise SettingsError("--clip is for glTF; leave it out", path=where)
+        raise misplaced("clip", "glTF", where)
     if velocities is not None and not entry.holds_velocities:
-        raise SettingsError(f"{entry.title} holds no velocities; leave them out, or write them apart", path=where)
+        raise SettingsError(
+            f"{entry.title} holds no velocities; leave them out, or write them apart",
+            code="setting-unsupported",
+            path=where,
+        )
     shared = {one.resolve() for one in input_files(str(source))} & {one.resolve() for one in output_files(str(where))}
     if shared:
-        raise SettingsError(f"would replace {shared.pop().name}, which the original is made of", path=where)
+        raise SettingsError(
+            f"would replace {shared.pop().name}, which the original is made of", code="overwrites-input", path=where
+        )
     writer = load(entry, entry.onto, "written onto", where)
     placed = bake_transforms(sequence)
     speeds = None if velocities is None else bake_transforms(velocities)
@@ -132,10 +138,22 @@ def _check_space(sequence: MeshSequence, original: MeshSequence, source: Path) -
     """Refuse a sequence that is known to be turned or scaled otherwise than the original."""
     ours, theirs = up_axis_of(sequence), up_axis_of(original)
     if ours and theirs and ours != theirs:
-        raise InputError(f"{UP_AXIS} is {ours}, and {theirs} in {source.name}; --up-axis {theirs} turns it")
+        raise InputError(
+            f"{UP_AXIS} is {ours}, and {theirs} in {source.name}",
+            code="object-mismatch",
+            setting="up_axis",
+            value=theirs,
+            purpose="to turn it",
+        )
     mine, its = metres_per_unit(sequence), metres_per_unit(original)
     if mine and its and abs(mine - its) > 1e-6 * its:
-        raise InputError(f"a {UNIT} is {mine:g} m, and {its:g} m in {source.name}; --scale {mine / its:g} makes it so")
+        raise InputError(
+            f"a {UNIT} is {mine:g} m, and {its:g} m in {source.name}",
+            code="object-mismatch",
+            setting="scale",
+            value=f"{mine / its:g}",
+            purpose="to make it so",
+        )
 
 
 def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tuple[tuple[Fitted, ...], tuple[str, ...]]:
@@ -155,26 +173,35 @@ def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tupl
     for name, alike in ours.items():
         if name in places and len(alike) != len(places[name]):
             raise InputError(
-                f"object {name!r} is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
-                "encode the file that it is to go onto, or leave them out (--object)"
+                f"is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
+                "encode the file that it is to go onto",
+                code="ambiguous-input",
+                object=name,
+                setting="objects",
+                purpose="to leave them out",
             )
     found = []
     next_of = {name: iter(alike) for name, alike in places.items()}
     for item, own in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
         if item.name not in places:
             known = listed([one.name for one in original.objects])
-            raise InputError(f"object {item.name!r} is not in {source.name}, which has {known}; name it alike")
+            message = f"is not in {source.name}, which has {known}; name it alike"
+            raise InputError(message, code="object-missing", object=item.name)
         index = next(next_of[item.name])
         theirs = original.objects[index]
         if item.vertex_count != theirs.vertex_count:
             raise InputError(
-                f"object {item.name!r} has {item.vertex_count} vertices, and {theirs.vertex_count} in {source.name}; "
-                "encode the file that it is to go onto"
+                f"has {item.vertex_count} vertices, and {theirs.vertex_count} in {source.name}; "
+                "encode the file that it is to go onto",
+                code="object-mismatch",
+                object=item.name,
             )
         if not item.connectivity.same_as(theirs.connectivity):
             raise InputError(
-                f"object {item.name!r} has other faces or lines than in {source.name}, or its vertices in another "
-                "order (--order free); encode the file that it is to go onto"
+                f"has other faces or lines than in {source.name}, or its vertices in a free order; "
+                "encode the file that it is to go onto",
+                code="object-mismatch",
+                object=item.name,
             )
         found.append(Fitted(item, own, index))
     moved = {one.index for one in found}
@@ -241,7 +268,9 @@ class Placed:
         bad = np.flatnonzero(~(off <= LOST * np.abs(scene).max(initial=0)))
         if bad.size:
             raise InputError(
-                f"object {self._name!r} is under a transform that flattens it; its motion has no place there",
+                "is under a transform that flattens it; its motion has no place there",
+                code="unsupported-feature",
+                object=self._name,
                 frame=start + int(bad[0]),
             )
         return own

@@ -103,7 +103,7 @@ def open_sequence(
     entry = format_to_read(where)
     for name in _OF_FORMATS:
         if given[name] is not None and name not in entry.options:
-            raise _misplaced(name, where)
+            raise misplaced(name, _users(name), where)
     if isolate:
         from pdecodec.formats.base.isolated import IsolatedSequence
 
@@ -124,14 +124,16 @@ def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -
     if entry.from_address and not options["isolate"]:
         for name in _OF_FORMATS:
             if options[name] is not None:
-                raise SettingsError(f"--{name} is not for {entry.title}; leave it out", path=file.address)
+                raise misplaced(name, _users(name), file.address)
         reader: Reader = load(entry, entry.reader, "read", Path(file.name))
         with naming_file(file.address):
             return reader(file, fps=fps)
     folder = Path(tempfile.mkdtemp(prefix="pdecodec-"))
     try:
         if shutil.disk_usage(folder).free < size:
-            raise InputError(f"takes {size} bytes, and {folder} has not as many left", path=file.address)
+            raise InputError(
+                f"takes {size} bytes, and {folder} has not as many left", code="too-large", path=file.address
+            )
         file.fetch(folder / file.name)
         sequence = open_sequence(folder / file.name, fps=fps, **options)
     except BaseException:
@@ -212,21 +214,32 @@ def write_sequence(
     writer: Writer = load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
         users = titles_of(lambda other: other.holds_velocities)
-        raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
+        raise SettingsError(
+            f"velocities are held by {users}; leave them out, or write them apart",
+            code="setting-unsupported",
+            path=where,
+        )
     if rigid is not None and (velocities is not None or len(sequence.runs) > 1):
         reason = "velocities" if velocities is not None else "connectivity that changes"
-        raise SettingsError(f"--rigid moves shapes that stand, which have no {reason}; leave one out", path=where)
+        raise SettingsError(
+            f"moves shapes that stand, which have no {reason}; leave one out",
+            code="conflicting-settings",
+            path=where,
+            setting="rigid",
+        )
     asked: dict[str, Any] = {"quantize": quantize, "meshopt": meshopt, "rigid": rigid}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
-        raise _misplaced(name, where)
+        raise misplaced(name, _users(name), where)
     if len(sequence.runs) > 1 and not entry.holds_runs:
         able = extensions_of(lambda item: item.holds_runs)
         frame = sequence.runs[0].frame_count
         raise InputError(
-            f"{entry.title} has one connectivity, and that of the sequence changes; write {able}, or choose frames "
-            "that have one (--frames)",
+            f"{entry.title} has one connectivity, and that of the sequence changes; write {able}",
+            code="connectivity-changes",
             path=where,
             frame=frame,
+            setting="frames",
+            purpose="to choose frames that have one",
         )
     placed = sequence if entry.holds_transforms else changed(sequence, bake_transforms)
     rate = sequence.fps if fps is None else fps
@@ -241,15 +254,19 @@ def write_sequence(
     return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
 
 
-def _misplaced(name: str, path: Path) -> SettingsError:
+def _users(name: str) -> str:
+    """Return the titles of formats that have an option."""
+    return titles_of(lambda entry: name in (*entry.options, *entry.write_options))
+
+
+def misplaced(name: str, users: str, path: str | Path) -> SettingsError:
     """Return the error about an option that is given for a format that has no use for it."""
-    users = titles_of(lambda entry: name in (*entry.options, *entry.write_options))
-    return SettingsError(f"--{name} is for {users}; leave it out", path=path)
+    return SettingsError(f"is for {users}; leave it out", code="setting-unsupported", path=path, setting=name)
 
 
 def _check_fps(fps: float | None) -> None:
     if fps is not None and not 0 < fps < float("inf"):
-        raise SettingsError(f"frames per second must be a positive number, not {fps}")
+        raise SettingsError(f"must be a positive number, not {fps}", setting="fps")
 
 
 def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:
@@ -264,8 +281,10 @@ def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:
     """
     if fps is not None:
         raise SettingsError(
-            "a .pdeanim file stores its own times; leave out the frame rate, or decode it at the times you want",
+            "is not for .pdeanim files, which store their times; leave it out, or decode at the times you want",
+            code="setting-unsupported",
             path=path,
+            setting="fps",
         )
     # Imported when a file is opened: the command line starts without it.
     from pdecodec.codec.opening import open_animation

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pdecodec.errors import InputError, MissingExtraError, SettingsError
+from pdecodec.errors import InputError, MissingExtraError, SettingsError, unreadable
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.storage import RemoteFile
@@ -220,9 +220,7 @@ def read_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterato
     try:
         yield
     except OSError as error:
-        reason = error.strerror or error
-        message = f"cannot be read ({reason}); check the file and its permissions"
-        raise InputError(message, path=path, frame=frame) from error
+        raise unreadable(error, path, "check the file and its permissions", frame=frame) from error
 
 
 def format_of_extension(path: Path) -> Format | None:
@@ -267,7 +265,7 @@ def _failures() -> str:
 def unknown_format(path: str | os.PathLike[str]) -> InputError:
     """Return the error about an input whose format nobody knows."""
     known = extensions_of(lambda item: item.reads)
-    return InputError(f"its format is not known; readable are {known}{_failures()}", path=path)
+    return InputError(f"its format is not known; readable are {known}{_failures()}", code="unknown-format", path=path)
 
 
 def format_to_read(path: Path) -> Format:
@@ -282,11 +280,12 @@ def format_to_read(path: Path) -> Format:
             raise InputError(
                 f"is of another format than its name says, {content.title} ({content.name}); rename it to end in "
                 f"{content.extensions[0]}",
+                code="unknown-format",
                 path=path,
             )
         entry = entry or content
     elif entry is None or not entry.frame_per_file:
-        raise InputError("there is no such file; check the name", path=path)
+        raise InputError("there is no such file; check the name", code="file-missing", path=path)
     if entry is None:
         raise unknown_format(path)
     return entry
@@ -298,10 +297,14 @@ def _format_of_folder(folder: Path) -> Format:
     found = [entry for entry in list_formats() if entry.frame_per_file and suffixes & set(entry.extensions)]
     if not found:
         wanted = extensions_of(lambda item: item.frame_per_file)
-        raise InputError(f"this folder holds no frames ({wanted}); name the file itself", path=folder)
+        raise InputError(f"this folder holds no frames ({wanted}); name the file itself", code="no-frames", path=folder)
     if len(found) > 1:
         names = ", ".join(entry.name for entry in found)
-        raise InputError(f"this folder holds frames of several formats ({names}); give a frame pattern", path=folder)
+        raise InputError(
+            f"this folder holds frames of several formats ({names}); give a frame pattern",
+            code="ambiguous-input",
+            path=folder,
+        )
     return found[0]
 
 
@@ -314,7 +317,9 @@ def format_to_write(name: str | os.PathLike[str]) -> Format:
     if entry is None:
         known = extensions_of(lambda item: item.writes)
         raise InputError(
-            f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder{_failures()}", path=path
+            f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder{_failures()}",
+            code="unknown-format",
+            path=path,
         )
     return entry
 
@@ -323,7 +328,9 @@ def load(entry: Format, where: str | None, action: str, path: Path) -> Any:
     """What ``"module:function"`` of a format names; errors where it has none, or needs what is not installed."""
     if where is None:
         instead = f"use {entry.write_with}" if entry.write_with else "choose another format"
-        raise InputError(f"{entry.title} ({entry.name}) cannot be {action} here; {instead}", path=path)
+        raise InputError(
+            f"{entry.title} ({entry.name}) cannot be {action} here; {instead}", code="unsupported-format", path=path
+        )
     module, function = where.split(":")
     try:
         return getattr(importlib.import_module(module), function)

@@ -60,7 +60,14 @@ class Refusals:
     def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
         """Note an object that cannot be read; raises InputError unless such objects are left out."""
         if not self._skip:
-            raise InputError(f"object {name!r} has {feature}; --skip-unsupported goes on without it", frame=frame)
+            raise InputError(
+                f"has {feature}",
+                code="unsupported-feature",
+                object=name,
+                frame=frame,
+                setting="skip_unsupported",
+                purpose="to go on without it",
+            )
         self.found.append(Unsupported(name, feature, frame))
 
     def notices(self, shapes: Sequence[Shape]) -> tuple[str, ...]:
@@ -76,11 +83,14 @@ class Refusals:
             first, more = self.found[0], len(self.found) - 1
             others = f", and {more} more object{'s' * (more > 1)} cannot be read either" if more else ""
             raise InputError(
-                f"holds nothing that can be read: object {first.name!r} has {first.feature}{others}", frame=first.frame
+                f"holds nothing that can be read: object {first.name!r} has {first.feature}{others}",
+                code="unsupported-feature",
+                frame=first.frame,
             )
         if not shapes:
             verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
-            raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
+            message = f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}"
+            raise InputError(message, code="no-vertices")
         notices = []
         for item in self.found:
             at = "" if item.frame is None else f" at frame {item.frame}"
@@ -177,8 +187,10 @@ class Shape:
             points = points[self.gather]
         if len(points) != self.connectivity.vertex_count:
             raise InputError(
-                f"object {self.name!r} has {len(points)} points, its first frame has "
-                f"{self.connectivity.vertex_count}; every frame must have the connectivity of the first",
+                f"has {len(points)} points, its first frame has {self.connectivity.vertex_count}; every frame must "
+                "have the connectivity of the first",
+                code="connectivity-changes",
+                object=self.name,
                 path=path,
                 frame=frame,
             )

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError, Notice, SettingsError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.times import DEFAULT_FPS, MOST_TIMES, check_times, times_at_rate
 
@@ -27,7 +27,7 @@ FRAME_SLACK = 1e-3
 Timing = tuple[Float64Array, float, tuple[str, ...]]
 """Times [s], nominal frame rate [1/s], and notices about them."""
 
-_ASSUMED = f"assumed {DEFAULT_FPS:g} frames per second; pass --fps to change"
+_ASSUMED = Notice(f"assumed {DEFAULT_FPS:g} frames per second", setting="fps", purpose="to change it")
 
 _KEPT = "the file stores its times, they are kept; {:g} frames per second is only the nominal rate"
 
@@ -94,6 +94,7 @@ def times_kept(
         raise InputError(
             f"its time {float(times[frame])!r} s and the one before are one in {title}; "
             "write .npz or .h5, which keep them apart",
+            code="invalid-times",
             frame=frame,
         )
     steps = np.diff(times)
@@ -124,7 +125,7 @@ def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_T
     try:
         times = times_at_rate(first, last + slack, rate)
     except SettingsError as error:
-        raise InputError(error.message) from error
+        raise InputError(str(error), code="invalid-times") from error
     return times if last - times[-1] <= slack else np.append(times, last)
 
 
@@ -156,7 +157,10 @@ def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
     if steps.sum() >= MOST_TIMES:
         raise InputError(
             f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} a second, more than "
-            f"{MOST_TIMES:,}; take a lower rate (--fps)"
+            f"{MOST_TIMES:,}",
+            code="invalid-times",
+            setting="fps",
+            purpose="to take a lower rate",
         )
     counts = steps.astype(np.int64)
     starts = np.repeat(np.arange(counts.size), counts)
@@ -191,7 +195,7 @@ def timing_of_arrays(arrays: Mapping[str, NDArray[Any]], frames: int, fps: float
     """
     times, stored = _numbers(arrays, "times"), _numbers(arrays, "fps")
     if stored is not None and stored.size != 1:
-        raise InputError(f"fps must be one number, not {stored.shape}")
+        raise InputError(f"fps must be one number, not {stored.shape}", code="invalid-times")
     rate = fps if fps is not None else None if stored is None else float(stored.reshape(-1)[0])
     notices: tuple[str, ...] = ()
     if times is not None and fps is not None:

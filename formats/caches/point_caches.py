@@ -5,7 +5,7 @@ positions[frames][points][3]. Times that are frames of a rate but for float32 co
 
 PC2, of 3ds Max and everyone after, is little-endian: ``POINTCACHE2`` and a zero byte, int32 version (1), int32 points,
 float32 start [frames], float32 step [frames], int32 samples, float32 positions[samples][points][3]. Times count
-frames, so the frame rate is the reader's to know: ``--fps``, else 24 and a notice.
+frames, so the frame rate is the reader's to know: `fps`, else 24 and a notice.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice, damaged
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.base.times import (
@@ -35,7 +35,6 @@ MDD_HEADER, PC2_HEADER = struct.Struct(">ii"), struct.Struct("<12siiffi")
 
 PC2_IDENTIFIER, PC2_VERSION = b"POINTCACHE2\0", 1
 
-CACHE_NOTICE = "{} holds positions and times alone; names, faces and attributes come back with --mesh"
 """What a person should know who writes a point cache."""
 
 Mesh = Path | str | None
@@ -58,7 +57,7 @@ class PointCacheSequence(MeshSequence):
         self._frame_bytes = 12 * points
         needed, there = start + frames * self._frame_bytes, path.stat().st_size
         if there < needed:
-            raise InputError(
+            raise damaged(
                 f"is truncated: its header says {frames} frames of {points} points, {needed} bytes; write it again",
                 path=path,
                 offset=there,
@@ -72,13 +71,14 @@ class PointCacheSequence(MeshSequence):
         """Take objects and metadata of the mesh; notices about it."""
         if mesh is None:
             self.objects, self.metadata = (MeshObject("mesh", Connectivity(points)),), {}
-            return ("the cache holds no faces, they are points now; --mesh FILE says whose they are",)
+            text = "the cache holds no faces, they are points now"
+            return (Notice(text, setting="mesh", purpose="to say whose they are"),)
         with open_sequence(mesh) as sequence:
             if sequence.vertex_count != points:
                 there = f"has {sequence.vertex_count} vertices, the cache has {points} points"
-                raise InputError(f"{there}; take the mesh it was made from", path=mesh)
+                raise InputError(f"{there}; take the mesh it was made from", code="object-mismatch", path=mesh)
             self.objects, self.metadata = sequence.objects, dict(sequence.metadata)
-            return tuple(notice for notice in sequence.notices if not notice.startswith("assumed"))
+            return tuple(notice for notice in sequence.notices if getattr(notice, "setting", None) != "fps")
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -86,7 +86,7 @@ class PointCacheSequence(MeshSequence):
             file.seek(self._start + start * self._frame_bytes)
             data = file.read((stop - start) * self._frame_bytes)
         if len(data) < (stop - start) * self._frame_bytes:
-            raise InputError("was shortened while it was read", path=self._path, frame=start)
+            raise damaged("was shortened while it was read", path=self._path, frame=start)
         return np.frombuffer(data, self._value_type).astype(np.float32).reshape(stop - start, self.vertex_count, 3)
 
 
@@ -101,9 +101,7 @@ def open_mdd(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
     frames, points = MDD_HEADER.unpack(_read_header(path, MDD_HEADER.size))
     size = path.stat().st_size
     if not (0 < frames <= size and 0 < points <= size):
-        raise InputError(
-            f"its header says {frames} frames of {points} points: no MDD file, or a damaged one", path=path
-        )
+        raise damaged(f"its header says {frames} frames of {points} points: no MDD file, or a damaged one", path=path)
     start = MDD_HEADER.size + 4 * frames
     stored = np.frombuffer(_read_header(path, start)[MDD_HEADER.size :], ">f4").astype(np.float64)
     times, found = _without_rounding(stored, fps)
@@ -120,13 +118,13 @@ def open_pc2(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
     """
     identifier, version, points, start, step, frames = PC2_HEADER.unpack(_read_header(path, PC2_HEADER.size))
     if (identifier, version) != (PC2_IDENTIFIER, PC2_VERSION):
-        raise InputError("is no PC2 file of version 1 (its first bytes are others)", path=path, offset=0)
+        raise damaged("is no PC2 file of version 1 (its first bytes are others)", path=path, offset=0)
     if not (points > 0 and frames > 0 and math.isfinite(start) and 0 < step < math.inf):
-        raise InputError(
+        raise damaged(
             f"its header says {frames} frames of {points} points from {start:g} by {step:g}: a damaged file", path=path
         )
     if points * frames > path.stat().st_size:
-        raise InputError(f"is truncated: its header says {frames} frames of {points} points; write it again", path=path)
+        raise damaged(f"is truncated: its header says {frames} frames of {points} points; write it again", path=path)
     rate, notices = rate_or_default(None, fps)
     timing = ((start + np.arange(frames) * step) / rate, rate, notices)
     return PointCacheSequence(path, PC2_HEADER.size, "<f4", frames, points, mesh, timing)
@@ -136,7 +134,9 @@ def write_mdd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write positions and times; refused where two times are one in float32."""
     times = sequence.times.astype(">f4")
     if (np.diff(times.astype(np.float64)) <= 0).any():
-        raise InputError("two times are the same in MDD's float32; take another format, or fewer frames")
+        raise InputError(
+            "two times are the same in MDD's float32; take another format, or fewer frames", code="invalid-times"
+        )
     header = MDD_HEADER.pack(sequence.frame_count, sequence.vertex_count) + times.tobytes()
     return _write_cache(sequence, output, "MDD", header, ">f4")
 
@@ -149,10 +149,14 @@ def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     with np.errstate(over="ignore"):
         held = np.array([start, step]).astype(np.float32)
     if not (np.isfinite(held).all() and held[1] > 0):
-        raise InputError(f"PC2's float32 cannot count its frames at {output.rate:g} a second; give a usual rate")
+        raise InputError(
+            f"PC2's float32 cannot count its frames at {output.rate:g} a second; give a usual rate",
+            code="invalid-times",
+        )
     header = PC2_HEADER.pack(PC2_IDENTIFIER, PC2_VERSION, sequence.vertex_count, start, step, sequence.frame_count)
     notices = _write_cache(sequence, output, "PC2", header, "<f4")
-    notices += (f"PC2 does not say its frame rate: read it with --fps {output.rate:.9g}",)
+    text = "PC2 does not say its frame rate"
+    notices += (Notice(text, setting="fps", value=f"{output.rate:.9g}", purpose="when it is read"),)
     if found is None and sequence.frame_count > 1:
         notices += ("PC2 has one step between frames: irregular times are lost, frames are counted",)
     return notices
@@ -163,7 +167,7 @@ def _read_header(path: Path, size: int) -> bytes:
     with read_errors(path), path.open("rb") as file:
         head = file.read(size)
     if len(head) < size:
-        raise InputError("ends inside its header; write it again", path=path, offset=len(head))
+        raise damaged("ends inside its header; write it again", path=path, offset=len(head))
     return head
 
 
@@ -172,7 +176,8 @@ def _write_cache(sequence: MeshSequence, output: Output, what: str, header: byte
         file.write(header)
         for _, block in output.blocks(sequence, what):
             file.write(block.astype(value_type).tobytes())
-    return (CACHE_NOTICE.format(what),)
+    text = f"{what} holds positions and times alone; names, faces and attributes come from another file"
+    return (Notice(text, setting="mesh", purpose="when it is read"),)
 
 
 def _without_rounding(stored: Float64Array, fps: float | None) -> tuple[Float64Array, float | None]:

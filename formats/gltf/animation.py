@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.formats.base.times import FLOAT32_ROUNDING
 from pdecodec.formats.gltf.file import GltfFile
 from pdecodec.formats.gltf.types import POINTER, VISIBILITY
@@ -116,7 +116,7 @@ def read_clip(file: GltfFile, index: int) -> Clip:
             for node, path in targets or ():
                 samplers[node, path] = _sampler(file, stored, path)
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"animation {index} is damaged ({error}); export the file again") from error
+        raise damaged(f"animation {index} is damaged ({error}); export the file again") from error
     return Clip(samplers, entry.get("extras", {}).get("pdecodec", {}), tuple(left_out))
 
 
@@ -156,7 +156,7 @@ class Nodes:
         for index, node in enumerate(self.entries):
             for child in node.get("children", []):
                 if not 0 <= child < len(self.entries):
-                    raise InputError(f"node {index} has a child that is not there; export the file again")
+                    raise damaged(f"node {index} has a child that is not there; export the file again")
                 self.parents[child] = index
         for index in range(len(self.entries)):
             self.above(index)
@@ -167,7 +167,7 @@ class Nodes:
         while chain[-1] in self.parents:
             chain.append(self.parents[chain[-1]])
             if len(chain) > MOST_LEVELS:
-                raise InputError(f"node {index} lies under itself, or too deep; export the file again")
+                raise damaged(f"node {index} lies under itself, or too deep; export the file again")
         return chain
 
     def local(self, index: int, times: Float64Array) -> Float64Array:

@@ -17,7 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, naming_file
+from pdecodec.errors import InputError, damaged, naming_file
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY, check_types
@@ -80,7 +80,7 @@ class GltfFile:
         try:
             return self._accessor(index)
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise InputError(f"accessor {index} is damaged or missing ({error}); export the file again") from error
+            raise damaged(f"accessor {index} is damaged or missing ({error}); export the file again") from error
 
     def _accessor(self, index: int) -> NDArray[Any]:
         entry = self.root["accessors"][index]
@@ -134,7 +134,7 @@ class GltfFile:
         try:
             _, data, first, end = self._view(index)
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise InputError(f"buffer view {index} is damaged or missing ({error}); export it again") from error
+            raise damaged(f"buffer view {index} is damaged or missing ({error}); export it again") from error
         return data[first:end]
 
 
@@ -168,40 +168,40 @@ def read_gltf(path: Path) -> GltfFile:
     try:
         root = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"is no glTF file, or a damaged one ({error}); export it again", path=path) from error
+        raise damaged(f"is no glTF file, or a damaged one ({error}); export it again", path=path) from error
     asset = root.get("asset", {}) if isinstance(root, dict) else {}
     version = asset.get("version") if isinstance(asset, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
-        raise InputError(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
+        raise damaged(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
     with naming_file(path):
         root = check_types(root)
     required = root.get("extensionsRequired", [])
     missing = [name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(LOOKS)]
     if missing:
-        raise InputError(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
+        raise damaged(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
     buffers = tuple(_buffer(entry, index, chunk, path) for index, entry in enumerate(root.get("buffers", [])))
     return GltfFile(root, buffers)
 
 
 def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
     """JSON and binary chunk of a GLB."""
-    damaged = InputError("is a damaged GLB file: its chunks do not fit; export it again", path=path)
+    broken = damaged("is a damaged GLB file: its chunks do not fit; export it again", path=path)
     if len(data) < GLB_HEADER.size:
-        raise damaged
+        raise broken
     _, version, length = GLB_HEADER.unpack_from(data)
     if version != 2 or length > len(data):
-        raise damaged
+        raise broken
     chunks: dict[bytes, bytes] = {}
     at = GLB_HEADER.size
     while at + CHUNK_HEADER.size <= length:
         size, kind = CHUNK_HEADER.unpack_from(data, at)
         at += CHUNK_HEADER.size
         if at + size > length:
-            raise damaged
+            raise broken
         chunks.setdefault(kind, data[at : at + size])
         at += size
     if b"JSON" not in chunks:
-        raise damaged
+        raise broken
     return chunks[b"JSON"], chunks.get(b"BIN\0")
 
 
@@ -212,20 +212,22 @@ def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, path: Pat
             # Only the size of what compressed views become.
             return b""
         if chunk is None:
-            raise InputError(f"buffer {index} has no data; export the file again", path=path)
+            raise damaged(f"buffer {index} has no data; export the file again", path=path)
         return chunk
     if uri.startswith("data:"):
         try:
             return base64.b64decode(uri.partition(",")[2], validate=True)
         except binascii.Error as error:
-            raise InputError(f"buffer {index} is damaged ({error}); export the file again", path=path) from error
+            raise damaged(f"buffer {index} is damaged ({error}); export the file again", path=path) from error
     if "://" in uri:
-        raise InputError(f"buffer {index} lies elsewhere ({uri[:60]}); export the file with its data", path=path)
+        raise damaged(f"buffer {index} lies elsewhere ({uri[:60]}); export the file with its data", path=path)
     beside = path.parent / unquote(uri)
     try:
         return beside.read_bytes()
     except OSError as error:
-        raise InputError(f"its buffer {beside.name} cannot be read ({error.strerror})", path=path) from error
+        raise InputError(
+            f"its buffer {beside.name} cannot be read ({error.strerror})", code="unreadable", path=path
+        ) from error
 
 
 def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:

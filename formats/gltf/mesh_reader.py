@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
 from pdecodec.formats.base.frame_meshes import strip_triangles
 from pdecodec.formats.base.normals import normal_group
@@ -70,7 +70,7 @@ def read_mesh(file: GltfFile, index: int) -> GltfMesh:
     try:
         return _Reader(file, file.listed("meshes")[index]).read()
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
+        raise damaged(f"mesh {index} is damaged ({error}); export the file again") from error
 
 
 class PrimitiveRows:
@@ -90,7 +90,7 @@ class PrimitiveRows:
             # Strips are triangles when they come out.
             self.mode = TRIANGLES
         elif extensions and not {"bufferView", "sparse"} & file.listed("accessors")[self.accessors["POSITION"]].keys():
-            raise InputError(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
+            raise damaged(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
 
     def read(self, name: str) -> NDArray[Any]:
         """Numbers of an attribute, (vertices,) or (vertices, k)."""

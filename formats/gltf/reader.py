@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice, damaged
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
@@ -93,7 +93,9 @@ class GltfSequence(SceneSequence):
         self.file, self.nodes = file, Nodes(file, chosen)
         parts = _parts_of(file, self.nodes)
         if not parts:
-            raise InputError(f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", path=path)
+            raise InputError(
+                f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", code="no-vertices", path=path
+            )
         self.times, self.fps, time_notices = _timing(chosen, fps)
         self._posed: tuple[int, int, Pose] | None = None
         self._take(parts, transforms)
@@ -142,7 +144,7 @@ def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) 
 def _skinned(points: Float64Array, joints: Int64Array, weights: Float64Array, skin: _Skin, pose: Pose) -> Float32Array:
     """Points moved by joints, in the scene's space: the node of a skinned mesh does not move it."""
     if joints.size and int(joints.max()) >= len(skin.joints):
-        raise InputError("a mesh names a joint that its skin does not have; export the file again")
+        raise damaged("a mesh names a joint that its skin does not have; export the file again")
     worlds = np.stack([pose.world(joint) for joint in skin.joints], axis=1)
     bound = (skin.inverse_bind @ worlds)[..., :3]
     moved = np.empty(points.shape, np.float32)
@@ -176,13 +178,14 @@ def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tu
     names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
     if name is not None and name not in names:
         there = ", ".join(map(repr, names)) or "none"
-        raise InputError(f"has no animation {name!r}; there is {there}")
+        raise InputError(f"has no animation {name!r}; there is {there}", code="object-missing")
     if not entries:
         return None, 0, ()
     index = 0 if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
-        notices = (f"has {len(names)} animations, {names[0]!r} is taken; --clip names another: {', '.join(names)}",)
+        text = f"has {len(names)} animations, {', '.join(names)}; {names[0]!r} is taken"
+        notices = (Notice(text, setting="clip", purpose="to take another"),)
     return read_clip(file, index), index, notices
 
 
@@ -221,7 +224,8 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
             vertices = sum(one.connectivity.vertex_count for one in parts)
             if vertices > MOST_INSTANCED:
                 raise InputError(
-                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out"
+                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out",
+                    code="too-large",
                 )
     return parts
 
@@ -231,11 +235,14 @@ def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list
     stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
     count = max((len(values) for values in stored.values()), default=0)
     if count * part.connectivity.vertex_count > MOST_INSTANCED:
-        raise InputError(f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out")
+        raise InputError(
+            f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out",
+            code="too-large",
+        )
     defaults = {"TRANSLATION": (0.0,) * 3, "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0,) * 3}
     rows = {path: stored.get(path, np.tile(default, (count, 1))) for path, default in defaults.items()}
     if any(rows[path].shape != (count, len(default)) for path, default in defaults.items()):
-        raise InputError(f"instances of {part.name!r} do not fit each other; export the file again")
+        raise damaged(f"instances of {part.name!r} do not fit each other; export the file again")
     rows["ROTATION"] = rows["ROTATION"] / np.maximum(np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), TINY)
     left_out = [*part.left_out, *(path for path in stored if path not in defaults)]
     matrices = placed_at(rows["TRANSLATION"], rows["ROTATION"], rows["SCALE"])
@@ -258,15 +265,15 @@ def _node_name(file: GltfFile, nodes: Nodes, index: int) -> str:
 def _read_skin(file: GltfFile, index: int, nodes: Nodes) -> _Skin:
     skins = file.listed("skins")
     if not 0 <= index < len(skins):
-        raise InputError(f"skin {index} is missing; export the file again")
+        raise damaged(f"skin {index} is missing; export the file again")
     joints: Sequence[int] = skins[index].get("joints", [])
     if any(not 0 <= joint < len(nodes.entries) for joint in joints):
-        raise InputError(f"skin {index} names a node that is not there; export the file again")
+        raise damaged(f"skin {index} names a node that is not there; export the file again")
     inverse: Float64Array = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     if "inverseBindMatrices" in skins[index]:
         stored = file.accessor(skins[index]["inverseBindMatrices"]).astype(np.float64)
         if stored.shape != (len(joints), 16):
-            raise InputError(f"skin {index} has {len(stored)} matrices for {len(joints)} joints; export it again")
+            raise damaged(f"skin {index} has {len(stored)} matrices for {len(joints)} joints; export it again")
         # Column-major for columns is row-major for rows.
         inverse = stored.reshape(-1, 4, 4)
     return _Skin(tuple(joints), inverse)

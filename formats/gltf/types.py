@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES
 
 INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
@@ -174,4 +174,4 @@ def _fitted(value: Any, shape: Any, place: str) -> Any:
 
 
 def _unfit(place: str, what: str) -> InputError:
-    return InputError(f"{place[:80] or 'its root'} {what}; export the file again")
+    return damaged(f"{place[:80] or 'its root'} {what}; export the file again")

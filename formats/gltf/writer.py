@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.codec.decoder import Animation
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output
@@ -54,18 +54,19 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
     """
     check_size(sequence)
-    notices = []
+    notices: list[str] = []
     axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
     if axis is None:
-        notices.append("which axis is up is not recorded: taken as Y, as glTF has it (--up-axis says it)")
+        text = "which axis is up is not recorded: taken as Y, as glTF has it"
+        notices.append(Notice(text, setting="up_axis", purpose="to say it"))
     elif axis != "Y":
         notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF has it")
     if metres is None:
-        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it (--unit says it)")
+        text = "the length of a unit is not recorded: taken as a metre, as glTF has it"
+        notices.append(Notice(text, setting="unit", purpose="to say it"))
     elif metres != 1.0:
-        notices.append(
-            f"glTF counts in metres: it shows a unit of {metres:g} m as one (--scale {metres:g} makes it so)"
-        )
+        text = f"glTF counts in metres: it shows a unit of {metres:g} m as one"
+        notices.append(Notice(text, setting="scale", value=f"{metres:g}", purpose="to make it so"))
     with output.whole_file() as partial:
         builder = GltfBuilder(meshopt=output.meshopt)
         notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
@@ -79,7 +80,10 @@ def check_size(sequence: MeshSequence) -> None:
     needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
     if needed > MOST_MEMORY:
         raise InputError(
-            f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file; take fewer --frames or --object"
+            f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file",
+            code="too-large",
+            setting="frames",
+            purpose="to take fewer, or choose fewer objects",
         )
 
 
@@ -104,7 +108,9 @@ class GltfScene:
             found[start : start + len(block)] = block
         bad = np.argwhere(~np.isfinite(found).all(axis=2))
         if bad.size:
-            raise InputError(f"vertex {bad[0, 1]} is not finite, glTF has no number for it", frame=int(bad[0, 0]))
+            raise InputError(
+                f"vertex {bad[0, 1]} is not finite, glTF has no number for it", code="not-finite", frame=int(bad[0, 0])
+            )
         return found
 
     def _between(self) -> Float32Array | None:
@@ -148,15 +154,14 @@ class GltfScene:
         baked = max((frames for _, frames, _ in self._motions), default=0)
         targets = max((targets for targets, _, _ in self._motions), default=0)
         angle = max((angle for _, _, angle in self._motions), default=0.0)
-        notices = []
+        notices: list[str] = []
         if baked:
             notices.append(
                 f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
             )
         if targets > MOST_TARGETS:
-            notices.append(
-                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
-            )
+            text = f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048"
+            notices.append(Notice(text, setting="frames", purpose="to take fewer"))
         if angle > SEEN_ANGLE:
             notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
         return notices

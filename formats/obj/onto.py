@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import write_frames
@@ -96,7 +96,7 @@ class _Template:
             pieces.append(kept + line)
         pieces.append(data[done:])
         if vertex != len(moved):
-            raise InputError(f"{len(moved)} vertices were read, but {vertex} lines hold one", path=self._source)
+            raise damaged(f"{len(moved)} vertices were read, but {vertex} lines hold one", path=self._source)
 
     def _library(self, name: bytes) -> bytes:
         """A library of materials as it is named from the folder of the output."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyParseError
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, UV, joined_colors, lost_by_joining
 from pdecodec.formats.base.frame_meshes import (
     FrameBytes,
@@ -64,11 +64,11 @@ def _read_ply(path: Path) -> MeshFile:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES).partition(b"end_header")[0].replace(b"\r", b"\n")
         if any(int(count) > size for count in _COUNT.findall(head)):
-            raise InputError("is a damaged PLY file (it declares more rows than it has bytes)", path=path)
+            raise damaged("is a damaged PLY file (it declares more rows than it has bytes)", path=path)
         try:
             return _mesh(_parsed(path))
         except _DAMAGE as error:
-            raise InputError(f"is no PLY file, or a damaged one ({error}); export it again", path=path) from error
+            raise damaged(f"is no PLY file, or a damaged one ({error}); export it again", path=path) from error
 
 
 def _parsed(path: Path) -> Any:
@@ -225,7 +225,7 @@ def _read_stl(path: Path) -> MeshFile:
     else:
         found = _STL_VERTEX.findall(data) if data.lstrip().startswith(b"solid") else []
         if not found or len(found) % 3 or b"endsolid" not in data:
-            raise InputError("is no STL file, or a truncated one; export it again", path=path)
+            raise damaged("is no STL file, or a truncated one; export it again", path=path)
         points = _positions([number for row in found for number in row], path)
     corners = np.arange(len(points), dtype=np.int32)
     return MeshFile(points, Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners))
@@ -237,7 +237,7 @@ def _read_off(path: Path) -> MeshFile:
         lines = [line.partition(b"#")[0].split() for line in path.read_bytes().splitlines()]
     words = [line for line in lines if line]
     if not words or words[0][0] != b"OFF":
-        raise InputError("is no OFF file (it does not begin with OFF); export it again", path=path)
+        raise damaged("is no OFF file (it does not begin with OFF); export it again", path=path)
     head = words[0][1:] or (words[1] if len(words) > 1 else [])
     body = words[1:] if words[0][1:] else words[2:]
     try:
@@ -256,7 +256,7 @@ def _read_off(path: Path) -> MeshFile:
         corners = [int(index) for row, count in zip(polygons, counts, strict=True) for index in row[1 : 1 + count]]
         flat: NDArray[Any] = np.array(corners, np.int64)
     except (IndexError, OverflowError, ValueError) as error:
-        raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
+        raise damaged(f"is a damaged OFF file ({error}); export it again", path=path) from error
     points = _positions([number for row in rows for number in row[:3]], path)
     is_face = sizes >= 3
     on_face = np.repeat(is_face, sizes)
@@ -271,7 +271,7 @@ def _positions(words: list[bytes], path: Path) -> Positions:
     try:
         numbers = np.array(words).astype(np.float64).reshape(-1, 3)
     except ValueError as error:
-        raise InputError(f"holds what is no number ({error}); export it again", path=path) from error
+        raise damaged(f"holds what is no number ({error}); export it again", path=path) from error
     with np.errstate(over="ignore"):
         rounded = numbers.astype(np.float32)
     return meant_by_text(numbers, rounded) if is_far(rounded) else rounded

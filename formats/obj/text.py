@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec._core import ObjFault, ObjScan
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.metrics import frame_scale
@@ -81,7 +81,7 @@ class ObjText:
     def error(self, offset: int, message: str) -> InputError:
         """An error at a byte of this file, which names the line."""
         line = 1 + self.data.count(b"\n", 0, offset) + sum(place < offset for place in self.joined)
-        return InputError(f"line {line}: {message}", path=self.path, frame=self.frame)
+        return damaged(f"line {line}: {message}", path=self.path, frame=self.frame)
 
     def token(self, offset: int) -> str:
         """The token that starts at a byte, shortened for messages."""
@@ -145,7 +145,7 @@ def read_text(path: Path, frame: int) -> ObjText:
     with read_errors(path, frame=frame):
         data = path.read_bytes()
     if not data.strip():
-        raise InputError("the file is empty; export it again", path=path, frame=frame)
+        raise damaged("the file is empty; export it again", path=path, frame=frame)
     if b"\0" in data:
         message = "this is not OBJ text, it holds zero bytes; check the file"
         raise InputError(message, path=path, frame=frame, offset=data.index(b"\0"))

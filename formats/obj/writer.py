@@ -64,7 +64,9 @@ def frame_output(output: Output) -> tuple[Output, bool]:
         foreign = sorted(item.name for item in folder.glob("*.obj") if item not in frames)
         if foreign:
             raise InputError(
-                f"this folder holds other OBJ files ({foreign[0]}); choose an empty one or a pattern", path=folder
+                f"this folder holds other OBJ files ({foreign[0]}); choose an empty one or a pattern",
+                code="output-unwritable",
+                path=folder,
             )
     return dataclasses.replace(output, path=path), new_folder
 
@@ -80,6 +82,7 @@ def check_finite(points: Float32Array, frame: int) -> None:
     if bad.size:
         raise InputError(
             f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; repair the sequence",
+            code="not-finite",
             frame=frame,
         )
 
@@ -223,7 +226,7 @@ def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, Int64Array | No
     with np.errstate(over="ignore"):
         values = uv.values.astype(np.float32)
     if not np.isfinite(values).all():
-        raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute")
+        raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute", code="not-finite")
     indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
     return rows_text(values, "vt"), indices, len(values)
 

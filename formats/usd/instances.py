@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED
 from pdecodec.mesh.arrays import BoolArray, Float64Array, Int64Array
 
@@ -65,7 +65,7 @@ class Instancer:
             include, ignore = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
             found = self.arrays.ComputeInstanceTransformsAtTime(code, code, include, ignore)
             if len(found) != self.prototypes.size:
-                raise InputError(
+                raise damaged(
                     f"instancer {self.prim.GetPath()} has {len(found)} places for {self.prototypes.size} instances"
                 )
             self._kept[key] = np.array(found, np.float64).reshape(-1, 4, 4)

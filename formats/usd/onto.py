@@ -38,7 +38,9 @@ def write_usd_onto(
     check_writable(path, overwrite=output.overwrite)
     to_package, from_package = path.suffix.lower() == ".usdz", source.suffix.lower() == ".usdz"
     if to_package and output.layer:
-        raise InputError("a package does not hold a layer over another file; write a .usda or .usdc file")
+        raise InputError(
+            "a package does not hold a layer over another file; write a .usda or .usdc file", code="unsupported-feature"
+        )
     with stage_folder(output) as folder:
         file = layer_file(folder, path)
         if to_package and from_package:
@@ -100,7 +102,9 @@ def _unpacked(source: Path, folder: Path) -> Path:
         names = package.namelist()
         # USD reads packages that are not compressed alone, so that none is larger than its file.
         if any(item.compress_type != zipfile.ZIP_STORED for item in package.infolist()):
-            raise InputError("is a package with compressed files, which USD does not read", path=source)
+            raise InputError(
+                "is a package with compressed files, which USD does not read", code="unsupported-feature", path=source
+            )
         package.extractall(folder)
     return folder / names[0]
 
@@ -118,8 +122,11 @@ class _Over:
         of_points = [one.name for one in shapes if one.instancer is not None]
         if of_points:
             raise InputError(
-                f"object {of_points[0]!r} is an instance of a PointInstancer, where all have one shape; "
-                "leave it out (--object)"
+                "is an instance of a PointInstancer, where all have one shape",
+                code="unsupported-feature",
+                object=of_points[0],
+                setting="objects",
+                purpose="to leave it out",
             )
         for shape in shapes:
             self._alone(shape.prim.GetPath())

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, unit_text
@@ -206,7 +206,7 @@ def _stage_errors(path: Path) -> Iterator[None]:
             # USD's message quotes the file.
             lines = ["its text is not UTF-8"]
         reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
-        raise InputError(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
+        raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
 
 
 def _open_stage(path: Path) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdSkel, Vt
 
-from pdecodec.errors import InputError
+from pdecodec.errors import damaged
 from pdecodec.mesh.arrays import Float32Array
 
 
@@ -63,7 +63,7 @@ class Skinning:
             self._skeleton.ComputeSkinningTransforms(code), moved, code
         ):
             path = self._query.GetPrim().GetPath()
-            raise InputError(f"the joints of {path} do not fit its {len(points)} points; export the file again")
+            raise damaged(f"the joints of {path} do not fit its {len(points)} points; export the file again")
         return np.array(moved, np.float32)
 
 

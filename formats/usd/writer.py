@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
@@ -70,7 +70,9 @@ def stage_folder(output: Output) -> Iterator[Path]:
         except Tf.ErrorException as error:
             reason = str(error).strip().splitlines()[-1].strip()
             reason = failure_of(folder, f"USD says {reason}")
-            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+            raise InputError(
+                f"cannot be written ({reason}); check the folder and the free space", code="output-unwritable"
+            ) from error
 
 
 def layer_file(folder: Path, path: Path) -> Path:
@@ -82,7 +84,7 @@ def packed(file: Path, path: Path) -> Path:
     """The package of a layer, beside it, named as `path` is."""
     package = file.with_name(path.name)
     if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
-        raise InputError("USD cannot make this package; write a .usdc file")
+        raise InputError("USD cannot make this package; write a .usdc file", code="unsupported-feature")
     return package
 
 
@@ -117,19 +119,19 @@ class _Stage:
         stage.SetEndTimeCode(float(codes[-1]))
         axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
         if axis == "X":
-            self.notices.append("USD has no up axis X: none is written, programs take it as Y (--up-axis turns)")
+            text = "USD has no up axis X: none is written, programs take it as Y"
+            self.notices.append(Notice(text, setting="up_axis", purpose="to turn it"))
         # What nobody stated is not authored: a reader would take it for a fact.
         if axis in ("Y", "Z"):
             UsdGeom.SetStageUpAxis(stage, axis)
         elif axis is None:
-            self.notices.append("which axis is up is not recorded: programs take it as Y (--up-axis says it)")
+            text = "which axis is up is not recorded: programs take it as Y"
+            self.notices.append(Notice(text, setting="up_axis", purpose="to say it"))
         if metres is not None:
             UsdGeom.SetStageMetersPerUnit(stage, metres)
         else:
-            self.notices.append(
-                f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth "
-                "(--unit m says it)"
-            )
+            text = f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth"
+            self.notices.append(Notice(text, setting="unit", value="m", purpose="to say it"))
         layer = stage.GetRootLayer()
         data = dict(layer.customLayerData)
         known = {UP_AXIS} if axis in ("Y", "Z") else set()

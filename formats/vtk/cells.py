@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_meshes import join_cells
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
@@ -108,7 +108,10 @@ class Cells:
             border = nodes[:, list(_FLAT[kind, nodes.shape[1]])]
             (self._lines if kind == "line" else self._faces).append(border)
         else:
-            raise InputError(f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read")
+            raise InputError(
+                f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read",
+                code="unsupported-feature",
+            )
 
     def connectivity(
         self, points: NDArray[np.floating], *, only_used: bool = False
@@ -139,7 +142,7 @@ class Cells:
         corners: dict[int, list[Int64Array]] = {}
         for _, rows in self._solids:
             if rows.size and (rows.min() < 0 or rows.max() >= nodes):
-                raise InputError(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
+                raise damaged(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
         volumes = dict.fromkeys(_SOLIDS, 0.0)
         for kind, rows in self._solids:
             volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)

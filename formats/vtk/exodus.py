@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
@@ -90,7 +90,7 @@ class ExodusSequence(MeshSequence):
             self._open(fps)
         except _DAMAGE as error:
             self.close()
-            raise InputError(f"is no Exodus file, or a damaged one ({error}); export it again", path=path) from error
+            raise damaged(f"is no Exodus file, or a damaged one ({error}); export it again", path=path) from error
         except InputError:
             self.close()
             raise
@@ -162,13 +162,13 @@ class ExodusSequence(MeshSequence):
         self._check_variable(variable, None, name)
         values = np.asarray(variable[:], np.float64)
         if (values == _fill_of(variable)).any():
-            raise InputError(f"{name} has values that were never written; export it again", path=self._path)
+            raise damaged(f"{name} has values that were never written; export it again", path=self._path)
         return values
 
     def _check_variable(self, variable: Any, steps: int | None, name: str) -> None:
         """Raise InputError where a variable has fewer steps than there are times, or parts of it were not written."""
         if steps is not None and variable.shape[0] < steps:
-            raise InputError(
+            raise damaged(
                 f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
             )
         if isinstance(variable, h5py.Dataset):
@@ -196,6 +196,7 @@ class ExodusSequence(MeshSequence):
                 raise InputError(
                     f"holds elements of type {name} with {rows.shape[-1]} nodes, which are not read; "
                     "export finite elements",
+                    code="unsupported-feature",
                     path=self._path,
                 )
             cells.add(kind, rows)
@@ -213,7 +214,7 @@ class ExodusSequence(MeshSequence):
                     raise InputError(message, path=self._path, frame=start + int(unwritten[0]))
                 points[:, :, axis] += moved
         except _DAMAGE as error:
-            raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
+            raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
         return to_float32(points if self._gather is None else points[:, self._gather])
 
     def close(self) -> None:

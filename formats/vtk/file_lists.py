@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.vtk.motion import quoted
 
 PARTS = {".pvtu": "PUnstructuredGrid", ".pvtp": "PPolyData", ".vtm": "vtkMultiBlockDataSet"}
@@ -40,16 +40,14 @@ def listed_parts(path: Path) -> list[Path]:
         if root.get("type") != kind or found is None:
             raise ValueError(f"its type is {root.get('type')}")
     except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise InputError(
-            f"is no {path.suffix[1:]} file, or a damaged one ({error}); write it again", path=path
-        ) from error
+        raise damaged(f"is no {path.suffix[1:]} file, or a damaged one ({error}); write it again", path=path) from error
     names = [one.get("Source", "") for one in found.findall("Piece")]
     if kind == PARTS[".vtm"]:
         # A block without data stands without a file.
         names = [one.get("file", "") for one in found.iter("DataSet") if one.get("file")]
     files = [path.parent / name for name in names]
     if not files:
-        raise InputError("lists no files; write it again", path=path)
+        raise damaged("lists no files; write it again", path=path)
     missing = [name for name, file in zip(names, files, strict=True) if not name or not file.is_file()]
     if missing:
         raise InputError(f"lists {missing[0]!r}, which is missing; restore that file", path=path)
@@ -76,14 +74,14 @@ def read_pvd(path: Path) -> tuple[list[float], list[list[Path]]]:
             for row in rows
         ]
     except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise InputError(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
+        raise damaged(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
     entries = [
         Entry(time, path.parent / file, None if part is None else f"{group or ''} {part}".strip())
         for time, file, part, group in found
         if file
     ]
     if len(entries) < len(found) or not entries or any(not math.isfinite(entry.time) for entry in entries):
-        raise InputError("lists no files with times; write it again", path=path)
+        raise damaged("lists no files with times; write it again", path=path)
     return _by_time(entries, path)
 
 
@@ -99,10 +97,10 @@ def read_series(path: Path) -> tuple[list[float] | None, list[list[Path]]]:
         files = json.loads(path.read_bytes())["files"]
         found = [(str(one["name"]), None if one.get("time") is None else float(one["time"])) for one in files]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
+        raise damaged(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
     times = [time for _, time in found if time is not None]
     if not found or 0 < len(times) < len(found) or not all(map(math.isfinite, times)):
-        raise InputError("lists no files with times; write it again", path=path)
+        raise damaged("lists no files with times; write it again", path=path)
     if not times:
         return None, [[path.parent / name] for name, _ in found]
     entries = [Entry(time, path.parent / name, "0") for (name, _), time in zip(found, times, strict=True)]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import sequence_of_files
 from pdecodec.formats.base.times import Timing, timing_of_numbers, timing_of_stored
@@ -99,7 +99,11 @@ def read_grid(path: Path, wanted: str | None, depth: int = 0) -> GridFile:
         return joined_grids([read_grid(part, wanted, depth + 1) for part in listed_parts(path)])
     if suffix not in _READERS:
         known = ", ".join((*_READERS, *PARTS))
-        raise InputError(f"files of type {suffix or 'none'} are not read as part of a list; {known} are", path=path)
+        raise InputError(
+            f"files of type {suffix or 'none'} are not read as part of a list; {known} are",
+            code="unsupported-feature",
+            path=path,
+        )
     return else_vtk(_READERS[suffix])(path, wanted)
 
 
@@ -114,7 +118,7 @@ def _read_vtp(path: Path, wanted: str | None) -> GridFile:
     try:
         return XmlFile(path, wanted).grid
     except XML_DAMAGE as error:
-        raise InputError(f"is no VTP file, or a damaged one ({error}); export it again", path=path) from error
+        raise damaged(f"is no VTP file, or a damaged one ({error}); export it again", path=path) from error
 
 
 def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
@@ -130,7 +134,7 @@ def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
             return _grid_of(mesh, path, wanted)
     except (meshio.ReadError, *XML_DAMAGE, *_MESHIO_RAISES) as error:
         reason = " ".join(f"{error} {said.getvalue()}".split())[:200] or type(error).__name__
-        raise InputError(f"meshio cannot read it ({reason}); check or export it again", path=path) from error
+        raise damaged(f"meshio cannot read it ({reason}); check or export it again", path=path) from error
 
 
 def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
@@ -145,7 +149,9 @@ def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
         elif kind in KINDS or kind == "vertex":
             cells.add("line" if kind == "vertex" else kind, np.asarray(block.data))
         else:
-            raise InputError(f"holds cells of type {block.type}, which are not read", path=path)
+            raise InputError(
+                f"holds cells of type {block.type}, which are not read", code="unsupported-feature", path=path
+            )
     data = {str(name): np.asarray(values) for name, values in mesh.point_data.items()}
     return grid_of_cells(points, cells, data, [str(name) for name in mesh.cell_data], wanted)
 

@@ -116,7 +116,7 @@ class GridReader:
     def __call__(self, path: Path) -> MeshFile:
         """Return the mesh of a file, moved by the vectors that are chosen from the first one."""
         if not path.is_file():
-            raise InputError("there is no such file; restore it", path=path)
+            raise InputError("there is no such file; restore it", code="file-missing", path=path)
         grid = self._read(path, self._chosen)
         if not self._is_chosen:
             self._chosen = choose_vectors(grid.vectors, self._asked, path)

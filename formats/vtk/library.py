@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_meshes import MeshFile, strip_triangles
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
@@ -51,7 +51,7 @@ def else_vtk(read: Read) -> Read:
             # What is not there: the package, or a module that was taken away.
             if sys.modules.get(PACKAGE, find_spec(PACKAGE)) is None:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
-                raise InputError(message, path=path) from refused
+                raise refused.placed(message, path=path) from refused
             try:
                 return _read_in_worker(path, wanted)
             except InputError:
@@ -123,7 +123,9 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
     data: Any = reader.GetOutput()
     if data is None or not data.IsA("vtkPointSet") or not data.GetNumberOfPoints():
         kind = "nothing" if data is None else data.GetClassName()
-        raise InputError(f"VTK finds no points with cells in it ({kind}); check or export it again", path=path)
+        raise InputError(
+            f"VTK finds no points with cells in it ({kind}); check or export it again", code="no-vertices", path=path
+        )
     nodes, gather = data.GetNumberOfPoints(), None
     _check_cells(data, path)
     point_data, cell_data = (
@@ -143,7 +145,7 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
         data = surface.GetOutput()
         ids = data.GetPointData().GetArray(ORIGINAL)
         if ids is None or not data.GetNumberOfPoints():
-            raise InputError("VTK finds no surface in it; extract it as polygons first", path=path)
+            raise InputError("VTK finds no surface in it; extract it as polygons first", code="no-vertices", path=path)
         gather = vtk_to_numpy(ids).astype(np.int64)
     points = vtk_to_numpy(data.GetPoints().GetData())
 
@@ -203,7 +205,7 @@ def _check_cells(data: Any, path: Path) -> None:
             least[number] = MOST_NUMBERED if cell is None else cell.GetNumberOfPoints()
         fit = kinds.size == sizes.size and bool((sizes >= least[kinds]).all())
     if not fit:
-        raise InputError("its cells have points that are not there; export it again", path=path)
+        raise damaged("its cells have points that are not there; export it again", path=path)
 
 
 def _rows(counts: Int64Array, indices: Int64Array) -> list[Int64Array]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice, damaged
 
 NO_DISPLACEMENT = "none"
 """Value of the option ``displacement`` that adds no vectors."""
@@ -46,9 +46,11 @@ def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, def
     if asked is None:
         if len(defined) > 1:
             raise InputError(
-                f"several vectors are displacements ({quoted(defined)}); name one of them with the option "
-                f"displacement, or {NO_DISPLACEMENT}",
+                f"several vectors are displacements ({quoted(defined)})",
+                code="ambiguous-input",
                 path=path,
+                setting="displacement",
+                purpose=f"to one of them, or to {NO_DISPLACEMENT}",
             )
         return defined[0] if defined else None
     if asked in vectors:
@@ -59,7 +61,8 @@ def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, def
     if len(alike) == 1:
         return alike[0]
     there = f"there are {quoted(vectors)}" if vectors else "there are no vectors on nodes"
-    raise InputError(f"has no vectors {asked!r} on its nodes that could be its displacement; {there}", path=path)
+    message = f"has no vectors {asked!r} on its nodes that could be its displacement; {there}"
+    raise InputError(message, code="object-missing", path=path)
 
 
 def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None, *, moves: bool) -> tuple[str, ...]:
@@ -69,10 +72,8 @@ def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None
     vectors = [name for name in vectors if name.lower() not in NO_MOTION]
     if moves or asked is not None or not vectors:
         return ()
-    return (
-        f"the mesh stands still: nothing says that {quoted(vectors)} {_are(vectors)} its displacement; "
-        f"the option displacement=NAME adds vectors to the geometry",
-    )
+    text = f"the mesh stands still: nothing says that {quoted(vectors)} {_are(vectors)} its displacement"
+    return (Notice(text, setting="displacement", value="NAME", purpose="to add vectors to the geometry"),)
 
 
 def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
@@ -98,7 +99,7 @@ def moved(points: NDArray[np.floating], vectors: NDArray[np.generic], name: str,
         If there are not as many vectors as points, or they have other components.
     """
     if vectors.ndim != 2 or len(vectors) != len(points) or not 1 <= vectors.shape[1] <= 3:
-        raise InputError(
+        raise damaged(
             f"the displacement {name!r} has shape {vectors.shape}, and there are {len(points)} nodes; export it again",
             path=path,
         )

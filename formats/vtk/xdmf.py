@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, naming_file
+from pdecodec.errors import InputError, damaged, naming_file
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, not_kept_data
@@ -59,7 +59,7 @@ class XdmfSequence(MeshSequence):
                 self._open(Grids(document, self._items), fps, displacement)
         except _DAMAGE as error:
             self.close()
-            raise InputError(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
+            raise damaged(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
         except InputError:
             self.close()
             raise
@@ -118,7 +118,11 @@ class XdmfSequence(MeshSequence):
         """Return the points (nodes, 3) of a part, without displacement."""
         kind = str(part.geometry.get("GeometryType", part.geometry.get("Type", "XYZ"))).upper()
         if kind not in _AXES:
-            raise InputError(f"geometry of type {kind} of grid {part.name!r} is not read; write XYZ", path=self._path)
+            raise InputError(
+                f"geometry of type {kind} of grid {part.name!r} is not read; write XYZ",
+                code="unsupported-feature",
+                path=self._path,
+            )
         axes = _AXES[kind]
         if "_" in kind:
             items = self._items.of(part.geometry)
@@ -165,7 +169,9 @@ class XdmfSequence(MeshSequence):
             try:
                 self._read_frame(frame, found[frame - start])
             except _DAMAGE as error:
-                raise InputError(f"this frame cannot be read ({error})", path=self._path, frame=frame) from error
+                raise InputError(
+                    f"this frame cannot be read ({error})", code="unreadable", path=self._path, frame=frame
+                ) from error
         return found
 
     def _read_frame(self, frame: int, into: Float32Array) -> None:

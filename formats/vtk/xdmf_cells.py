@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.vtk.cells import Cells
 from pdecodec.formats.vtk.xdmf_document import Element
 from pdecodec.formats.vtk.xdmf_items import Items
@@ -79,14 +79,22 @@ def cells_of(topology: Element, items: Items, path: Path) -> Cells:
     cells = Cells()
     kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
     if "Order" in topology.attrib:
-        raise InputError(f"a topology whose nodes are in an Order of its own ({kind}) is not read", path=path)
+        raise InputError(
+            f"a topology whose nodes are in an Order of its own ({kind}) is not read",
+            code="unsupported-feature",
+            path=path,
+        )
     if kind == "polyvertex" and not items.of(topology):
         return cells
     if kind not in (*_KINDS, "mixed", "polygon", "polyline", "polyvertex"):
-        raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=path)
+        raise InputError(
+            f"topology of type {kind} is not read; extract the surface as polygons",
+            code="unsupported-feature",
+            path=path,
+        )
     numbers = items.only(topology)
     if not (numbers == np.rint(numbers)).all():
-        raise InputError("the numbers of a topology's nodes are not whole; write it again", path=path)
+        raise damaged("the numbers of a topology's nodes are not whole; write it again", path=path)
     indices: Int64Array = numbers.astype(np.int64)
     first = int(topology.get("BaseOffset", "0"))
     if kind == "mixed":
@@ -95,13 +103,11 @@ def cells_of(topology: Element, items: Items, path: Path) -> Cells:
     name, size = _KINDS.get(kind, ("polygon" if kind == "polygon" else "polyline", 0))
     size = size or _nodes_of_each(topology, indices, kind, path)
     if indices.size % size:
-        raise InputError(
-            f"{indices.size} nodes are no cells of {size}, as its topology says; write it again", path=path
-        )
+        raise damaged(f"{indices.size} nodes are no cells of {size}, as its topology says; write it again", path=path)
     rows = indices.reshape(-1, size) - first
     declared = topology.get("NumberOfElements", topology.get("Dimensions"))
     if declared is not None and np.prod([int(part) for part in declared.split()]) != len(rows):
-        raise InputError(f"its topology declares {declared} cells, and holds {len(rows)}; write it again", path=path)
+        raise damaged(f"its topology declares {declared} cells, and holds {len(rows)}; write it again", path=path)
     cells.add(name, rows)
     return cells
 
@@ -129,9 +135,11 @@ def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> Non
         elif number in _MIXED_COUNTED and at + 1 < numbers.size:
             kind, size, at = _MIXED_COUNTED[number], int(numbers[at + 1]), at + 2
         else:
-            raise InputError(f"cells of number {number} in a mixed topology are not read", path=path)
+            raise InputError(
+                f"cells of number {number} in a mixed topology are not read", code="unsupported-feature", path=path
+            )
         if size < 1 or at + size > numbers.size:
-            raise InputError("its mixed topology ends inside a cell", path=path)
+            raise damaged("its mixed topology ends inside a cell", path=path)
         if number in _MIXED_SOLIDS:
             solids.setdefault(f"{kind}{size}", []).append(numbers[at : at + size] - first)
         else:

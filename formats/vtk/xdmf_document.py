@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 
 Element = ElementTree.Element
 
@@ -68,7 +68,7 @@ class Document:
             path = (element.text or "").strip() if reference.upper() == "XML" else reference
             found = self._at(path, self._homes[element][1])
             if len(found) != 1 or found[0].tag != element.tag or found[0] in seen:
-                raise InputError(
+                raise damaged(
                     f"a {element.tag} refers to {path!r}, which is {len(found)} elements, or none of its kind; "
                     "write it again",
                     path=self.path,
@@ -101,7 +101,7 @@ class Document:
             try:
                 self._roots[key] = ElementTree.parse(path).getroot()
             except (ElementTree.ParseError, OSError) as error:
-                raise InputError(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
+                raise damaged(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
             self._homes.update(dict.fromkeys(self._roots[key].iter(), (path.parent, self._roots[key])))
         return self._roots[key]
 
@@ -127,7 +127,7 @@ class Document:
         """Return the elements that an element of XInclude stands for."""
         name, pointer = include.get("href", ""), include.get("xpointer", "").strip()
         if include.get("parse", "xml") != "xml" or (not name and not pointer) or "://" in name:
-            raise InputError(f"includes {name or 'text'!r}, which is no XDMF file beside it", path=self.path)
+            raise damaged(f"includes {name or 'text'!r}, which is no XDMF file beside it", path=self.path)
         if name:
             root = self._parse(self.folder(include) / name)
         if not pointer:
@@ -141,14 +141,14 @@ class Document:
         else:
             raise InputError(f"the pointer {pointer!r} of an include is not understood", path=self.path)
         if not found:
-            raise InputError(f"includes {pointer!r}, and there is no such element; write it again", path=self.path)
+            raise damaged(f"includes {pointer!r}, and there is no such element; write it again", path=self.path)
         return found
 
     def _flat(
         self, child: Element, targets: dict[Element, list[Element]], above: tuple[Element, ...]
     ) -> Iterator[Element]:
         if child in above:
-            raise InputError("includes itself; write it again", path=self.path)
+            raise damaged("includes itself; write it again", path=self.path)
         if child not in targets:
             yield child
             return
@@ -166,7 +166,7 @@ class Document:
                 above.discard(element)
                 done.add(element)
             elif element in above:
-                raise InputError("includes itself; write it again", path=self.path)
+                raise damaged("includes itself; write it again", path=self.path)
             elif element not in done:
                 above.add(element)
                 left.append((element, True))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.vtk.motion import quoted
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.formats.vtk.xdmf_items import Items
@@ -74,10 +74,10 @@ class Grids:
         """
         domains = self._document.root.findall("Domain")
         if self._document.root.tag != "Xdmf" or not domains:
-            raise InputError("holds no domain of XDMF; write it again", path=self._path)
+            raise damaged("holds no domain of XDMF; write it again", path=self._path)
         grids = self._document.children(domains[0], "Grid")
         if not grids:
-            raise InputError("holds no grid; write it again", path=self._path)
+            raise damaged("holds no grid; write it again", path=self._path)
         read = [(grid, self._steps(grid, None)) for grid in grids if _collection(grid) == "temporal"]
         lost = [f"only the first of {len(domains)} domains is read"] if len(domains) > 1 else []
         if not read:
@@ -108,7 +108,7 @@ class Grids:
             return [Step(self._own_time(grid, inherited), (self._part(grid),))]
         children = self._document.children(grid, "Grid")
         if not children:
-            raise InputError(f"the {kind} collection {name!r} holds no grid; write it again", path=self._path)
+            raise damaged(f"the {kind} collection {name!r} holds no grid; write it again", path=self._path)
         if kind == "temporal":
             return self._in_time(grid, children)
         time = self._own_time(grid, inherited)
@@ -122,7 +122,9 @@ class Grids:
             found = self._steps(child, None)
             if len(found) != 1:
                 raise InputError(
-                    f"the temporal collection {name!r} holds another one, which is not read", path=self._path
+                    f"the temporal collection {name!r} holds another one, which is not read",
+                    code="unsupported-feature",
+                    path=self._path,
                 )
             steps += found
         known = [step.time is not None for step in steps]
@@ -138,7 +140,7 @@ class Grids:
         if listed is None:
             return steps
         if len(listed) != len(steps):
-            raise InputError(
+            raise damaged(
                 f"the temporal collection {name!r} has {len(listed)} times and {len(steps)} grids; write it again",
                 path=self._path,
             )
@@ -166,7 +168,7 @@ class Grids:
         geometry, topology = (self._document.child(grid, tag) for tag in ("Geometry", "Topology"))
         if geometry is None or topology is None:
             tag = "geometry" if geometry is None else "topology"
-            raise InputError(
+            raise damaged(
                 f"grid {name!r} has no {tag}, and neither includes one nor refers to one; write it again",
                 path=self._path,
             )
@@ -196,7 +198,11 @@ class Grids:
             values = self._items.only(time) if self._items.of(time) else np.array(stored.split(), np.float64)
             numbers = values.reshape(-1).astype(np.float64).tolist()
         else:
-            raise InputError(f"times of type {kind} of grid {name!r} are not read; list them", path=self._path)
+            raise InputError(
+                f"times of type {kind} of grid {name!r} are not read; list them",
+                code="unsupported-feature",
+                path=self._path,
+            )
         if kind == "hyperslab":
             if len(numbers) != 3:
                 raise InputError(f"times of grid {name!r} are no start, stride and count", path=self._path)
@@ -218,7 +224,10 @@ def _collection(grid: Element) -> str:
     if kind == "collection":
         kind = grid.get("CollectionType", grid.get("Collection", "Spatial")).lower()
     if kind not in ("uniform", "temporal", "spatial", "tree"):
-        raise InputError(f"grid {grid.get('Name', '')!r} is of type {kind}, which is not read; write uniform grids")
+        raise InputError(
+            f"grid {grid.get('Name', '')!r} is of type {kind}, which is not read; write uniform grids",
+            code="unsupported-feature",
+        )
     return kind
 
 

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 
@@ -112,7 +112,7 @@ class Items:
             return values
         if math.prod(shape) != values.size:
             declared, place = item.get("Dimensions"), " ".join((item.text or "").split())[:60]
-            raise InputError(
+            raise damaged(
                 f"a DataItem ({place}) declares Dimensions {declared!r}, its data are {values.size} numbers; "
                 "write it again",
                 path=self._path,
@@ -144,7 +144,7 @@ class Items:
             selection = _selection(start, stride, count)
         file = self._open(self._document.folder(item) / name, name)
         if place not in file:
-            raise InputError(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
+            raise damaged(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
         dataset, key = file[place], (Path(file.filename), place)
         if key not in self._checked:
             check_stored(dataset, Path(file.filename))
@@ -153,7 +153,7 @@ class Items:
             return np.asarray(dataset[()])
         declared = self._shape(item)
         if declared is not None and not parts and declared != dataset.shape:
-            raise InputError(
+            raise damaged(
                 f"dataset {text!r} has shape {dataset.shape}, and {declared} is declared; write it again",
                 path=self._path,
             )
@@ -162,7 +162,7 @@ class Items:
     def _open(self, path: Path, name: str) -> Any:
         if path not in self._files:
             if not path.is_file():
-                raise InputError(f"is damaged, or its HDF5 file is missing: restore {name!r}", path=self._path)
+                raise damaged(f"is damaged, or its HDF5 file is missing: restore {name!r}", path=self._path)
             self._files[path] = h5py.File(path, "r")
         return self._files[path]
 
@@ -200,7 +200,7 @@ class Items:
             whole = self.numbers(source)
             values = whole[self._inside(selection, whole.shape)]
         if values.shape != tuple(count):
-            raise InputError(f"a HyperSlab takes {count} of what has fewer; write it again", path=self._path)
+            raise damaged(f"a HyperSlab takes {count} of what has fewer; write it again", path=self._path)
         return values
 
     def _inside(self, selection: Selection, shape: Sequence[int]) -> Selection:

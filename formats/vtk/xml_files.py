@@ -83,7 +83,9 @@ class XmlFile:
         if not pieces:
             raise ValueError("there is no piece")
         if any(int(piece.get("NumberOfStrips", "0")) for piece in pieces):
-            raise InputError("holds triangle strips; cut them into triangles first", path=path)
+            raise InputError(
+                "holds triangle strips; cut them into triangles first", code="unsupported-feature", path=path
+            )
         self.grid = joined_grids([self._grid(piece) for piece in pieces])
 
     def _grid(self, piece: ElementTree.Element) -> GridFile:

@@ -166,9 +166,9 @@ class ArrayEvaluator:
             If the group is damaged.
         """
         if quantity not in QUANTITIES:
-            raise SettingsError(f"quantity must be one of {', '.join(QUANTITIES)}, not {quantity!r}")
+            raise SettingsError(f"must be one of {', '.join(QUANTITIES)}, not {quantity!r}", setting="quantity")
         if np.isnan(time):
-            raise SettingsError("times must be a number or a list of numbers")
+            raise SettingsError("must be a number or a list of numbers", setting="times")
         return self._weights(QUANTITIES.index(quantity), time, group)
 
     def corrections(self, group: int) -> Corrections:
@@ -192,7 +192,7 @@ class ArrayEvaluator:
     def _check(self, group: int) -> None:
         count = len(self._group_edges) - 1
         if not 0 <= group < count:
-            raise SettingsError(f"there is no group {group}; the file has {count}, from 0 on")
+            raise SettingsError(f"there is no group {group}; the file has {count}, from 0 on", code="unknown-name")
 
     def _fields(self, group: int) -> Float32Array:
         self._check(group)

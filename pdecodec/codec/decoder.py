@@ -37,7 +37,7 @@ def _numbers(times: ArrayLike) -> Float64Array:
     try:
         return np.asarray(times, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise SettingsError("times must be a number or a list of numbers") from error
+        raise SettingsError("must be a number or a list of numbers", setting="times") from error
 
 
 def _writable(out: Any) -> NDArray[Any]:
@@ -80,8 +80,10 @@ class Animation(MeshSequence):
         if limits.max_output is not None and size > limits.max_output:
             raise LimitError(
                 f"declares {self.frame_count} frames of {self.position_count / self.frame_count:.10g} vertices, {size} "
-                f"bytes of positions; the output limit is {limits.max_output}; raise it if you trust the file",
+                f"bytes of positions; the output limit is {limits.max_output}",
+                code="output-limit",
                 path=self.path,
+                limit="max_output",
             )
 
     def _describe(self) -> None:
@@ -185,7 +187,7 @@ class Animation(MeshSequence):
         """Positions at several times: (n, vertices, 3), as of :meth:`positions` of a list."""
         asked = _numbers(times)
         if asked.ndim == 0:
-            raise SettingsError("times must be a list of numbers; `positions` takes a single one, too")
+            raise SettingsError("must be a list of numbers; `positions` takes a single one, too", setting="times")
         return self._evaluated(POSITIONS, asked, out, outside)
 
     def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:
@@ -262,7 +264,7 @@ class Animation(MeshSequence):
         if asked.size == 1 == asked.ndim and first <= asked.item() <= last and outside in OUTSIDES:
             return asked
         if asked.ndim != 1 or np.isnan(asked).any():
-            raise SettingsError("times must be a number or a list of numbers")
+            raise SettingsError("must be a number or a list of numbers", setting="times")
         return times_inside(asked, first, last, outside)
 
     @cached_property
@@ -285,7 +287,9 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             groups = self._core.groups
         if not 0 <= group < len(groups):
-            raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
+            raise SettingsError(
+                f"there is no group {group}; the file has {len(groups)}, from 0 on", code="unknown-name"
+            )
         entry = groups[group]
         reference, space = self.reference_and_space()
         with self._naming_the_file():

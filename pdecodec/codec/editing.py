@@ -91,7 +91,11 @@ class CodedFile:
             table = stored_sections(self._file)
             self._sections = dict(table)
             if len(self._sections) < len(table):
-                raise InputError("has several runs of frames, of which none is cut or joined yet", path=path)
+                raise InputError(
+                    "has several runs of frames, of which none is cut or joined yet",
+                    code="unsupported-feature",
+                    path=path,
+                )
             self.entries = read_group_table(self.section("GRUP"), self.animation.frame_count)
             self._stack = stack.pop_all()
 
@@ -113,7 +117,13 @@ class CodedFile:
             return b""
         data = self._read(stored.offset, stored.length)
         if zlib.crc32(data) != stored.checksum:
-            raise CorruptFileError(f"section {kind} is damaged; encode it again", path=self.path, offset=stored.offset)
+            raise CorruptFileError(
+                f"section {kind} is damaged; encode it again",
+                code="section-checksum",
+                path=self.path,
+                section=kind,
+                offset=stored.offset,
+            )
         return data
 
     def coded(self, first: int, end: int) -> Iterator[Coded]:
@@ -127,7 +137,10 @@ class CodedFile:
             )
             if zlib.crc32(residuals, zlib.crc32(coefficients, zlib.crc32(time))) != entry.checksum:
                 raise CorruptFileError(
-                    "a group of frames is damaged; encode it again", path=self.path, frame=self.edges[index]
+                    "a group of frames is damaged; encode it again",
+                    code="group-checksum",
+                    path=self.path,
+                    frame=self.edges[index],
                 )
             yield entry, (time, coefficients, residuals)
 
@@ -199,7 +212,11 @@ def cut_animation(
     with CodedFile(source) as file:
         edges, animation = file.edges, file.animation
         if not 0 <= first < end <= edges[-1]:
-            raise SettingsError(f"there are no frames {first} to {end}; the file has {edges[-1]}", path=source)
+            raise SettingsError(
+                f"there are no frames {first} to {end}; the file has {edges[-1]}",
+                code="frame-out-of-range",
+                path=source,
+            )
         whole = [edge for edge in edges if first <= edge <= end]
         through = [frame for frame in (first, end) if frame not in edges]
         if through and not recode:
@@ -363,7 +380,9 @@ def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
 def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.PathLike[str] | None) -> None:
     """Refuse frames of another mesh before anything else that differs: coding them again would not help."""
     if not sequence.connectivity.same_as(head.animation.connectivity):
-        raise InputError(f"is of another mesh than {head.path}: faces and lines differ", path=path)
+        raise InputError(
+            f"is of another mesh than {head.path}: faces and lines differ", code="object-mismatch", path=path
+        )
 
 
 def _following(

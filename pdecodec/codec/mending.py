@@ -26,7 +26,7 @@ from pdecodec.codec.container import (
     SECTION_KINDS,
     StoredSection,
 )
-from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.errors import CorruptFileError, ErrorCode, LimitError
 
 MOST_SECTIONS = 64
 """The specification's section 2.1."""
@@ -41,8 +41,7 @@ class Finding:
 
     Attributes
     ----------
-    code : str
-        Stays what it is from version to version: :data:`pdecodec.codec.checking.CODES`.
+    code : ErrorCode
     message : str
         One line.
     severity : {"error", "note"}
@@ -57,7 +56,7 @@ class Finding:
         Byte of the file.
     """
 
-    code: str
+    code: ErrorCode
     message: str
     severity: Literal["error", "note"] = "error"
     section: str | None = None
@@ -128,7 +127,7 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
     Raises
     ------
     CorruptFileError
-        If it is no such file, of a later major version, or its table cannot be read: an :class:`UnreadableError`.
+        If it is no such file, of a later major version, or its table cannot be read; `code` says which.
     LimitError
         If more than `most_missing` is missing at its end.
     """
@@ -137,46 +136,41 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
     header = file.read(HEADER.size)
     if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
         reason = "not a .pdeanim file (its first bytes are others); pdecodec encode makes one"
-        raise UnreadableError("identifier", reason, 0)
+        raise CorruptFileError(reason, code="identifier", offset=0)
     if len(header) < HEADER.size:
-        raise UnreadableError("truncated", "ends inside its header", len(header))
+        raise CorruptFileError("ends inside its header", code="truncated", offset=len(header))
     _, major, minor, count, table_checksum, checksum = HEADER.unpack(header)
     findings = []
     is_sound = zlib.crc32(header[: -CHECKSUM.size]) == checksum
     if not is_sound:
-        findings.append(Finding("header-checksum", "its header is damaged", offset=0))
+        findings.append(Finding(ErrorCode.HEADER_CHECKSUM, "its header is damaged", offset=0))
     elif major != MAJOR_VERSION:
-        raise UnreadableError(
-            "version", f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec", 12
-        )
+        reason = f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec"
+        raise CorruptFileError(reason, code="version", offset=12)
     if count > MOST_SECTIONS:
-        raise UnreadableError("table", f"declares {count} sections, at most {MOST_SECTIONS} can be", 16)
+        raise CorruptFileError(f"declares {count} sections, at most {MOST_SECTIONS} can be", code="table", offset=16)
     table, sections = _read_table(file, count)
     if zlib.crc32(table) != table_checksum:
-        findings.append(Finding("table-checksum", "its table of sections is damaged", offset=HEADER.size))
+        findings.append(Finding(ErrorCode.TABLE_CHECKSUM, "its table of sections is damaged", offset=HEADER.size))
     end = sections[-1].offset + sections[-1].length if sections else HEADER.size
     if end - size > most_missing:
         if findings:
-            raise UnreadableError("table", f"its table of sections is damaged: it declares {end} bytes", HEADER.size)
+            reason = f"its table of sections is damaged: it declares {end} bytes"
+            raise CorruptFileError(reason, code="table", offset=HEADER.size)
         raise LimitError(
             f"says that it has {end} bytes, and has {size}; the memory limit is {most_missing}",
             path=name,
+            limit="max_memory",
         )
     if end > size:
-        findings.append(Finding("truncated", f"is truncated: {size} bytes where its table says {end}", offset=size))
+        findings.append(
+            Finding(ErrorCode.TRUNCATED, f"is truncated: {size} bytes where its table says {end}", offset=size)
+        )
     elif end < size:
-        findings.append(Finding("trailing-bytes", f"has {size - end} bytes after its last section", offset=end))
+        findings.append(Finding(ErrorCode.TRAILING_BYTES, f"has {size - end} bytes after its last section", offset=end))
     unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, minor, count, zlib.crc32(table), 0)[: -CHECKSUM.size]
     head = unsealed + CHECKSUM.pack(zlib.crc32(unsealed)) + table
     return cast(BinaryIO, MendedFile(file, head, end, name)), sections, findings
-
-
-class UnreadableError(CorruptFileError):
-    """A file of which nothing can be read: `code` says why, as of a :class:`Finding`."""
-
-    def __init__(self, code: str, message: str, offset: int) -> None:
-        super().__init__(message, offset=offset)
-        self.code = code
 
 
 def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]:
@@ -188,7 +182,7 @@ def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]
         size = row[-1] >> LENGTH_AT if len(row) == ENTRY_HEAD.size else MOST_LENGTH_BYTES + 1
         row += file.read(size + CHECKSUM.size)
         if size > MOST_LENGTH_BYTES or len(row) < ENTRY_HEAD.size + size + CHECKSUM.size:
-            raise UnreadableError("table", "its table of sections cannot be read", HEADER.size)
+            raise CorruptFileError("its table of sections cannot be read", code="table", offset=HEADER.size)
         rows.append(row)
     offset = HEADER.size + sum(map(len, rows))
     for row in rows:
@@ -197,7 +191,8 @@ def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]
         (checksum,) = struct.unpack("<I", row[-CHECKSUM.size :])
         name = kind.decode("ascii", "backslashreplace")
         if any(name == one.type for one in found):
-            raise UnreadableError("table", f"section {name} stands twice in its table", HEADER.size)
+            reason = f"section {name} stands twice in its table"
+            raise CorruptFileError(reason, code="table", section=name, offset=HEADER.size)
         found.append(ListedSection(offset, length, checksum, name, bool(flags & REQUIRED)))
         offset += length
     return b"".join(rows), found
@@ -208,7 +203,7 @@ def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[
     findings = []
     for section in sections:
         if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME stands in section RDAT alone
-            code = "section-unknown-required" if section.is_required else "section-unknown"
+            code = ErrorCode.SECTION_UNKNOWN_REQUIRED if section.is_required else ErrorCode.SECTION_UNKNOWN
             findings.append(
                 Finding(
                     code,
@@ -221,7 +216,7 @@ def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[
         if _checksum(file, section) != section.checksum:
             findings.append(
                 Finding(
-                    "section-checksum",
+                    ErrorCode.SECTION_CHECKSUM,
                     f"section {section.type} is damaged",
                     section=section.type,
                     offset=section.offset,

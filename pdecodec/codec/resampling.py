@@ -132,7 +132,8 @@ class LinearInterpolation(MeshSequence):
         if self.times[0] < source.times[0] or self.times[-1] > source.times[-1]:
             raise SettingsError(
                 f"times {self.times[0]:g} to {self.times[-1]:g} s leave the sequence's "
-                f"{source.times[0]:g} to {source.times[-1]:g} s"
+                f"{source.times[0]:g} to {source.times[-1]:g} s",
+                code="time-out-of-range",
             )
         self.metadata = source.metadata
         self.notices = source.notices

@@ -19,15 +19,13 @@ from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import mended
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.source import DecodeLimits, chosen_limits
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.errors import CorruptFileError, LimitError, unreadable
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 Frames = tuple[int, int]
 """The first frame, and the one after the last."""
-
-FROM_ELSEWHERE = "get the file again, or encode it again"
 
 
 @dataclass(frozen=True)
@@ -116,8 +114,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
         try:
             file = stack.enter_context(Path(path).open("rb"))
         except (OSError, ValueError) as error:  # ValueError: a character that no path can have
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise InputError(f"cannot be opened ({reason})", path=path) from error
+            raise unreadable(error, path, doing="opened") from error
         try:
             view, _, _ = mended(file, os.fspath(path), limits.max_memory)
             animation = stack.enter_context(open_animation(view, limits=limits))
@@ -125,13 +122,8 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
         except LimitError:
             raise
         except CorruptFileError as error:
-            raise _nothing(path, error.message) from error
+            raise error.placed(f"nothing can be saved: {error.message}", path=path) from error
         yield Salvage(saved.sequence(), animation.frame_count, saved.missing, saved.lost)
-
-
-def _nothing(path: str | os.PathLike[str], reason: str) -> CorruptFileError:
-    reason = reason.removesuffix("; get the file again").removesuffix("; get it again")
-    return CorruptFileError(f"nothing can be saved: {reason}; {FROM_ELSEWHERE}", path=path)
 
 
 class _Saved:
@@ -148,7 +140,7 @@ class _Saved:
             self.metadata = {}
             self._lost[f"metadata ({error.message})"] = None
         starts = animation.run_starts.tolist()
-        reasons: list[str] = []
+        faults: list[CorruptFileError] = []
         for number, (first, end) in enumerate(zip(starts, [*starts[1:], animation.frame_count], strict=True)):
             try:
                 run = self._run(number)
@@ -157,18 +149,18 @@ class _Saved:
                 raise
             except CorruptFileError as error:
                 self._missing.append((first, end))
-                reasons.append(error.message)
+                faults.append(error)
                 continue
-            self._take(run, number, first, reasons)
+            self._take(run, number, first, faults)
         if not self.frames:
-            raise CorruptFileError(reasons[0], path=animation.path)
+            raise faults[0]
 
     def _run(self, number: int) -> Animation:
         run = self.animation.runs[number]
         assert isinstance(run, Animation)
         return run
 
-    def _take(self, run: Animation, number: int, first: int, reasons: list[str]) -> None:
+    def _take(self, run: Animation, number: int, first: int, faults: list[CorruptFileError]) -> None:
         sound = []
         for group, (begin, end) in enumerate(run.group_frames):
             try:
@@ -178,7 +170,7 @@ class _Saved:
                 raise
             except CorruptFileError as error:
                 self._missing.append((first + begin, first + end))
-                reasons.append(error.message)
+                faults.append(error)
             else:
                 sound.append(np.arange(begin, end))
         if sound:

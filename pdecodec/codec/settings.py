@@ -80,13 +80,15 @@ class PaperSettings:
         _settle(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
         _settle(self, ("alpha", "r"), float, Real, "a number")
         if not 2 <= self.segment_frames <= MAX_SEGMENT_FRAMES:
-            raise SettingsError(f"segment_frames must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}")
+            raise SettingsError(
+                f"must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}", setting="segment_frames"
+            )
         if self.piece_points is not None and self.piece_points < 2:
-            raise SettingsError(f"piece_points must be at least 2, not {self.piece_points}")
+            raise SettingsError(f"must be at least 2, not {self.piece_points}", setting="piece_points")
         for name in ("alpha", "r"):
             value = getattr(self, name)
             if value is not None and not 0 < value <= MAX_RATE:
-                raise SettingsError(f"{name} must be above 0 and at most {MAX_RATE:g}, not {value}")
+                raise SettingsError(f"must be above 0 and at most {MAX_RATE:g}, not {value}", setting=name)
 
 
 def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
@@ -96,11 +98,11 @@ def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, w
         if value is None:
             continue
         if not isinstance(value, kind | taken):
-            raise SettingsError(f"{name} must be {what}, not {value!r}")
+            raise SettingsError(f"must be {what}, not {value!r}", setting=name)
         try:
             object.__setattr__(settings, name, kind(value))
         except OverflowError as error:
-            raise SettingsError(f"{name} must be below 2^1024") from error
+            raise SettingsError("must be below 2^1024", setting=name) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,28 +157,29 @@ class EncodeSettings:
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.max_error is not None:
-            raise SettingsError("give either a tolerance or a maximum error, not both")
+            raise SettingsError("give either tolerance or max_error, not both", code="conflicting-settings")
         _settle(self, ("tolerance", "max_error", "uv_tolerance"), float, Real, "a number")
         _settle(self, ("why",), bool, np.bool_, "True or False")
         for name in ("tolerance", "max_error", "uv_tolerance"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} must be a positive number, not {value}")
+                raise SettingsError(f"must be a positive number, not {value}", setting=name)
         _settle(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
         if self.group_frames is not None and self.group_frames < 2:
-            raise SettingsError(f"group_frames must be at least 2, not {self.group_frames}")
-        if self.group_frames is not None and self.profile == "paper":
-            raise SettingsError("group_frames is a setting of the profile auto; the paper's is segment_frames")
-        if self.max_memory is not None and self.profile == "paper":
-            raise SettingsError("max_memory is a setting of the profile auto; the paper's takes short segments anyway")
+            raise SettingsError(f"must be at least 2, not {self.group_frames}", setting="group_frames")
+        for name, instead in (("group_frames", "is segment_frames"), ("max_memory", "takes short segments anyway")):
+            if getattr(self, name) is not None and self.profile == "paper":
+                message = f"is a setting of the profile auto; the paper's {instead}"
+                raise SettingsError(message, code="setting-unsupported", setting=name)
         for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
             known = get_args(kind)
             if getattr(self, name) not in known:
-                raise SettingsError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
+                raise SettingsError(f"must be one of {', '.join(known)}, not {getattr(self, name)!r}", setting=name)
         if not isinstance(self.paper, PaperSettings):
-            raise SettingsError(f"paper must be PaperSettings, not {self.paper!r}")
+            raise SettingsError(f"must be PaperSettings, not {self.paper!r}", setting="paper")
         if self.profile != "paper" and self.paper != PaperSettings():
-            raise SettingsError("segment_frames, piece_points, alpha and r are settings of the profile paper; take it")
+            message = "segment_frames, piece_points, alpha and r are settings of the profile paper; take it"
+            raise SettingsError(message, code="setting-unsupported")
 
     def bound(self, scale: float) -> float | None:
         """The largest distance allowed, in scene units; None where there is no bound.
@@ -217,7 +220,7 @@ class EncodeSettings:
 def check_one_target(settings: EncodeSettings, *, rms: float | None, size: int | None) -> None:
     """Raise SettingsError if more than one of tolerance, maximum error, mean error and size is given."""
     if sum(value is not None for value in (settings.tolerance, settings.max_error, rms, size)) > 1:
-        raise SettingsError("give one of tolerance, max_error, rms and size, not several")
+        raise SettingsError("give one of tolerance, max_error, rms and size, not several", code="conflicting-settings")
 
 
 def _known(settings: type[EncodeSettings] | type[PaperSettings], values: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,8 +13,7 @@ from typing import BinaryIO, NamedTuple, cast
 
 from pdecodec import _core
 from pdecodec.codec.container import before_groups
-from pdecodec.codec.sections.connectivity import core_errors
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.errors import CorruptFileError, InputError, LimitError, unreadable
 from pdecodec.system.shares import thread_count
 from pdecodec.system.storage import is_address, open_range_reader
 
@@ -100,8 +99,7 @@ def open_source(source: str | os.PathLike[str] | bytes | BinaryIO) -> Source:
     try:
         file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
     except (OSError, ValueError) as error:  # ValueError: a character that no path can have
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be opened ({reason})", path=source) from error
+        raise unreadable(error, source, doing="opened") from error
     return Source(file, os.fspath(source), os.path.abspath(source))
 
 
@@ -115,19 +113,18 @@ def open_core(source: Source, limits: DecodeLimits) -> _core.Animation:
 def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
     """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
     try:
-        with core_errors():
-            yield
-    except CorruptFileError as error:
+        yield
+    except (CorruptFileError, InputError) as error:
+        if error.path is not None:
+            raise
         frame = None if error.frame is None else first_frame + error.frame
-        raise type(error)(error.message, path=source.name, frame=frame, offset=error.offset) from error
-    except _core.ReadError as error:
-        raise InputError(str(error), path=source.name) from error
+        raise error.placed(path=source.name, frame=frame) from error
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", path=source.name) from error
+        raise unreadable(error, source.name) from error
     except ValueError as error:
         if not getattr(source.file, "closed", False):
             raise
-        raise InputError("its file was closed; open both again", path=source.name) from error
+        raise InputError("its file was closed; open both again", code="file-changed", path=source.name) from error
     except MemoryError as error:
         raise LimitError("needs more memory than there is; lower the memory limit", path=source.name) from error
 

@@ -160,7 +160,11 @@ class DistortionMeter:
         squares = ((reference - other) ** 2).sum(axis=2)
         if not np.isfinite(squares).all():
             frame, vertex = np.argwhere(~np.isfinite(squares))[0]
-            raise InputError(f"vertex {vertex} has a position that is not a finite number", frame=first + int(frame))
+            raise InputError(
+                f"vertex {vertex} has a position that is not a finite number",
+                code="not-finite",
+                frame=first + int(frame),
+            )
         distances = np.sqrt(squares)
         self.average_by_frame.extend(distances.mean(axis=1).tolist())
         self.maximum_by_frame.extend(distances.max(axis=1).tolist())
@@ -194,7 +198,7 @@ class DistortionMeter:
         """
         frames = len(self.average_by_frame)
         if frames == 0 or self._scale is None:
-            raise InputError("no frame was compared; give at least one")
+            raise InputError("no frame was compared; give at least one", code="no-frames")
         average = np.array(self.average_by_frame) / self._scale  # Eq. 26
         maximum = np.array(self.maximum_by_frame) / self._scale  # Eq. 27
         return Distortion(
@@ -249,7 +253,10 @@ def measure_distortion(
         ("vertex", [item.most_vertices for item in (reference, other)]),
     ):
         if counts[0] != counts[1]:
-            raise InputError(f"{what} counts differ: {counts[0]} and {counts[1]}; only equal counts can be compared")
+            raise InputError(
+                f"{what} counts differ: {counts[0]} and {counts[1]}; only equal counts can be compared",
+                code="object-mismatch",
+            )
     meter = DistortionMeter(scale=scale, limit=limit)
     for start, block in reference.blocks():
         meter.add(block, other.read_frames(start, start + len(block)))

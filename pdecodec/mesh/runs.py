@@ -91,7 +91,7 @@ class ChangingSequence(MeshSequence):
         notices: Sequence[str] | None = None,
     ) -> None:
         if not len(runs):
-            raise InputError("there are no runs of frames; give at least one")
+            raise InputError("there are no runs of frames; give at least one", code="no-frames")
         if times is None or frames is None or vertices is None:
             times = np.concatenate([run.times for run in runs])
             frames, vertices = [run.frame_count for run in runs], [run.vertex_count for run in runs]
@@ -142,8 +142,11 @@ class ChangingSequence(MeshSequence):
     def _only_run(self) -> MeshSequence:
         if len(self._starts) > 1:
             raise InputError(
-                "its connectivity changes, and this takes one that does not; choose frames that have one (--frames)",
+                "its connectivity changes, and this takes one that does not",
+                code="connectivity-changes",
                 frame=int(self._starts[1]),
+                setting="frames",
+                purpose="to choose frames that have one",
             )
         return self.runs[0]
 

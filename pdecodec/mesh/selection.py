@@ -26,9 +26,9 @@ class FrameSelection(MeshSequence):
     def __init__(self, source: MeshSequence, frames: Sequence[int] | range) -> None:
         chosen = np.asarray(list(frames), dtype=np.int64)
         if chosen.size == 0:
-            raise InputError("the selection holds no frame")
+            raise InputError("the selection holds no frame", code="no-frames")
         if chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
-            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}")
+            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}", code="frame-out-of-range")
         self._source = source
         self._chosen = chosen
         self.objects = source.objects
@@ -62,7 +62,9 @@ class SelectedRuns(ChangingSequence):
     def __init__(self, source: ChangingSequence, frames: Sequence[int] | range) -> None:
         chosen = np.asarray(list(frames), np.int64)
         if chosen.size == 0 or chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
-            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}, and be some")
+            raise InputError(
+                f"frames must increase within 0 to {source.frame_count - 1}, and be some", code="frame-out-of-range"
+            )
         self._source = source
         numbers = np.searchsorted(source.run_starts, chosen, side="right") - 1
         used, counts = np.unique(numbers, return_counts=True)
@@ -123,11 +125,13 @@ class ObjectSelection(MeshSequence):
         known = [item.name for item in source.objects]
         for name in names:
             if name not in known:
-                raise InputError(f"there is no object '{name}'; there are {', '.join(map(repr, known))}")
+                raise InputError(
+                    f"there is no object '{name}'; there are {', '.join(map(repr, known))}", code="object-missing"
+                )
         ends = np.cumsum([item.vertex_count for item in source.objects])
         chosen = [index for index, name in enumerate(known) if name in names]
         if not chosen:
-            raise InputError("the selection holds no object")
+            raise InputError("the selection holds no object", code="no-vertices")
         self._source = source
         self.objects = tuple(source.objects[index] for index in chosen)
         self._vertices = np.concatenate(

@@ -41,7 +41,9 @@ def _int32(values: ArrayLike, what: str) -> Int32Array:
     if array.ndim != 1 or array.dtype.kind not in "iu":
         raise InputError(f"{what} must be a one-dimensional integer array, not {array.dtype} {array.shape}")
     if int(array.max()) > MAX_INDEX or int(array.min()) < -MAX_INDEX:
-        raise InputError(f"{what} hold a number beyond 32 bits ({int(array.max())}); indices are int32")
+        raise InputError(
+            f"{what} hold a number beyond 32 bits ({int(array.max())}); indices are int32", code="too-large"
+        )
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
@@ -113,7 +115,7 @@ class Connectivity:
         if not np.array_equal(used, np.arange(padded.shape[1]) < counts[:, None]):
             raise InputError("faces are padded with -1 before their end; -1 may only follow the last index")
         if counts.min() < 1:
-            raise InputError(f"face {int(counts.argmin())} has no vertices")
+            raise InputError(f"face {int(counts.argmin())} has no vertices", code="no-vertices")
         is_face = counts >= 3
         return cls(
             vertex_count,
@@ -413,7 +415,7 @@ class ArraySequence(MeshSequence):
             raise InputError(f"objects have {self.vertex_count} vertices, points have {vertices}")
         self.times, self.fps = check_times(frames, times, fps)
         if vertices == 0:
-            raise InputError("there are no vertices; give at least one")
+            raise InputError("there are no vertices; give at least one", code="no-vertices")
         self.metadata = dict(metadata or {})
         self.notices = tuple(notices)
 

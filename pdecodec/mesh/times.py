@@ -45,24 +45,31 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
     fps : float [1/s]
     """
     if frames == 0:
-        raise InputError("there are no frames; give at least one")
+        raise InputError("there are no frames; give at least one", code="no-frames")
     if fps is not None and not (np.isfinite(fps) and fps > 0):
-        raise InputError(f"frames per second must be a positive number, not {fps}")
+        raise InputError(f"frames per second must be a positive number, not {fps}", code="invalid-times")
     if times is None:
         fps = DEFAULT_FPS if fps is None else fps
         with np.errstate(over="ignore"):  # refused below
             times = np.arange(frames) / fps
     checked = np.ascontiguousarray(times, dtype=np.float64)
     if checked.shape != (frames,):
-        raise InputError(f"there are {frames} frames, but times have shape {checked.shape}")
+        raise InputError(f"there are {frames} frames, but times have shape {checked.shape}", code="invalid-times")
     if not np.isfinite(checked).all():
-        raise InputError("a time is not a finite number", frame=int(np.flatnonzero(~np.isfinite(checked))[0]))
+        raise InputError(
+            "a time is not a finite number", code="not-finite", frame=int(np.flatnonzero(~np.isfinite(checked))[0])
+        )
     steps = np.diff(checked)
     if (steps <= 0).any():
-        raise InputError("times must increase from frame to frame", frame=int(np.flatnonzero(steps <= 0)[0]) + 1)
+        raise InputError(
+            "times must increase from frame to frame",
+            code="invalid-times",
+            frame=int(np.flatnonzero(steps <= 0)[0]) + 1,
+        )
     if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
         raise InputError(
-            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart"
+            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart",
+            code="invalid-times",
         )
     if fps is None:
         spacing = float(np.median(steps)) if frames > 1 else 1.0 / DEFAULT_FPS
@@ -89,7 +96,7 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
         If `fps` is not a positive number, or gives more than :data:`MOST_TIMES` times.
     """
     if not (np.isfinite(fps) and fps > 0):
-        raise SettingsError(f"frames per second must be a positive number, not {fps}")
+        raise SettingsError(f"must be a positive number, not {fps}", setting="fps")
     intervals = (last - first) * fps + TIME_SLACK
     if intervals >= MOST_TIMES:
         raise SettingsError(
@@ -128,7 +135,7 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
         If one lies outside and that is refused, one is infinite and looped, or `outside` is something else.
     """
     if outside not in OUTSIDES:
-        raise SettingsError(f"outside must be one of {', '.join(OUTSIDES)}, not {outside!r}")
+        raise SettingsError(f"must be one of {', '.join(OUTSIDES)}, not {outside!r}", setting="outside")
     if times.size and first <= times.min() and times.max() <= last:
         return times
     beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
@@ -137,10 +144,13 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     if outside == "refuse":
         raise SettingsError(
             f"time {times[beyond][0]:g} s is outside the clip's {first:g} to {last:g} s; "
-            "ask for a time inside, or for clamping or looping"
+            "ask for a time inside, or for clamping or looping",
+            code="time-out-of-range",
         )
     if outside == "clamp" or first == last:
         return np.clip(times, first, last)
     if np.isinf(times).any():
-        raise SettingsError("an infinite time has no place in a loop; ask for a finite one, or for clamping")
+        raise SettingsError(
+            "an infinite time has no place in a loop; ask for a finite one, or for clamping", code="time-out-of-range"
+        )
     return np.where(beyond, first + np.mod(times - first, last - first), np.clip(times, first, last))

@@ -91,7 +91,7 @@ class Constraints(ABC):
         particles = np.ascontiguousarray(self.particles, dtype=np.int32)
         if particles.ndim != 2 or self.members not in (0, particles.shape[1]):
             wanted = self.members or "particles of each"
-            raise SettingsError(f"particles must have shape (constraints, {wanted}), not {particles.shape}")
+            raise SettingsError(f"must have shape (constraints, {wanted}), not {particles.shape}", setting="particles")
         object.__setattr__(self, "particles", particles)
         for name, shape in self.arrays.items():
             array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
@@ -99,7 +99,7 @@ class Constraints(ABC):
             object.__setattr__(self, name, array)
         check_positive("damping", self.damping)
         if not 0 <= self.stiffness <= 1:
-            raise SettingsError(f"stiffness must be between 0 and 1, not {self.stiffness}")
+            raise SettingsError(f"must be between 0 and 1, not {self.stiffness}", setting="stiffness")
 
     @property
     def rows(self) -> int:
@@ -226,12 +226,12 @@ class MeasuredConstraints(UniformConstraints):
 def check_shape(what: str, array: Float64Array, shape: tuple[int, ...]) -> None:
     """Raise SettingsError unless `array` has `shape` and is finite."""
     if array.shape != shape:
-        raise SettingsError(f"{what} must have shape {shape}, not {array.shape}")
+        raise SettingsError(f"must have shape {shape}, not {array.shape}", setting=what)
     if not np.isfinite(array).all():
-        raise SettingsError(f"{what} must be finite numbers")
+        raise SettingsError("must be finite numbers", setting=what)
 
 
 def check_positive(what: str, value: float) -> None:
     """Raise SettingsError unless a number is 0 or more."""
     if not (math.isfinite(value) and value >= 0):
-        raise SettingsError(f"{what} must be 0 or a positive number, not {value}")
+        raise SettingsError(f"must be 0 or a positive number, not {value}", setting=what)

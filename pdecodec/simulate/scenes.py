@@ -45,14 +45,14 @@ class SceneOptions(ABC):
             value, metadata = getattr(self, item.name), item.metadata
             if metadata["choices"]:
                 if value not in metadata["choices"]:
-                    raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}")
+                    raise SettingsError(f"must be one of {', '.join(metadata['choices'])}, not {value!r}", setting=name)
                 continue
             whole = isinstance(item.default, int)
             if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-                raise SettingsError(f"{name} must be a {'whole ' if whole else ''}number, not {value!r}")
+                raise SettingsError(f"must be a {'whole ' if whole else ''}number, not {value!r}", setting=name)
             smallest, largest = metadata["smallest"], metadata["largest"]
             if not smallest <= value <= largest:
-                raise SettingsError(f"{name} must be {smallest:g} to {largest:g}, not {value}")
+                raise SettingsError(f"must be {smallest:g} to {largest:g}, not {value}", setting=name)
         if self.particle_count > MAX_PARTICLES:
             raise SettingsError(f"the scene would have {self.particle_count} particles, the most is {MAX_PARTICLES}")
 
@@ -87,7 +87,7 @@ class CubeRopeOptions(SceneOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.sides % 4:
-            raise SettingsError(f"sides must be a multiple of 4, not {self.sides}")
+            raise SettingsError(f"must be a multiple of 4, not {self.sides}", setting="sides")
 
     @property
     def particle_count(self) -> int:
@@ -196,12 +196,14 @@ def build(name: str, **options: Any) -> Scene:
         As listed by ``SCENES[name].options``; SettingsError for any other, or one out of range.
     """
     if name not in SCENES:
-        raise SettingsError(f"there is no scene {name!r}; choose from {', '.join(SCENES)}")
+        raise SettingsError(f"there is no scene {name!r}; choose from {', '.join(SCENES)}", code="unknown-name")
     entry = SCENES[name]
     known = [item.name for item in entry.options]
     for key in options:
         if key not in known:
-            raise SettingsError(f"scene {name} has no option {key!r}; choose from {', '.join(known)}")
+            raise SettingsError(
+                f"scene {name} has no option {key!r}; choose from {', '.join(known)}", code="unknown-name"
+            )
     module, function = entry.builder.split(".")
     scene: Scene = getattr(importlib.import_module(f"pdecodec.simulate.{module}"), function)(
         entry.options_type(**options)

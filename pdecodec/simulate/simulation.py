@@ -70,13 +70,13 @@ class Scene:
         """
         frames = self.frames if frames is None else frames
         if frames < 1:
-            raise SettingsError(f"frames must be 1 or more, not {frames}")
+            raise SettingsError(f"must be 1 or more, not {frames}", setting="frames")
         if not (math.isfinite(fps) and fps > 0):
-            raise SettingsError(f"frames per second must be a positive number, not {fps}")
+            raise SettingsError(f"must be a positive number, not {fps}", setting="fps")
         if substeps is None:
             substeps = math.ceil(self.substeps * DEFAULT_FPS / fps)
         if not 1 <= substeps <= MAX_SUBSTEPS:
-            raise SettingsError(f"substeps must be 1 to {MAX_SUBSTEPS}, not {substeps}")
+            raise SettingsError(f"must be 1 to {MAX_SUBSTEPS}, not {substeps}", setting="substeps")
         return Simulation(self, frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method)
 
 

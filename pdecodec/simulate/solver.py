@@ -55,9 +55,9 @@ class Solver:
         if not (math.isfinite(substep) and substep > 0):
             raise SettingsError(f"the substep must be a positive number of seconds, not {substep}")
         if not 1 <= iterations <= MAX_ITERATIONS:
-            raise SettingsError(f"iterations must be 1 to {MAX_ITERATIONS}, not {iterations}")
+            raise SettingsError(f"must be 1 to {MAX_ITERATIONS}, not {iterations}", setting="iterations")
         if method not in ("xpbd", "pbd"):
-            raise SettingsError(f"method must be 'xpbd' or 'pbd', not {method!r}")
+            raise SettingsError(f"must be 'xpbd' or 'pbd', not {method!r}", setting="method")
         self.system = system
         self.substep = float(substep)
         self.iterations = int(iterations)

@@ -70,7 +70,7 @@ class System:
         if middle > count:
             raise SettingsError(f"the middle must be one of the {count} particles, not {middle}")
         if not math.isfinite(self.gravity):
-            raise SettingsError(f"gravity must be a finite number, not {self.gravity}")
+            raise SettingsError(f"must be a finite number, not {self.gravity}", setting="gravity")
         members = [item.particles for item in self.constraints] + [item.particles for item in self.pins]
         for indices in [*members, *(item.triangles for item in self.winds)]:
             if indices.size and not 0 <= indices.min() <= indices.max() < count:

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Literal
 from urllib.parse import urlsplit
 
 from pdecodec.errors import InputError, MissingExtraError, PdecodecError
+from pdecodec.system.whole_output import output_exists
 
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
 """How an address begins; a drive letter is no protocol."""
@@ -105,7 +106,11 @@ class RemoteFile:
         """Bytes; InputError where there is no such file, or the server does not say."""
         size = self._information().get("size")
         if size is None:
-            raise InputError("the server does not say how long it is; fetch it, and read the copy", path=self.address)
+            raise InputError(
+                "the server does not say how long it is; fetch it, and read the copy",
+                code="unreadable",
+                path=self.address,
+            )
         return int(size)
 
     def stamp(self) -> list[Any]:
@@ -119,9 +124,13 @@ class RemoteFile:
         with storage_errors(self.address):
             data: bytes = self.storage.cat_file(self._path, start=begin, end=end)
         if len(data) < end - begin:
-            raise InputError("became shorter while it was read; open it again", path=self.address)
+            raise InputError("became shorter while it was read; open it again", code="file-changed", path=self.address)
         if len(data) > end - begin:
-            raise InputError("the server does not give parts of files; fetch it, and read the copy", path=self.address)
+            raise InputError(
+                "the server does not give parts of files; fetch it, and read the copy",
+                code="unreadable",
+                path=self.address,
+            )
         return data
 
     def read(self) -> bytes:
@@ -228,12 +237,14 @@ def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
     """
     file = RemoteFile(address)
     if not overwrite and file.exists():
-        raise InputError("exists already; choose another name, or overwrite it (--overwrite)", path=address)
+        raise output_exists(address)
     with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
         path = Path(folder) / file.name
         yield path
         if not path.is_file():
-            raise InputError("stands for several files; name one that is one alone", path=address)
+            raise InputError(
+                "stands for several files; name one that is one alone", code="ambiguous-input", path=address
+            )
         file.put(path)
 
 
@@ -247,14 +258,22 @@ def storage_errors(address: str) -> Iterator[None]:
     except ImportError as error:
         raise _missing(error, address) from error
     except FileNotFoundError as error:
-        raise InputError("there is no such file, or no answer; check the address", path=address) from error
+        raise InputError(
+            "there is no such file, or no answer; check the address", code="file-missing", path=address
+        ) from error
     except PermissionError as error:
-        raise InputError("may not be read or written with what this machine is known by there", path=address) from error
+        raise InputError(
+            "may not be read or written with what this machine is known by there", code="unreadable", path=address
+        ) from error
     except Exception as error:
         if getattr(error, "status", None) == BEYOND_END:
-            raise InputError("became shorter while it was read; open it again", path=address) from error
+            raise InputError(
+                "became shorter while it was read; open it again", code="file-changed", path=address
+            ) from error
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"cannot be reached or read ({reason}); check the address", path=address) from error
+        raise InputError(
+            f"cannot be reached or read ({reason}); check the address", code="unreadable", path=address
+        ) from error
 
 
 def _missing(error: ImportError, address: str) -> MissingExtraError:

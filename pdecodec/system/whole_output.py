@@ -22,7 +22,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, unreadable
 
 PARTIAL, READY = ".partial", ".ready"
 """Ends of names: of what is being written, and of what is whole and has to be moved."""
@@ -43,25 +43,33 @@ _OWN = re.compile(r"\..+\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}(\.p
 def check_path(path: Path) -> None:
     """Raise InputError if no file can have this path."""
     if "\0" in str(path):
-        raise InputError("holds a character that no path can have (NUL); give another name", path=path)
+        raise InputError(
+            "holds a character that no path can have (NUL); give another name", code="output-unwritable", path=path
+        )
     try:
         os.lstat(path)
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
-            raise InputError("is longer than names may be there; give a shorter one", path=path) from error
+            raise InputError(
+                "is longer than names may be there; give a shorter one", code="output-unwritable", path=path
+            ) from error
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
     """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
     check_path(path)
     if path.is_dir():
-        raise InputError("is a folder; name a file in it", path=path)
+        raise InputError("is a folder; name a file in it", code="output-unwritable", path=path)
     if os.path.lexists(path) and not overwrite:
-        raise _taken(path)
+        raise output_exists(path)
     place = _place(path).parent
     _check_folder(place)
     if not os.access(place, os.W_OK):
-        raise InputError("this folder is not writable; choose another, or change its permissions", path=place)
+        raise InputError(
+            "this folder is not writable; choose another, or change its permissions",
+            code="output-unwritable",
+            path=place,
+        )
 
 
 @contextmanager
@@ -127,7 +135,7 @@ def publish(partial: Path, names: Sequence[str], *, overwrite: bool, remove: Seq
     folder = partial.parent
     taken = [] if overwrite else [name for name in names if os.path.lexists(folder / name)]
     if taken:
-        raise _taken(folder / taken[0])
+        raise output_exists(folder / taken[0])
     (partial / MANIFEST).write_text(json.dumps({"move": list(names), "remove": list(remove)}), encoding="utf-8")
     ready = partial.with_name(partial.name.removesuffix(PARTIAL) + READY)
     os.replace(partial, ready)
@@ -171,8 +179,7 @@ def write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"cannot be written ({reason}); check the folder and the free space", path=path) from error
+        raise unreadable(error, path, "check the folder and the free space", doing="written") from error
 
 
 def is_full(folder: Path) -> bool:
@@ -224,13 +231,13 @@ def move_into(partial: Path, path: Path, *, overwrite: bool) -> None:
         # A link is made only where there is nothing, whoever was here meanwhile.
         os.link(partial, path)
     except FileExistsError as error:
-        raise _taken(path) from error
+        raise output_exists(path) from error
     except OSError:
         # Some file systems have no links: an empty file keeps the place.
         try:
             path.open("xb").close()
         except FileExistsError as error:
-            raise _taken(path) from error
+            raise output_exists(path) from error
         os.replace(partial, path)
 
 
@@ -253,13 +260,14 @@ def _place(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
-def _taken(path: Path) -> InputError:
-    return InputError("exists already; choose another name, or overwrite it (--overwrite)", path=path)
+def output_exists(path: str | Path) -> InputError:
+    """Return the error about a place to write to that is taken."""
+    return InputError("exists already", code="output-exists", path=path, setting="overwrite", purpose="to replace it")
 
 
 def _check_folder(folder: Path) -> None:
     if not folder.is_dir():
-        raise InputError("this folder does not exist; make it first", path=folder)
+        raise InputError("this folder does not exist; make it first", code="file-missing", path=folder)
 
 
 def _host() -> str:

@@ -25,7 +25,15 @@ from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import IO, Any, TypeVar
 
-from pdecodec.errors import CorruptFileError, InputError, LimitError, MissingExtraError, PdecodecError
+from pdecodec.errors import (
+    CorruptFileError,
+    InputError,
+    LimitError,
+    MissingExtraError,
+    PdecodecError,
+    SettingsError,
+    damaged,
+)
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -41,8 +49,8 @@ _NO_ANSWER = (EOFError, OSError, ValueError, OverflowError, MemoryError)
 _FAILURE = "failure of the call"
 """Name of the array that holds a failure, as JSON, where no pickles are taken."""
 
-_LEAVES = {one.__name__: one for one in (MissingExtraError, CorruptFileError, LimitError)}
-"""Errors that come back as they are where no pickles are taken; all others are inputs that cannot be used."""
+_LEAVES = {one.__name__: one for one in (SettingsError, InputError, CorruptFileError, LimitError, MissingExtraError)}
+"""Errors that come back where no pickles are taken."""
 
 
 class WorkerError(Exception):
@@ -310,12 +318,9 @@ def _pack_arrays(arrays: Mapping[str, Any]) -> bytes:
 
 
 def _pack_failure(error: Exception) -> bytes:
-    kind = type(error).__name__
-    if isinstance(error, PdecodecError):
-        fields = (kind, error.message, error.frame)
-    else:
-        fields = ("", " ".join(str(error).split()) or kind, None)
-    return _pack_arrays({_FAILURE: json.dumps(fields)})
+    if not isinstance(error, PdecodecError):
+        error = damaged(" ".join(str(error).split()) or type(error).__name__)
+    return _pack_arrays({_FAILURE: json.dumps((type(error).__name__, error.fields()))})
 
 
 def _unpack_arrays(data: bytes) -> tuple[dict[str, Any], PdecodecError | None]:
@@ -326,7 +331,7 @@ def _unpack_arrays(data: bytes) -> tuple[dict[str, Any], PdecodecError | None]:
             arrays = dict(archive)
         if _FAILURE not in arrays:
             return arrays, None
-        kind, message, frame = json.loads(str(arrays[_FAILURE]))
-        return {}, _LEAVES.get(kind, InputError)(str(message), frame=None if frame is None else int(frame))
+        kind, fields = json.loads(str(arrays[_FAILURE]))
+        return {}, _LEAVES[kind](**fields)
     except Exception as error:  # a process that was taken over answers anything
         raise EOFError from error

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.report.charts.figure import Figure, Table, Value
 from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.measurement import Measurement
@@ -65,11 +65,13 @@ def read_measurements(path: Path) -> list[Measurement]:
         points = json.loads(path.read_text(encoding="utf-8"))["points"]
         return [Measurement.from_dict(point) for point in points]
     except OSError as error:
-        raise InputError("cannot be read; name the report.json of an earlier report", path=path) from error
+        raise InputError(
+            "cannot be read; name the report.json of an earlier report", code="unreadable", path=path
+        ) from error
     except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError("is not the report.json of an earlier report", path=path) from error
+        raise damaged("is not the report.json of an earlier report", path=path) from error
     except InputError as error:
-        raise InputError(error.message, path=path) from error
+        raise error.placed(path=path) from error
 
 
 def compare_measurements(old: Sequence[Measurement], new: Sequence[Measurement]) -> list[Change]:

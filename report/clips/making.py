@@ -135,7 +135,7 @@ def make_report(
         if several:
             write(report, findings.points, directory / name)
     if not names:
-        raise InputError("there is no clip to report on")
+        raise InputError("there is no clip to report on", code="no-frames")
     changes = None if old is None else compare_measurements(old, points)
     links = tuple((name, f"{name}/index.html") for name in names)
     parts = costs
@@ -248,7 +248,9 @@ def _inside(folder: Path, extensions: Sequence[str], frame_extensions: Sequence[
         or (path.is_dir() and _has_frames(path, frame_extensions))
     ]
     if not found:
-        raise InputError("there is no mesh sequence in this folder; name files or frame patterns", path=folder)
+        raise InputError(
+            "there is no mesh sequence in this folder; name files or frame patterns", code="no-frames", path=folder
+        )
     return found
 
 

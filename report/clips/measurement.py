@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pdecodec
 from pdecodec import _core
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.mesh.metrics import bits_per_vertex_frame
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.system.whole_output import whole_file
@@ -152,10 +152,10 @@ class Measurement:
         try:
             point = cls(**{name: value for name, value in values.items() if name not in DERIVED})
         except (TypeError, AttributeError) as error:
-            raise InputError("holds a measured point that is not one of a report") from error
+            raise damaged("holds a measured point that is not one of a report") from error
         for name, hint in get_type_hints(cls).items():
             if not isinstance(getattr(point, name), _kinds(hint)):
-                raise InputError(f"holds a measured point whose {name} is {getattr(point, name)!r}")
+                raise damaged(f"holds a measured point whose {name} is {getattr(point, name)!r}")
         return point
 
 
@@ -223,7 +223,7 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
         for point in kept.values():
             Measurement.from_dict(point)
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, AttributeError, InputError) as error:
-        raise InputError("does not hold kept measurements; delete it, or name another folder", path=path) from error
+        raise damaged("does not hold kept measurements; delete it, or name another folder", path=path) from error
     return kept
 
 

@@ -266,8 +266,12 @@ def _measure_baselines(
     for (baseline, _), found in call_workers(list(tasks.items()), measure, workers):
         if isinstance(found, WorkerError):
             raise InputError(
-                f"{clip}: a process that measured other methods ended, as happens where memory runs out; "
-                "what was measured is kept: run it again with --jobs 1, or with --no-baselines"
+                f"{clip}: a process that measured other methods ended, as happens where memory runs out; what was "
+                "measured is kept: run it again without baselines",
+                code="worker-ended",
+                setting="jobs",
+                value=1,
+                purpose="to take less memory",
             ) from found
         if isinstance(found, Exception):
             raise found

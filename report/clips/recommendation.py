@@ -45,11 +45,11 @@ class Advice:
         limit = f"no vertex off by more than a pixel where the clip spans {self.use.pixels:,}"
         title = self.use.name.capitalize()
         if self.point is None:
-            needed = f"run it with --tolerance {self.use.needed:g}"
+            needed = f"run it with tolerance {self.use.needed:g}"
             return f"{title} ({limit}): nothing that was measured is exact enough; {needed}."
         point = self.point
         parts = [
-            f"{title} ({limit}): --tolerance {point.tolerance:g} --profile {point.coder}, {_size(point.whole_size)} of "
+            f"{title} ({limit}): tolerance {point.tolerance:g}, profile {point.coder}: {_size(point.whole_size)} of "
             f"{_size(point.raw_size)} ({point.ratio:.0f}:1). It costs {_seconds(point.encode_seconds)} to encode and "
             f"{_seconds(point.decode_seconds)} to decode"
         ]

@@ -62,10 +62,12 @@ def difference(animation: Animation, original: MeshSequence, name: str) -> Origi
     ):
         if own != other:
             raise InputError(
-                f"has {other} {what}, the .pdeanim file {own}; give the sequence it was made from", path=name
+                f"has {other} {what}, the .pdeanim file {own}; give the sequence it was made from",
+                code="object-mismatch",
+                path=name,
             )
     if not np.allclose(animation.times - animation.times[0], original.times - original.times[0], atol=TIME_TOLERANCE):
-        raise InputError("has its frames at other times than the .pdeanim file", path=name)
+        raise InputError("has its frames at other times than the .pdeanim file", code="object-mismatch", path=name)
     parts = []
     for start, points in original.blocks():
         decoded = animation.read_frames(start, start + len(points))

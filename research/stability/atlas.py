@@ -56,7 +56,9 @@ def make_atlas(names: Sequence[str] = (), *, quick: bool = False, progress: Prog
     """
     unknown = [name for name in names if name not in SECTIONS]
     if unknown:
-        raise SettingsError(f"there is no section {unknown[0]!r}; choose from {', '.join(SECTIONS)}")
+        raise SettingsError(
+            f"there is no section {unknown[0]!r}; choose from {', '.join(SECTIONS)}", code="unknown-name"
+        )
     require_drawing()
     chosen = [name for name in SECTIONS if name in names] if names else list(SECTIONS)
     sections = []

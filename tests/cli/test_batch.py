@@ -236,7 +236,7 @@ if __name__ == "__main__":
     ran = subprocess.run([sys.executable, "few.py"], capture_output=True, text=True, timeout=100, check=False)
     lines = ran.stdout.splitlines()
     assert len(lines) == 4, ran.stderr
-    reason = "no process could be started to code it (Too many open files); take fewer --jobs"
+    reason = "no process could be started to code it (Too many open files); set jobs to take fewer"
     for line in lines:
         assert line.startswith(state)
         assert line.endswith(reason) == (state == "failed")
@@ -374,7 +374,7 @@ def test_what_fails_is_named_by_its_clip_however_little_is_said(
     clips: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     [clip] = clips_of("clips/a.npz")
-    assert failure(clip, InputError("is odd", frame=3)).message == "clips/a.npz: frame 3: is odd"
+    assert failure(clip, InputError("is odd", frame=3)).message == "clips/a.npz, frame 3: is odd"
     assert run(["batch", "clips/bad.npz", "-o", "out", "-q"]) == 1
     assert capsys.readouterr().err.startswith("failed: clips/bad.npz: ")
 

@@ -162,7 +162,7 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
     facts, _ = info_of(capsys, "x.usda")
     assert [item["name"] for item in facts["unsupported"]] == ["root/ball"]
     assert run(["convert", "x.usda", "y.npz"]) == 3
-    assert "object 'root/ball' has the type NurbsPatch" in capsys.readouterr().err
+    assert "object 'root/ball': has the type NurbsPatch" in capsys.readouterr().err
     assert run(["convert", "x.usda", "y.npz", "--skip-unsupported"]) == 0
     assert "'root/ball' is left out" in capsys.readouterr().err
 
@@ -187,7 +187,7 @@ def test_what_is_wrong_with_faces_is_said(counts: list[int], said: str, capsys: 
         mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 0, 1])
     stage.Save()
     assert run(["convert", name, "y.npz"]) == 3
-    assert f"object 'sheet' has {said}; --skip-unsupported goes on without it" in capsys.readouterr().err
+    assert f"object 'sheet': has {said}; pass --skip-unsupported to go on without it" in capsys.readouterr().err
     assert run(["convert", name, "y.npz", "--skip-unsupported"]) == 3
     rest = ", and 1 more object cannot be read either"
     assert f"holds nothing that can be read: object 'sheet' has {said}{rest}" in capsys.readouterr().err

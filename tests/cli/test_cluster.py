@@ -109,7 +109,7 @@ def test_a_worker_that_does_not_see_the_folder_says_so_and_writes_nothing(folder
     write_sequence(sheet(0), "clips/a.npz")
     [clip] = clips_of("clips/a.npz")
     result = do_on_worker(clip, Work(folder="elsewhere/out"))
-    assert (result.state, result.exit_code) == ("failed", 3)
+    assert (result.state, result.to_dict()["exit_code"]) == ("failed", 3)
     assert "elsewhere/out: is not seen by a worker" in result.message
     assert not Path("elsewhere").exists()
 

@@ -113,7 +113,7 @@ def test_arrays_alone_come_back_where_no_pickles_are_taken() -> None:
             worker.call(objects)
         with pytest.raises(CorruptFileError, match="is odd") as caught:
             worker.call(fail_at, CorruptFileError, 5)
-        assert (caught.value.frame, caught.value.path) == (5, None)
+        assert (caught.value.frame, caught.value.path) == (5, "elsewhere")
         with pytest.raises(InputError, match="is odd"):
             worker.call(fail, ZeroDivisionError)
     finally:

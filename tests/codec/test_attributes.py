@@ -484,7 +484,7 @@ def test_attributes_beyond_the_memory_limit_are_refused_and_others_are_not(attri
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]), (attribute,))]
     levels = levels_of(objects)
     data = encode_attributes(objects, levels)
-    with pytest.raises(LimitError, match="to decode; the limit is 65536; raise it"):
+    with pytest.raises(LimitError, match="to decode; the limit is 65536; raise max_memory"):
         decode_attributes(data, bare(objects), levels, 1 << 16)
     assert_same_attributes(decode_attributes(data, bare(objects), levels)[0].attributes, (attribute,))
 

@@ -418,7 +418,7 @@ def test_opening_what_is_not_there_says_so(tmp_path: Path) -> None:
 
 
 def test_a_memory_limit_is_kept_and_can_be_raised(data: bytes) -> None:
-    with pytest.raises(LimitError, match=r"35 vertices, about \d+ bytes to decode; the limit is 10000; raise it"):
+    with pytest.raises(LimitError, match=r"35 vertices, about \d+ bytes to decode; the limit is 10000; raise"):
         open_animation(data, limits=DecodeLimits(max_memory=10_000))
     with open_animation(data, limits=DecodeLimits(max_memory=2**20)) as decoded:
         assert decoded.positions(5.1).shape == (35, 3)

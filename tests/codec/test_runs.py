@@ -201,7 +201,7 @@ def test_limits_count_all_runs_together() -> None:
     assert open_animation(data, limits=DecodeLimits(max_output=12 * 8 * 20)).frame_count == 8
     with pytest.raises(LimitError, match="1920 bytes of positions"):
         open_animation(data, limits=DecodeLimits(max_output=12 * 8 * 20 - 1))
-    with pytest.raises(LimitError, match=r"runs of frames.*raise it if you trust the file"):
+    with pytest.raises(LimitError, match=r"runs of frames.*raise max_memory if you trust the file"):
         open_animation(data, limits=DecodeLimits(max_memory=2_500))
 
 

@@ -145,7 +145,7 @@ def test_without_mesh_times_or_reference_nothing_can_be_saved_and_a_line_says_so
     assert run(["decode", "--salvage", str(path), str(tmp_path / "out.npz")]) == 4
     shown = capsys.readouterr()
     assert shown.err.count("\n") == 1
-    assert f"error: {path}: nothing can be saved" in shown.err
+    assert f"error: {path}, byte {offset}: nothing can be saved" in shown.err
     assert [item.name for item in tmp_path.iterdir()] == [path.name]
 
 

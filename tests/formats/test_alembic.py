@@ -233,7 +233,7 @@ def test_faces_that_stay_the_same_in_every_sample_are_constant(tmp_path: Path) -
 
 def test_faces_of_two_corners_and_hdf5_backed_files_are_refused(tmp_path: Path) -> None:
     by_hand(tmp_path / "x.abc", [([2, 3], [0, 1, 0, 1, 2])])
-    with pytest.raises(InputError, match="object 'changing' has a face of 2 corners"):
+    with pytest.raises(InputError, match="object 'changing': has a face of 2 corners"):
         open_sequence(tmp_path / "x.abc")
     (tmp_path / "x.abc").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(InputError, match="HDF5-backed Alembic"):

@@ -308,14 +308,14 @@ def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_pat
         sizes.append((tmp_path / "x.glb").stat().st_size)
     assert sizes[1] < 0.6 * sizes[0]
     assert sizes[2] < sizes[1]
-    with pytest.raises(SettingsError, match=r"--meshopt is for glTF; leave it out"):
+    with pytest.raises(SettingsError, match=r"meshopt is for glTF; leave it out"):
         write_sequence(clip, tmp_path / "x.npz", meshopt=True)
 
 
 def test_more_targets_than_some_viewers_keep_are_told(tmp_path: Path) -> None:
     clip = ArraySequence(np.random.default_rng(1).normal(size=(300, 200, 3)), fps=24, metadata=SPACE)
     notices = write_sequence(clip, tmp_path / "x.glb")
-    assert notices[1] == "299 targets: some viewers keep 256 (Filament), most 2048; take fewer --frames"
+    assert notices[1] == "299 targets: some viewers keep 256 (Filament), most 2048; set frames to take fewer"
 
 
 def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None:
@@ -653,8 +653,8 @@ def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tm
     made.save(tmp_path / "x.glb")
     with open_sequence(tmp_path / "x.glb", fps=1, clip="run") as read:
         assert read.frame_count == 3
-    several = "has 2 animations, 'walk' is taken; --clip names another: walk, run"
-    for fps, frames, notices in ((10, 11, ()), (None, 25, ("assumed 24 frames per second; pass --fps to change",))):
+    several = "has 2 animations, walk, run; 'walk' is taken; set clip to take another"
+    for fps, frames, notices in ((10, 11, ()), (None, 25, ("assumed 24 frames per second; set fps to change it",))):
         with open_sequence(tmp_path / "x.glb", fps=fps) as read:
             assert (read.frame_count, read.notices) == (frames, (several, *notices))
     with pytest.raises(InputError, match="has no animation 'swim'; there is 'walk', 'run'"):

@@ -95,7 +95,7 @@ KEPT = "the file stores its times, they are kept; 30 frames per second is only t
 @pytest.mark.parametrize(
     ("arrays", "fps", "times", "rate", "notices"),
     [
-        ({}, None, [0, 1 / 24], 24, ("assumed 24 frames per second; pass --fps to change",)),
+        ({}, None, [0, 1 / 24], 24, ("assumed 24 frames per second; set fps to change it",)),
         ({}, 10, [0, 0.1], 10, ()),
         ({"fps": 50}, None, [0, 0.02], 50, ()),
         ({"times": [1.0, 1.5]}, 30, [1.0, 1.5], 30, (KEPT,)),

@@ -382,7 +382,7 @@ def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_a
     )
     assert (given_rate.times.tolist(), given_rate.fps, given_rate.notices) == ([1001 / 25, 1002 / 25], 25.0, ())
     assert assumed.times.tolist() == [1001 / 24, 1002 / 24]
-    assert assumed.notices == ("assumed 24 frames per second; pass --fps to change",)
+    assert assumed.notices == ("assumed 24 frames per second; set fps to change it",)
     assert (one.times.tolist(), one.notices, one.read_frames(0, 1)[0, 0, 0]) == ([0.0], (), 1002)
 
 

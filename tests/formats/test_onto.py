@@ -193,7 +193,7 @@ def test_objects_of_one_name_are_ambiguous_where_their_number_differs(tmp_path: 
     with open_sequence(namesakes(tmp_path / "mine.glb", *[TRIANGLE] * mine), fps=24) as read:
         clip = others(read)
     source = namesakes(tmp_path / "its.glb", *[TRIANGLE] * its)
-    with pytest.raises(InputError, match=f"object 'a' is ambiguous: {mine} of this name, and {its} in its.glb"):
+    with pytest.raises(InputError, match=f"object 'a': is ambiguous: {mine} of this name, and {its} in its.glb"):
         write_onto(clip, source, tmp_path / "b.glb")
     assert not (tmp_path / "b.glb").exists()
 
@@ -456,9 +456,9 @@ def test_objects_that_are_not_moved_stay_and_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("count", "object 'mesh' has 5 vertices, and 4 in a.obj"),
-        ("faces", "object 'mesh' has other faces or lines than in a.obj"),
-        ("name", "object 'two' is not in a.obj, which has 'mesh'"),
+        ("count", "object 'mesh': has 5 vertices, and 4 in a.obj"),
+        ("faces", "object 'mesh': has other faces or lines than in a.obj"),
+        ("name", "object 'two': is not in a.obj, which has 'mesh'"),
     ],
 )
 def test_objects_that_do_not_fit_are_named_in_one_line(tmp_path: Path, change: str, message: str) -> None:
@@ -483,7 +483,7 @@ def test_other_formats_one_file_for_both_and_options_of_others_are_refused(tmp_p
     for name in ("a.glb", "a.obj", "a.ply"):
         write_sequence(clip, tmp_path / name)
     cases: list[tuple[str, str, dict[str, Any], str]] = [
-        ("a.glb", "b.obj", {}, "--onto takes one format for both"),
+        ("a.glb", "b.obj", {}, "onto takes one format for both"),
         ("a.ply", "b.ply", {}, "not for PLY"),
         ("a.glb", "a.glb", {"overwrite": True}, "which the original is made of"),
         ("a.glb", "b.glb", {"layer": True}, "--layer is for USD"),

@@ -61,8 +61,8 @@ def test_a_cache_without_a_mesh_is_points_and_says_so(tmp_path: Path) -> None:
     with open_sequence(tmp_path / "x.pc2") as read:
         assert read.connectivity.face_count == 0
         assert read.notices == (
-            "assumed 24 frames per second; pass --fps to change",
-            "the cache holds no faces, they are points now; --mesh FILE says whose they are",
+            "assumed 24 frames per second; set fps to change it",
+            "the cache holds no faces, they are points now; set mesh to say whose they are",
         )
 
 
@@ -75,7 +75,7 @@ def test_a_mesh_of_other_vertices_is_refused(tmp_path: Path) -> None:
 
 def test_a_mesh_for_a_format_that_has_its_own_is_refused(tmp_path: Path) -> None:
     write_sequence(square(), tmp_path / "x.npz")
-    with pytest.raises(SettingsError, match="--mesh is for MDD point cache, PC2 point cache"):
+    with pytest.raises(SettingsError, match="mesh is for MDD point cache, PC2 point cache"):
         open_sequence(tmp_path / "x.npz", mesh="other.obj")
 
 

@@ -99,7 +99,7 @@ def test_a_frame_rate_must_be_a_positive_number_and_none_is_given_to_a_pdeanim_f
     with pytest.raises(SettingsError, match="must be a positive number"):
         open_sequence(tmp_path / "x.npz", fps=fps)
     (tmp_path / "x.pdeanim").write_bytes(b"anything")
-    with pytest.raises(SettingsError, match="stores its own times"):
+    with pytest.raises(SettingsError, match="store their times"):
         open_sequence(tmp_path / "x.pdeanim", fps=24)
 
 

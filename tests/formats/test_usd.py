@@ -62,7 +62,7 @@ def test_a_rate_that_the_stage_does_not_say_is_asked_for(tmp_path: Path) -> None
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
         assert read.times.tolist() == [0, 1.25]
-        assert read.notices == ("assumed 24 frames per second; pass --fps to change",)
+        assert read.notices == ("assumed 24 frames per second; set fps to change it",)
     with open_sequence(tmp_path / "x.usda", fps=30) as read:
         assert read.times.tolist() == [0, 1]
         assert read.notices == ()
@@ -134,7 +134,9 @@ def test_keys_that_are_an_age_apart_are_refused_not_filled(tmp_path: Path) -> No
     for code in (0, 1e9):
         turn.Set(code, code)
     stage.Save()
-    with pytest.raises(InputError, match=r"1e\+09 frames at 24 a second, more than 16,777,216; take a lower rate"):
+    with pytest.raises(
+        InputError, match=r"1e\+09 frames at 24 a second, more than 16,777,216; set fps to take a lower rate"
+    ):
         open_sequence(tmp_path / "x.usda")
 
 
@@ -294,7 +296,7 @@ def test_points_that_do_not_fit_a_run_are_named_by_the_frame_of_the_whole(tmp_pa
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
         assert read.run_starts.tolist() == [0, 2]
-        with pytest.raises(InputError, match="'changing' has 5 points, its first frame has 3") as caught:
+        with pytest.raises(InputError, match="'changing', frame 3: has 5 points, its first frame has 3") as caught:
             encode(read)
         assert caught.value.frame == 3
 
@@ -316,14 +318,14 @@ def test_instances_of_what_changes_are_refused_by_name(tmp_path: Path) -> None:
     for code, faces in ((0, [0, 1, 2]), (3, [2, 1, 0])):
         UsdGeom.Mesh(stage.GetPrimAtPath("/up/many/tree/leaf")).GetFaceVertexIndicesAttr().Set(faces, code)
     stage.Save()
-    with pytest.raises(InputError, match="object 'up/many' has a prototype whose faces or points change"):
+    with pytest.raises(InputError, match="object 'up/many': has a prototype whose faces or points change"):
         open_sequence(tmp_path / "x.usda")
 
 
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("NurbsPatch", "object 'thing' has the type NurbsPatch"),
+        ("NurbsPatch", "object 'thing': has the type NurbsPatch"),
         ("Camera", "no mesh, curve or point animation: there is 1 camera"),
     ],
 )
@@ -438,7 +440,7 @@ def test_instances_that_cannot_be_placed_are_refused_by_name(
     made.CreateIdsAttr()
     change(made)
     stage.Save()
-    with pytest.raises(InputError, match=f"object 'up/many' has {message}"):
+    with pytest.raises(InputError, match=f"object 'up/many': has {message}"):
         open_sequence(tmp_path / "x.usda")
 
 
@@ -447,7 +449,7 @@ def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
     triangle(stage, "/a")
     UsdGeom.NurbsPatch.Define(stage, "/b")
     stage.Save()
-    with pytest.raises(InputError, match=r"x\.usda: object 'b' has the type NurbsPatch"):
+    with pytest.raises(InputError, match=r"x\.usda, object 'b': has the type NurbsPatch"):
         open_sequence(tmp_path / "x.usda", isolate=True)
     with open_sequence(tmp_path / "x.usda", isolate=True, skip_unsupported=True) as read:
         assert [(one.name, one.frame) for one in read.unsupported] == [("b", None)]

@@ -289,8 +289,8 @@ def test_options_explain_themselves() -> None:
         ("jelly", {"poisson": 0.5}, {}, "poisson must be 0 to 0.49"),
         ("flag", {"wind": -1.0}, {}, "wind must be 0 to 50"),
         ("flag", SMALL["flag"], {"frames": 0}, "frames must be 1 or more"),
-        ("flag", SMALL["flag"], {"fps": 0.0}, "frames per second must be"),
-        ("flag", SMALL["flag"], {"fps": float("inf")}, "frames per second must be"),
+        ("flag", SMALL["flag"], {"fps": 0.0}, "fps must be"),
+        ("flag", SMALL["flag"], {"fps": float("inf")}, "fps must be"),
         ("flag", SMALL["flag"], {"substeps": 0}, "substeps must be 1 to"),
     ],
 )

@@ -73,7 +73,7 @@ template <class Work> pdeanim_status guarded(pdeanim_error *error, const Work &w
     } catch (const CorruptError &thrown) {
         return fail(error, PDEANIM_CORRUPT, thrown.what(), thrown.offset, thrown.frame);
     } catch (const LimitError &thrown) {
-        return fail(error, PDEANIM_LIMIT, thrown.what());
+        return fail(error, PDEANIM_LIMIT, (std::string(thrown.what()) + "; raise it if you trust the file").c_str());
     } catch (const ArgumentError &thrown) {
         return fail(error, PDEANIM_ARGUMENT, thrown.what());
     } catch (const ReadError &thrown) {
@@ -100,8 +100,7 @@ void check_output(const pdeanim_animation &animation, u64 limit) {
     }
     if (limit > 0 && found > limit / bytes_per_position) {
         throw LimitError("declares " + std::to_string(found) + " positions of " + std::to_string(bytes_per_position) +
-                         " bytes each; the output limit is " + std::to_string(limit) +
-                         "; raise it if you trust the file");
+                         " bytes each; the output limit is " + std::to_string(limit));
     }
 }
 

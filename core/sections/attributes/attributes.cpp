@@ -407,8 +407,8 @@ std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, 
         }
         if (!coder.is_finished()) throw CorruptError("does not end where what it holds does");
     } catch (const CorruptError &error) {
-        throw CorruptError("section ATTR " + std::string(error.what()) + ", at its byte " +
-                           std::to_string(coder.byte()));
+        throw CorruptError(Section("ATTR"),
+                           std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));
     }
     return found;
 }

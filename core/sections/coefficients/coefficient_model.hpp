@@ -66,7 +66,7 @@ private:
     static constexpr int heads = 64;  // leading digits of a count that are told apart
 
     [[noreturn]] static void broken() {
-        throw CorruptError("section COEF holds levels that cannot be; get the file again");
+        throw CorruptError(Section("COEF"), "holds levels that cannot be; get the file again");
     }
 
     // 0 to 7 as they are, then four to an octave.

@@ -264,7 +264,7 @@ void CoefficientDecoder::decode(i64 end) {
 
 void CoefficientDecoder::finish() const {
     if (state_ && !state_->coder.is_finished()) {
-        throw CorruptError("section COEF does not end where its levels do; get the file again");
+        throw CorruptError(Section("COEF"), "does not end where its levels do; get the file again");
     }
 }
 

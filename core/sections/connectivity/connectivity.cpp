@@ -206,7 +206,7 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
     if ((head.size && head.size < smallest[kind]) || overflows || head.corners > most_corners_of_object ||
         head.count > head.corners / smallest[kind]) {
         const char *what = kind == faces ? " faces" : " lines";
-        throw CorruptError("section CONN declares " + std::to_string(head.count) + what + " that cannot be");
+        throw CorruptError(Section("CONN"), "declares " + std::to_string(head.count) + what + " that cannot be");
     }
     if (head.corners > most_corners) {
         throw LimitError("section CONN declares " + std::to_string(head.corners) +
@@ -216,8 +216,7 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
 
 void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
     if (coder.is_finished()) return;
-    throw CorruptError(std::string("section ") + name +
-                       (coder.byte() < size ? " has bytes too many" : " ends too early"));
+    throw CorruptError(Section(name), (coder.byte() < size ? "has bytes too many" : "ends too early"));
 }
 
 }  // namespace
@@ -324,8 +323,8 @@ std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, st
                             part.face_sizes = std::move(found.sizes);
                             part.face_indices = std::move(found.indices);
                         } catch (const CorruptError &error) {
-                            throw CorruptError("section ORDR " + std::string(error.what()) + ", at its byte " +
-                                               std::to_string(ordr.byte()));
+                            throw CorruptError(Section("ORDR"), std::string(error.what()) + ", at its byte " +
+                                                                    std::to_string(ordr.byte()));
                         }
                         continue;
                     }
@@ -336,16 +335,16 @@ std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, st
                 (kind == faces ? part.face_sizes : part.line_sizes) = std::move(sizes);
                 (kind == faces ? part.face_indices : part.line_indices) = std::move(indices);
             } catch (const CorruptError &error) {
-                const std::string what = error.what();
-                if (what.starts_with("section")) throw;
-                throw CorruptError("section CONN " + what + ", at its byte " + std::to_string(conn.byte()));
+                if (!error.section.empty()) throw;
+                throw CorruptError(Section("CONN"),
+                                   std::string(error.what()) + ", at its byte " + std::to_string(conn.byte()));
             }
         }
         parts.push_back(std::move(part));
     }
     check_end(conn, "CONN", conn_bytes.size());
     if (!ordr_bytes.empty() && !any_order) {
-        throw CorruptError("section ORDR orders faces that section CONN does not have");
+        throw CorruptError(Section("ORDR"), "orders faces that section CONN does not have");
     }
     check_end(ordr, "ORDR", ordr_bytes.size());
     return parts;

@@ -47,7 +47,7 @@ std::vector<u8> decode_bytes(RangeCoder<Mode::decode> &coder, i64 times) {
 }
 
 [[noreturn]] void refuse(const RangeCoder<Mode::decode> &coder, const CorruptError &error) {
-    throw CorruptError("section SEQN " + std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));
+    throw CorruptError(Section("SEQN"), std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));
 }
 
 }  // namespace

@@ -157,7 +157,7 @@ template <Mode mode> void PointModel::code(RangeCoder<mode> &coder, const std::v
                 again ? *again : code_residual(coder, around, axis, fraction, size_around, spread, wanted);
             if (matches_) matches_->add(residual);
             if (prediction + residual < 0 || prediction + residual > largest) {
-                throw CorruptError("section REST has a coordinate out of range; get the file again");
+                throw CorruptError(Section("REST"), "has a coordinate out of range; get the file again");
             }
             coordinate = prediction + residual;
             residuals[axis] = size_of(residual);

@@ -212,7 +212,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
     const Head head = code_head(coder, {});
     if (most(head.residuals, head.raw_vertices) > frames * vertices ||
         raw_vertex_bytes * (head.raw_vertices - 1) > static_cast<i64>(data.size())) {
-        throw CorruptError("section CORR declares more residuals than there can be; get the file again");
+        throw CorruptError(Section("CORR"), "declares more residuals than there can be; get the file again");
     }
     taken.take(static_cast<u64>(head.residuals * bytes_per_residual + head.raw_vertices * bytes_per_raw_vertex),
                std::to_string(head.residuals + head.raw_vertices) + " residuals in one group");
@@ -222,8 +222,8 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
         try {
             model->code(frames, {});
         } catch (const CorruptError &error) {
-            throw CorruptError("section CORR holds residuals that cannot be: " + std::string(error.what()) +
-                               "; get the file again");
+            throw CorruptError(Section("CORR"),
+                               "holds residuals that cannot be: " + std::string(error.what()) + "; get the file again");
         }
     }
     found.frame_starts.resize(frames + 1);
@@ -235,10 +235,10 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
         Position position{};
         model.code(coder, frame, place, 0, 0, position);
         if (frame >= frames || place >= vertices) {
-            throw CorruptError("section CORR refers to a vertex that is not there; get the file again");
+            throw CorruptError(Section("CORR"), "refers to a vertex that is not there; get the file again");
         }
         if (!(std::isfinite(position[0]) && std::isfinite(position[1]) && std::isfinite(position[2]))) {
-            throw CorruptError("section CORR has a position that is not finite; get the file again");
+            throw CorruptError(Section("CORR"), "has a position that is not finite; get the file again");
         }
         found.raw_frame_starts.resize(frame + 1, k);
         found.raw_places.push_back(static_cast<i32>(place));
@@ -246,7 +246,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
     }
     found.raw_frame_starts.resize(frames + 1, head.raw_vertices);
     if (!coder.is_finished()) {
-        throw CorruptError("section CORR does not end where its residuals do; get the file again");
+        throw CorruptError(Section("CORR"), "does not end where its residuals do; get the file again");
     }
     return found;
 }

@@ -194,22 +194,23 @@ std::vector<double> time_function_values(TimeMethod method, const TimeShape &sha
 std::vector<double> decode_time_functions(std::span<const u8> data, const TimeShape &shape, double step) {
     if (data.empty()) return std::vector<double>(shape.numbers());
     if (shape.numbers() == 0) {
-        throw CorruptError(std::to_string(data.size()) +
-                           " bytes of modes stand where there are none; get the file again");
+        throw CorruptError(Section("TIME"), "has " + std::to_string(data.size()) +
+                                                " bytes of modes where there are none; get the file again");
     }
     if (data[0] > static_cast<u8>(TimeMethod::straight)) {
-        throw CorruptError("modes are coded by an unknown method, " + std::to_string(data[0]) + "; get the file again");
+        throw CorruptError(Section("TIME"), "has modes that are coded by an unknown method, " +
+                                                std::to_string(data[0]) + "; get the file again");
     }
     const TimeMethod method{data[0]};
     if (method == TimeMethod::transformed && shape.frames > longest_transform) {
-        throw CorruptError(std::to_string(shape.frames) +
-                           " frames of modes are transformed at once; get the file again");
+        throw CorruptError(Section("TIME"), "has " + std::to_string(shape.frames) +
+                                                " frames of modes that are transformed at once; get the file again");
     }
     std::vector<i64> quantised(shape.numbers());
     RangeCoder<Mode::decode> coder(data.subspan(1));
     code_time_numbers(coder, shape, quantised.data());
     if (!coder.is_finished()) {
-        throw CorruptError("section TIME does not end where its modes do; get the file again");
+        throw CorruptError(Section("TIME"), "does not end where its modes do; get the file again");
     }
     return time_function_values(method, shape, quantised, step);
 }

@@ -81,7 +81,9 @@ def encode(
     known = {item.name for item in fields(EncodeSettings)}
     for name in options:
         if name not in known:
-            raise SettingsError(f"there is no setting named {name}; there are {', '.join(sorted(known))}")
+            raise SettingsError(
+                f"there is no setting named {name}; there are {', '.join(sorted(known))}", code="unknown-name"
+            )
     chosen = replace(settings or EncodeSettings(), **options)
     limit = rate_limit(chosen, rms=rms, size=size)
     if path is not None and is_address(path):

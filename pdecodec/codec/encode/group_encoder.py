@@ -231,6 +231,7 @@ def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Arra
         what = f"farther than {FARTHEST:g}" if np.isfinite(points[frame, vertex, axis]) else "not at a finite position"
         raise InputError(
             f"vertex {index} of object '{name}' is {what}; repair or cut the sequence there",
+            code="not-finite",
             frame=start + int(frame),
         )
     return points

@@ -143,7 +143,7 @@ def memory_plan(vertices: int, frames: int, settings: EncodeSettings) -> MemoryP
     )
     if not group:
         least = need.of_mesh(FEWEST_FUNCTIONS) + need.of_groups(1)
-        raise SettingsError(f"max_memory must be {least} bytes or more for {vertices} vertices, not {limit}")
+        raise SettingsError(f"must be {least} bytes or more for {vertices} vertices, not {limit}", setting="max_memory")
     return MemoryPlan(group, smooth, functions)
 
 

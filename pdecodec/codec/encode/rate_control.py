@@ -116,7 +116,7 @@ def rate_limit(settings: EncodeSettings, *, rms: float | None = None, size: int 
 def check_positive(name: str, value: Any, kind: Any, noun: str) -> None:
     """Raise SettingsError unless `value` is a positive, finite number of a kind."""
     if not isinstance(value, kind) or not (math.isfinite(value) and value > 0):
-        raise SettingsError(f"{name} must be a positive {noun}, not {value!r}")
+        raise SettingsError(f"must be a positive {noun}, not {value!r}", setting=name)
 
 
 def encode_within(

@@ -157,7 +157,7 @@ def _encode_run(
     except InputError as error:
         if error.path is not None or error.frame is None:
             raise
-        raise InputError(error.message, frame=first + error.frame) from error
+        raise error.placed(frame=first + error.frame) from error
 
 
 def _within(progress: Progress | None, first: int, frames: int) -> Progress | None:

@@ -62,7 +62,11 @@ def alternatives_of(animation: Animation) -> list[Question]:
         If it has several runs of frames.
     """
     if len(animation.runs) > 1:
-        raise InputError("has several runs of frames, which are encoded each by itself", path=animation.path)
+        raise InputError(
+            "has several runs of frames, which are encoded each by itself",
+            code="unsupported-feature",
+            path=animation.path,
+        )
     bound = bound_of(animation)
     groups: list[tuple[int, GroupChoice]] = []
     frames = 0

@@ -104,7 +104,7 @@ def _fields(item: MeshObject, attribute: Attribute) -> _core.AttributeFields:
     value_type = values.dtype.newbyteorder("<").str
     if value_type not in VALUE_TYPES or values.ndim not in (1, 2):
         what = f"attribute {attribute.name!r} of object {item.name!r} is {values.dtype} {values.shape}"
-        raise InputError(f"{what}; rows of float32, float64, int32, int64 or uint8 can be kept")
+        raise InputError(f"{what}; rows of float32, float64, int32, int64 or uint8 can be kept", code="invalid-times")
     indices = None if attribute.indices is None else np.ascontiguousarray(attribute.indices, np.int32)
     name, *labels = checked_texts([attribute.name, *attribute.labels])
     domain, kind = DOMAINS.index(attribute.domain), VALUE_TYPES.index(value_type)

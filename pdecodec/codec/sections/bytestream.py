@@ -16,6 +16,11 @@ COUNT_BITS = 63
 """Of the largest count: nine bytes."""
 
 
+def section_fault(section: str, message: str) -> CorruptFileError:
+    """Return the error of a section that breaks the format."""
+    return CorruptFileError(f"section {section} {message}", code="section-content", section=section)
+
+
 class FieldWriter:
     """Collects the fields of one section."""
 
@@ -59,7 +64,7 @@ class FieldReader:
 
     def _take(self, size: int) -> bytes:
         if size > len(self._data) - self._at:
-            raise CorruptFileError(f"section {self._name} ends at its byte {len(self._data)}, {size} more are needed")
+            raise section_fault(self._name, f"ends at its byte {len(self._data)}, {size} more are needed")
         piece = self._data[self._at : self._at + size]
         self._at += size
         return piece
@@ -72,7 +77,7 @@ class FieldReader:
         """Little-endian floating-point numbers; NaN and infinity are refused."""
         values = struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
         if any(value - value != 0 for value in values):
-            raise CorruptFileError(f"section {self._name} holds a number that is not finite")
+            raise section_fault(self._name, "holds a number that is not finite")
         return values
 
     def sized(self) -> bytes:
@@ -87,7 +92,7 @@ class FieldReader:
             value |= (byte & 127) << shift
             if byte < 128:
                 return value
-        raise CorruptFileError(f"section {self._name} holds a count of more than {COUNT_BITS} bits")
+        raise section_fault(self._name, f"holds a count of more than {COUNT_BITS} bits")
 
     def rest(self) -> bytes:
         """All that is left."""
@@ -96,4 +101,4 @@ class FieldReader:
     def finish(self) -> None:
         """Raise unless everything was read."""
         if self._at != len(self._data):
-            raise CorruptFileError(f"section {self._name} has {len(self._data) - self._at} bytes too many")
+            raise section_fault(self._name, f"has {len(self._data) - self._at} bytes too many")

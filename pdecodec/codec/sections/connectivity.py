@@ -7,12 +7,11 @@ row by row. Lines are polygons. The coder is native: `core/sections/connectivity
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.errors import InputError
 from pdecodec.mesh.sequence import Connectivity
 
 MOST_CORNERS = 2**31 - 1
@@ -56,23 +55,11 @@ def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
     return _core.coded_orders(core_parts(parts))
 
 
-@contextmanager
-def core_errors() -> Iterator[None]:
-    """Within, failures of the native core are the package's own."""
-    try:
-        yield
-    except _core.LimitError as error:
-        raise LimitError(str(error)) from error
-    except _core.CorruptError as error:
-        message, offset, frame = error.args
-        raise CorruptFileError(message, offset=offset, frame=frame) from error
-
-
 def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
     """Connectivity of objects as the native core takes it; InputError where one has more corners than it numbers."""
     for part in parts:
         if max(part.face_indices.size, part.line_indices.size) > MOST_CORNERS:
-            raise InputError(f"an object has more than {MOST_CORNERS} face corners; split it")
+            raise InputError(f"an object has more than {MOST_CORNERS} face corners; split it", code="too-large")
     return [
         (part.vertex_count, part.face_counts, part.face_indices, part.line_counts, part.line_indices) for part in parts
     ]

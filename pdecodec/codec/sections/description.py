@@ -12,8 +12,8 @@ import numpy as np
 import zstandard
 
 from pdecodec import _core
-from pdecodec.codec.sections.bytestream import FieldWriter
-from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.codec.sections.bytestream import FieldWriter, section_fault
+from pdecodec.errors import InputError, damaged
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence
@@ -96,7 +96,7 @@ def checked_texts(texts: Iterable[str]) -> list[str]:
         try:
             text.encode("utf-8")
         except UnicodeEncodeError as error:
-            raise InputError(f"the name {text!r} is not text that UTF-8 can hold; rename it") from error
+            raise damaged(f"the name {text!r} is not text that UTF-8 can hold; rename it") from error
     return checked
 
 
@@ -149,7 +149,9 @@ def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
         raise InputError(f"the metadata hold {fault}; leave it out")
     text = json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode()
     if len(text) > MAX_JSON_BYTES:
-        raise InputError(f"the metadata are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept")
+        raise InputError(
+            f"the metadata are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept", code="too-large"
+        )
     return compress(text)
 
 
@@ -160,11 +162,11 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
     try:
         remarks = json.loads(decompress(data, min(MAX_JSON_BYTES, max_memory // JSON_MEMORY)))
     except (ValueError, RecursionError) as error:
-        raise CorruptFileError("section META holds text that is not JSON") from error
+        raise section_fault("META", "holds text that is not JSON") from error
     if not isinstance(remarks, dict):
-        raise CorruptFileError("section META is not a JSON object")
+        raise section_fault("META", "is not a JSON object")
     if fault := _fault_of(remarks):
-        raise CorruptFileError(f"section META holds {fault}")
+        raise section_fault("META", f"holds {fault}")
     return remarks
 
 
@@ -217,8 +219,8 @@ def decompress(data: bytes, most: int) -> bytes:
     try:
         size = zstandard.frame_content_size(data)
         if not 0 < size <= most:
-            raise CorruptFileError(f"a compressed stream declares {size} bytes where 1 to {most} can be")
+            raise section_fault("META", f"declares {size} bytes of text where 1 to {most} can be")
         # In one shot: a frame that holds more than it declares is stopped there, not unpacked to its end.
         return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
-        raise CorruptFileError(f"a compressed stream is damaged ({error}); get the file again") from error
+        raise section_fault("META", f"holds a damaged text ({error}); get the file again") from error

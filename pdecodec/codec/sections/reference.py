@@ -15,9 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldWriter
-from pdecodec.codec.sections.connectivity import core_errors
-from pdecodec.errors import CorruptFileError
+from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldWriter, section_fault
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
@@ -101,14 +99,11 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
     step, *origin = reader.reals("dddd")
     (predictor,) = reader.integers("B")
     if predictor >= PREDICTORS:
-        raise CorruptFileError(f"section REST names predictor {predictor}, this decoder has 0 to {PREDICTORS - 1}")
+        raise section_fault("REST", f"names predictor {predictor}, this decoder has 0 to {PREDICTORS - 1}")
     if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
-        raise CorruptFileError("section REST has a quantisation step or an origin out of range")
+        raise section_fault("REST", "has a quantisation step or an origin out of range")
     mesh = polygons_of(objects)
-    with core_errors():
-        grid = _core.decode_reference(
-            mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:]
-        )
+    grid = _core.decode_reference(mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:])
     return ReferenceFrame(grid, np.array(origin), step)
 
 

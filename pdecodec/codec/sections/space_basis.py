@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
-from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.codec.sections.elements import EarlyPatches, Patches, build_patches, extract_curves
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
@@ -118,11 +117,10 @@ class SpaceBasis:
 
     def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None) -> None:
         self.form, self.patches = form, patches
-        with core_errors():
-            self.core = _core.SpaceBasis(
-                SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
-                patches, reference, layout, thread_count(),
-            )  # fmt: skip
+        self.core = _core.SpaceBasis(
+            SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
+            patches, reference, layout, thread_count(),
+        )  # fmt: skip
         self.order, self.starts = patches.order, patches.starts
         self.functions, self.coefficient_starts = self.core.functions, self.core.coefficient_starts
 
