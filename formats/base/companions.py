@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import unquote
-from xml.etree import ElementTree
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats.base.frame_files import find_frames, frames_there, is_frame_pattern
 from pdecodec.formats.base.registry import format_of_extension, known_extensions, load
 from pdecodec.system.storage import is_address
-
-_XDMF = (".xdmf", ".xmf")
-
-_USD = (".usd", ".usda", ".usdc")
 
 
 def frame_extensions() -> set[str]:
@@ -60,59 +53,23 @@ def output_files(output: str) -> list[Path]:
         return sorted(file for file in path.iterdir() if file.suffix.lower() in frame_extensions())
     if is_frame_pattern(path):
         return frames_there(path)
+    entry = format_of_extension(path)
     beside: list[Path] = []
-    if path.suffix.lower() in (".xdmf", ".xmf"):
-        beside = [path.with_suffix(".h5")]
-    elif path.suffix.lower() == ".pvd":
-        beside = frames_there(path.with_name(f"{path.stem}.####.vtu"))
+    if entry is not None and entry.written_beside is not None:
+        beside = load(entry, entry.written_beside, "written", path)(path)
     # Links count where they lead nowhere, too.
     return [one for one in (path, *beside) if one.exists() or one.is_symlink()]
 
 
 def _named_by(path: Path) -> Iterator[Path]:
     """Files that a file names and that are there; none where it is damaged: readers say so."""
-    suffix, entry = path.suffix.lower(), format_of_extension(path)
-    names: list[str] = []
-    try:
-        if suffix in _XDMF:
-            for item in ElementTree.parse(path).getroot().iter():
-                if item.get("Format", "").upper() in ("HDF", "BINARY"):
-                    names.append((item.text or "").strip().partition(":")[0])
-                elif str(item.tag).endswith("}include"):
-                    names.append(item.get("href", ""))
-        elif entry is not None and entry.companions is not None:
-            yield from (file for file in load(entry, entry.companions, "read", path)(path) if file.is_file())
-        elif suffix == ".gltf":
-            buffers = json.loads(path.read_bytes()).get("buffers", [])
-            names += [
-                unquote(str(one.get("uri", ""))) for one in buffers if not str(one.get("uri")).startswith("data:")
-            ]
-        elif suffix in _USD:
-            yield from _layers(path)
-    except (OSError, ValueError, AttributeError, RecursionError, ElementTree.ParseError):
+    entry = format_of_extension(path)
+    if entry is None or entry.companions is None:
         return
-    for name in filter(None, names):
-        found = path.parent / name
-        if "\0" not in name and found.is_file():
-            yield found
-
-
-def _layers(path: Path) -> Iterator[Path]:
-    """Files of the layers that a USD stage is made of."""
     try:
-        from pxr import Sdf, Tf
-    except ModuleNotFoundError:
+        for name in load(entry, entry.companions, "read", path)(path):
+            found = name if isinstance(name, Path) else path.parent / name
+            if "\0" not in str(name) and found.is_file():
+                yield found
+    except (MissingExtraError, OSError, ValueError, AttributeError, RecursionError, SyntaxError):
         return
-    left, seen = [str(path)], set()
-    while left:
-        name = left.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
-            layer = Sdf.Layer.FindOrOpen(name)
-        except Tf.ErrorException:
-            continue
-        if layer:
-            yield Path(layer.realPath)
-            left += [layer.ComputeAbsolutePath(one) for one in layer.GetCompositionAssetDependencies()]

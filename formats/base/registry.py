@@ -105,8 +105,8 @@ class Format:
         ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
     onto : str or None
         Likewise, what puts motion onto a file of the format (:data:`pdecodec.formats.base.onto.OntoWriter`).
-    companions : str or None
-        Likewise, what yields the files that a file of the format names.
+    companions, written_beside : str or None
+        Likewise, what gives the files that a file names, paths or names in its folder, and those written with it.
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
@@ -138,6 +138,7 @@ class Format:
     writer: str | None = None
     onto: str | None = None
     companions: str | None = None
+    written_beside: str | None = None
     write_with: str = ""
     extra: str | None = None
     frame_per_file: bool = False

@@ -154,6 +154,14 @@ def _part(data: bytes, entry: Mapping[str, Any]) -> bytes:
     return data[first : first + length]
 
 
+def named_buffers(path: Path) -> list[str]:
+    """Return the names of the files that a ``.gltf`` file has its buffers in; ValueError or the like for others."""
+    if path.suffix.lower() != ".gltf":
+        return []
+    uris = [str(one.get("uri", "")) for one in json.loads(path.read_bytes()).get("buffers", [])]
+    return [unquote(uri) for uri in uris if not uri.startswith("data:")]
+
+
 def read_gltf(path: Path) -> GltfFile:
     """Read a ``.gltf`` or ``.glb`` file and the buffers that it names.
 

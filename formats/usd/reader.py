@@ -226,3 +226,20 @@ def _metadata(stage: Any) -> dict[str, str]:
     if stage.HasAuthoredMetadata("metersPerUnit"):
         metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
     return metadata
+
+
+def layer_files(path: Path) -> Iterator[Path]:
+    """Yield the files of the layers that a stage is made of; of packages, none."""
+    left, seen = [str(path)] if path.suffix.lower() != ".usdz" else [], set()
+    while left:
+        name = left.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            layer = Sdf.Layer.FindOrOpen(name)
+        except Tf.ErrorException:
+            continue
+        if layer:
+            yield Path(layer.realPath)
+            left += [layer.ComputeAbsolutePath(one) for one in layer.GetCompositionAssetDependencies()]

@@ -148,3 +148,12 @@ def named_files(path: Path) -> Iterator[Path]:
         yield file
         if file != path and file.suffix.lower() in PARTS:
             yield from named_files(file)
+
+
+def named_by_xdmf(path: Path) -> Iterator[str]:
+    """Yield the names of the files of numbers that an XDMF file refers to, and of those that it includes."""
+    for item in ElementTree.parse(path).getroot().iter():
+        if item.get("Format", "").upper() in ("HDF", "BINARY"):
+            yield (item.text or "").strip().partition(":")[0]
+        elif str(item.tag).endswith("}include"):
+            yield item.get("href", "")

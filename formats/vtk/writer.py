@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
-from pdecodec.formats.base.frame_files import FOLDER_PADDING
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
 from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
@@ -118,3 +118,13 @@ def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> s
     text = base64.b64encode(len(raw).to_bytes(8, "little") + raw).decode("ascii")
     kind = _NAMES[data.dtype.str[1:]]
     return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">{text}</DataArray>'
+
+
+def listed_files(path: Path) -> list[Path]:
+    """Return the frames that are there of a list of VTU files that is written to a path."""
+    return frames_there(path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
+
+
+def data_file(path: Path) -> list[Path]:
+    """Return the HDF5 file that is written with an XDMF file."""
+    return [path.with_suffix(".h5")]
