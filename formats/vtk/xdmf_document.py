@@ -7,13 +7,16 @@ predicates of a position, of attributes and of ``self::NAME``, joined by ``and``
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 from pdecodec.errors import InputError, damaged
 
 Element = ElementTree.Element
+
+_Predicate = Callable[[Element, int, int], bool]
+"""Whether an element, at a position, of so many, is taken."""
 
 MOST_DOCUMENTS = 10_000
 """Files that an XDMF file may include, itself among them."""
@@ -46,6 +49,8 @@ class Document:
         self.path = path
         self._roots: dict[Path, Element] = {}
         self._homes: dict[Element, tuple[Path, Element]] = {}
+        self._found: dict[tuple[Element, str], list[Element]] = {}
+        self._parents: dict[Element, dict[str, list[Element]]] = {}
         self.root = self._parse(path)
         self._include()
         self._check_finite()
@@ -120,6 +125,8 @@ class Document:
                         if _INCLUDE.fullmatch(str(child.tag)):
                             targets[child] = self._included(child, root)
                             parents.append(parent)
+        self._found.clear()
+        self._parents.clear()
         for parent in dict.fromkeys(parents):
             parent[:] = [found for child in parent for found in self._flat(child, targets, ())]
 
@@ -174,10 +181,26 @@ class Document:
 
     def _at(self, path: str, root: Element) -> list[Element]:
         """Return the elements at an XPath that begins at the root."""
-        try:
-            return _select(path, root)
-        except ValueError as error:
-            raise InputError(f"the XPath {path!r} is not understood ({error})", path=self.path) from error
+        if (root, path) not in self._found:
+            if root not in self._parents:
+                self._parents[root] = _parents_by_tag(root)
+            try:
+                self._found[root, path] = _select(path, self._parents[root])
+            except ValueError as error:
+                raise InputError(f"the XPath {path!r} is not understood ({error})", path=self.path) from error
+        return self._found[root, path]
+
+
+def _parents_by_tag(root: Element) -> dict[str, list[Element]]:
+    """Return the elements that have children of each tag, in document order: first one above the root."""
+    above = Element("document")
+    above.append(root)
+    parents: dict[str, dict[Element, None]] = {"*": {}}
+    for parent in above.iter():
+        for child in parent:
+            parents["*"][parent] = None
+            parents.setdefault(_name(child), {})[parent] = None
+    return {tag: list(found) for tag, found in parents.items()}
 
 
 def _numbered(root: Element, numbers: Sequence[int]) -> list[Element]:
@@ -191,56 +214,70 @@ def _numbered(root: Element, numbers: Sequence[int]) -> list[Element]:
     return [root]
 
 
-def _select(path: str, root: Element) -> list[Element]:
+def _select(path: str, parents: Mapping[str, list[Element]]) -> list[Element]:
+    """Return the elements at a path; `parents` are those of the document, as :func:`_parents_by_tag` gives them."""
     text = path.strip()
     if not text.startswith("/"):
         raise ValueError("it does not begin at the root")
-    above = Element("document")
-    above.append(root)
+    above = parents["*"][0]
     nodes, is_deep = [above], False
     for step in _split(text[1:], "/"):
         if step == "":
             is_deep = True
             continue
-        if is_deep:
+        found = _STEP.fullmatch(step)
+        if found is None and step != ".":
+            raise ValueError(f"step {step!r}")
+        test = "*" if found is None else found["test"]
+        if is_deep and nodes == [above]:
+            nodes = parents.get(test, [])
+        elif is_deep:
             nodes = list(dict.fromkeys(below for node in nodes for below in node.iter()))
         is_deep = False
-        if step == ".":
-            continue
-        found = _STEP.fullmatch(step)
         if found is None:
-            raise ValueError(f"step {step!r}")
-        predicates = [part[:-1] for part in _split(found["predicates"], "[")[1:]]
+            continue
+        predicates = [_predicate(part[:-1]) for part in _split(found["predicates"], "[")[1:]]
         chosen: list[Element] = []
         for node in nodes:
-            here = [child for child in node if _is_named(child, found["test"])]
-            for predicate in predicates:
-                here = [one for at, one in enumerate(here, 1) if _holds(predicate, one, at, len(here))]
+            here = [child for child in node if test in ("*", _name(child))]
+            for holds in predicates:
+                here = [one for at, one in enumerate(here, 1) if holds(one, at, len(here))]
             chosen += here
         nodes = list(dict.fromkeys(chosen))
     return nodes
 
 
-def _is_named(element: Element, name: str) -> bool:
-    return name == "*" or str(element.tag).rpartition("}")[2] == name
+def _name(element: Element) -> str:
+    return str(element.tag).rpartition("}")[2]
 
 
-def _holds(predicate: str, element: Element, at: int, count: int) -> bool:
-    """Whether an element at a position, from 1, of so many fulfils a predicate."""
+def _predicate(predicate: str) -> _Predicate:
+    """Return what tells whether an element at a position, from 1, of so many fulfils a predicate."""
     for joiner, combined in ((" or ", any), (" and ", all)):
         parts = _split(predicate, joiner)
         if len(parts) > 1:
-            return combined([_holds(part, element, at, count) for part in parts])
+            return _combined(combined, [_predicate(part) for part in parts])
     text = predicate.strip()
     position, attribute, itself = (pattern.fullmatch(text) for pattern in (_POSITION, _ATTRIBUTE, _SELF))
+    if position is not None and position["number"] == "last()":
+        return lambda one, at, count: at == count
     if position is not None:
-        return at == (count if position["number"] == "last()" else int(position["number"]))
+        number = int(position["number"])
+        return lambda one, at, count: at == number
     if attribute is not None:
-        value = element.get(attribute["name"])
-        return value is not None and (attribute["quote"] is None or value == attribute["value"])
+        name, value = attribute["name"], attribute["value"]
+        if attribute["quote"] is None:
+            return lambda one, at, count: name in one.attrib
+        return lambda one, at, count: one.get(name) == value
     if itself is not None:
-        return _is_named(element, itself["name"])
+        wanted = itself["name"]
+        return lambda one, at, count: wanted in ("*", _name(one))
     raise ValueError(f"predicate {text!r}")
+
+
+def _combined(how: Callable[[Iterable[bool]], bool], parts: Sequence[_Predicate]) -> _Predicate:
+    """Return whether any or all of several predicates hold."""
+    return lambda one, at, count: how(part(one, at, count) for part in parts)
 
 
 def _split(text: str, at: str) -> list[str]:
