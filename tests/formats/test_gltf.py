@@ -660,7 +660,7 @@ def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tm
     with pytest.raises(InputError, match="has no animation 'swim'; there is 'walk', 'run'"):
         open_sequence(tmp_path / "x.glb", clip="swim")
     write_sequence(scene(), tmp_path / "x.npz")
-    with pytest.raises(SettingsError, match="--clip is for glTF"):
+    with pytest.raises(SettingsError, match="clip is for glTF"):
         open_sequence(tmp_path / "x.npz", clip="run")
 
 

@@ -486,9 +486,9 @@ def test_other_formats_one_file_for_both_and_options_of_others_are_refused(tmp_p
         ("a.glb", "b.obj", {}, "onto takes one format for both"),
         ("a.ply", "b.ply", {}, "not for PLY"),
         ("a.glb", "a.glb", {"overwrite": True}, "which the original is made of"),
-        ("a.glb", "b.glb", {"layer": True}, "--layer is for USD"),
-        ("a.obj", "b.obj", {"clip": "x"}, "--clip is for glTF"),
-        ("a.obj", "b.obj", {"meshopt": True}, "--meshopt is for glTF"),
+        ("a.glb", "b.glb", {"layer": True}, "layer is for USD"),
+        ("a.obj", "b.obj", {"clip": "x"}, "clip is for glTF"),
+        ("a.obj", "b.obj", {"meshopt": True}, "meshopt is for glTF"),
         ("a.obj", "b.obj", {"velocities": clip}, "holds no velocities"),
     ]
     for source, out, options, message in cases:
