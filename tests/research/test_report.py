@@ -252,7 +252,7 @@ def test_advice_takes_the_smallest_file_whose_bound_is_fine_enough() -> None:
     assert "1.5 times the bytes" in background.text
     assert "but rival takes 0.50 times its bytes" in hero.text
     assert archive.point is None
-    assert "run it with --tolerance 0.0001" in archive.text
+    assert "run it with tolerance 0.0001" in archive.text
 
 
 def test_changes_are_judged_by_the_whole_file_and_by_the_bound() -> None:
