@@ -1,7 +1,8 @@
 """Alembic scenes: polygon meshes, subdivision surfaces, curves and points, read sample by sample when asked for.
 
 Frames stand at every time at which something of the scene is sampled, positions or a transform above them. What is
-not sampled there is a straight line between its own samples, as Alembic has it.
+not sampled there lies between its own samples: positions go straight; of a transform rotation, stretch and translation
+move apart.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from alembic3d import Abc, AbcGeom
+from scipy.spatial.transform import Rotation
 
 from pdecodec.formats.alembic.attributes import ADDED, own_properties, read_extras, value_at
 from pdecodec.formats.alembic.values import matrix_rows, to_numpy
@@ -100,13 +101,43 @@ class Transform:
         if not self.moves:
             return np.broadcast_to(self.matrices[0], (times.size, 4, 4))
         firsts, seconds, shares = zip(*(samples_at(self.times, float(time)) for time in times), strict=True)
-        first, second, share = (
-            self.matrices[list(firsts)],
-            self.matrices[list(seconds)],
-            np.array(shares)[:, None, None],
-        )
-        matrices: Float64Array = np.where(share == 0, first, (1 - share) * first + share * second)
-        return matrices
+        return between_matrices(self.matrices[list(firsts)], self.matrices[list(seconds)], np.array(shares))
+
+
+def between_matrices(first: Float64Array, second: Float64Array, shares: Float64Array) -> Float64Array:
+    """Matrices on the way from others: rotations turn, stretches and translations go straight.
+
+    Each is taken apart into a rotation and a symmetric stretch, which holds scale and shear (Shoemake and Duff 1992,
+    "Matrix animation and polar decomposition"). So a wheel keeps its radius between two samples. Where one matrix
+    mirrors and the other does not, there is no rotation between them: their numbers go straight.
+
+    Parameters
+    ----------
+    first, second : (n, 4, 4) float64
+        For points that are rows.
+    shares : (n,) float64
+        From 0, which gives `first` exactly, to 1, which gives `second` exactly.
+
+    Returns
+    -------
+    (n, 4, 4) float64
+    """
+    share = shares[:, None, None]
+    straight = np.where(share == 1, second, np.where(share == 0, first, (1 - share) * first + share * second))
+    linear = np.stack([first[:, :3, :3], second[:, :3, :3]])
+    sizes = np.linalg.det(linear)
+    turns = (shares > 0) & (shares < 1) & (np.prod(sizes, axis=0) > 0) & (linear[0] != linear[1]).any(axis=(1, 2))
+    if not turns.any():
+        return straight
+    u, _, vt = np.linalg.svd(linear[:, turns])
+    # A matrix that mirrors is a rotation of a stretch that does.
+    rotations = u @ vt * np.sign(sizes[:, turns])[..., None, None]
+    stretches = linear[:, turns] @ rotations.swapaxes(-1, -2)
+    from_first = Rotation.from_matrix(rotations[0].swapaxes(-1, -2) @ rotations[1]).as_rotvec()
+    turned = rotations[0] @ Rotation.from_rotvec(from_first * shares[turns, None]).as_matrix()
+    stretch = (1 - share[turns]) * stretches[0] + share[turns] * stretches[1]
+    straight[turns, :3, :3] = stretch @ turned
+    return straight
 
 
 class ShapeScan(SceneWalk):

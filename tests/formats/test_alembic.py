@@ -14,10 +14,12 @@ from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.alembic.values import matrix_of
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.isolated import IsolatedSequence
 from pdecodec.formats.base.rigid_motion import RIGID
 from pdecodec.formats.base.scene_space import DifferencedVelocities, bake_transforms, place, transform_attribute
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
@@ -29,6 +31,7 @@ from tests.support.scene_cases import (
     body,
     meaning_of,
     scene,
+    turning,
     written,
 )
 
@@ -315,3 +318,52 @@ def test_an_encoded_scene_of_29_moving_objects_decodes_with_its_tree_and_names(
             assert error <= report.bound
             exact = ArraySequence(read.read_frames(0, 30), objects=clip.objects, times=clip.times, fps=clip.fps)
             assert_same_scene(read, exact)
+
+
+def turning_wheel(path: Path, matrices: list[Float64Array], rate: float = 12.0) -> Path:
+    """A triangle below a transform with a sample for each matrix, for points that are rows."""
+    archive = Abc.OArchive(str(path))
+    sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / rate, 0.0))
+    above = AbcGeom.OXform(archive.getTop(), "wheel", sampling)
+    for matrix in matrices:
+        sample = AbcGeom.XformSample()
+        sample.setMatrix(matrix_of(matrix))
+        above.getSchema().set(sample)
+    points = imath.V3fArrayFromBuffer(np.array([[1, 0, 0], [0, 0, 2], [0, 0, 0]], np.float32))
+    faces = [imath.IntArrayFromBuffer(np.array(numbers, np.int32)) for numbers in ([0, 1, 2], [3])]
+    AbcGeom.OPolyMesh(above, "rim").getSchema().set(AbcGeom.OPolyMeshSchemaSample(points, *faces))
+    return path
+
+
+def at_double_rate(path: Path) -> Float64Array:
+    with open_sequence(path, fps=24.0) as read:
+        return read.read_frames(0, read.frame_count)[:, :2].astype(np.float64)
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0, -2.0])
+@pytest.mark.parametrize("degrees", [30, 90, 175])
+def test_a_wheel_keeps_its_radius_between_samples(size: float, degrees: int, tmp_path: Path) -> None:
+    moves = turning(4, 2, np.radians(degrees), np.array([0.5, 0.0, 0.0]))
+    moves[:, :3, :3] *= size
+    found = at_double_rate(turning_wheel(tmp_path / "x.abc", list(moves)))
+    assert len(found) == 7
+    assert np.allclose(np.linalg.norm(found[:, 0] - [[0.25 * half, 0, 0] for half in range(7)], axis=1), abs(size))
+    angles = np.unwrap(np.arctan2(found[:, 0, 1], found[:, 0, 0] - 0.25 * np.arange(7)))
+    assert np.allclose(np.diff(angles), np.radians(degrees) / 2, atol=1e-6)
+
+
+def test_stretch_and_shear_go_straight_between_samples_and_turn_along(tmp_path: Path) -> None:
+    sheared = np.eye(4)
+    sheared[0, 1] = sheared[1, 0] = 0.5
+    halfway = at_double_rate(turning_wheel(tmp_path / "x.abc", [np.eye(4), sheared]))[1]
+    assert np.allclose(halfway[0], [1, 0.25, 0], atol=1e-6)
+    scaled = np.diag([1.0, 1.0, 5.0, 1.0])
+    quarter = turning(2, 2, np.pi / 2, np.zeros(3))[1]
+    halfway = at_double_rate(turning_wheel(tmp_path / "y.abc", [np.eye(4), scaled @ quarter]))[1]
+    assert np.allclose(halfway, [[np.sqrt(0.5), np.sqrt(0.5), 0], [0, 0, 6]], atol=1e-6)
+
+
+@pytest.mark.parametrize("last", [np.diag([-1.0, 1, 1, 1]), np.diag([0.0, 0, 0, 1])])
+def test_between_matrices_without_a_rotation_numbers_go_straight(last: Float64Array, tmp_path: Path) -> None:
+    halfway = at_double_rate(turning_wheel(tmp_path / "x.abc", [np.eye(4), last]))[1]
+    assert np.allclose(halfway, np.array([[1, 0, 0], [0, 0, 2]]) @ (np.eye(4) + last)[:3, :3] / 2)
