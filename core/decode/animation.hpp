@@ -3,7 +3,7 @@
 //     container.hpp     where the bytes come from, and the table of sections; fields.hpp reads numbers from a section
 //     file.hpp          a file: its times, and where the sections of each run are; headers.hpp: SEQN, MODL, GRUP
 //     run_sections.hpp  one run: names, connectivity, reference frame, attributes, space basis, decoded when needed
-//     group_cache.hpp   decoded groups of frames, kept within a number of bytes; groups_ahead.hpp reads them ahead,
+//     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
 //                       decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
 //

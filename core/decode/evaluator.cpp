@@ -20,12 +20,6 @@ std::span<Position> as_positions(std::span<float> out) {
     return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
 }
 
-int derivative_of(Quantity quantity) { return static_cast<int>(quantity); }
-
-void check_time(double time) {
-    if (std::isnan(time)) throw ArgumentError("times must be numbers");
-}
-
 }  // namespace
 
 ResidualScale Evaluator::residual_scale() {
@@ -341,53 +335,6 @@ void Evaluator::evaluate_all(Quantity quantity, std::span<const double> sorted, 
     }
 }
 
-// Whether a quantity is zero at a time, as before the first frame and after the last one a mesh stands still.
-bool Evaluator::is_outside(Quantity quantity, double time) const {
-    if (quantity == Quantity::positions) return false;
-    return run_.frames() == 1 || time < run_.times().front() || time > run_.times().back();
-}
-
-// The frame whose positions are asked for, if it is one's.
-std::optional<i64> Evaluator::frame_of_positions(Quantity quantity, double time) const {
-    const double inside = clamp(time, run_.times().front(), run_.times().back());
-    const i64 frame = run_.frame_at(inside);
-    if (quantity != Quantity::positions || run_.times()[frame] != inside) return std::nullopt;
-    return frame;
-}
-
-std::pair<std::size_t, std::size_t> Evaluator::groups_at(Quantity quantity, double time) {
-    check_time(time);
-    const auto guard = turns_.begin_call();
-    if (is_outside(quantity, time)) return {0, 0};
-    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
-        const std::size_t index = run_.table().group_of(*frame);
-        return {index, index + 1};
-    }
-    return counting_groups(time, derivative_of(quantity));
-}
-
-std::vector<double> Evaluator::weights(Quantity quantity, double time, std::size_t index) {
-    check_time(time);
-    const auto guard = turns_.begin_call();
-    const Group &own = run_.table().groups()[index];
-    std::vector<double> found;
-    if (is_outside(quantity, time)) {
-        found.resize(own.time_axes() * own.functions);
-        return found;
-    }
-    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
-        found.resize(own.time_axes() * own.functions);
-        if (run_.table().group_of(*frame) == index) {
-            const auto row = groups_.group(index).time.begin() + (*frame - own.first) * static_cast<i64>(found.size());
-            std::copy_n(row, found.size(), found.begin());
-        }
-        return found;
-    }
-    found = weights_of_group(index, time, derivative_of(quantity));
-    found.resize(own.time_axes() * own.functions);
-    return found;
-}
-
 void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object,
                          std::span<float> out) {
     const i64 begin = object ? run_.first_vertex(*object) : 0,
@@ -407,7 +354,7 @@ void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::
         return;
     }
     // As many times at once as fit in the memory that groups are kept in at first, and in a part of what is left.
-    const u64 room = least(static_cast<u64>(groups_.kept_at_first()), run_.memory().left() / 4);
+    const u64 room = least(static_cast<u64>(groups_.first_budget()), run_.memory().left() / 4);
     const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {

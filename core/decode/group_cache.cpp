@@ -26,8 +26,8 @@ u64 known_bytes(const Group &group) {
 
 }  // namespace
 
-GroupCache::GroupCache(RunSections &run, i64 kept_bytes, const Turns &turns)
-    : run_(run), turns_(turns), kept_limit_(kept_bytes), most_kept_(kept_at_first()),
+GroupCache::GroupCache(RunSections &run, i64 largest_budget, const Turns &turns)
+    : run_(run), turns_(turns), largest_budget_(largest_budget), budget_(first_budget()),
       has_been_kept_(run.table().groups().size()) {}
 
 // Take what of a group is known before any of it is decoded.
@@ -67,23 +67,23 @@ DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_
 }
 
 void GroupCache::keep(std::size_t index, DecodedGroup group) {
-    if (has_been_kept_[index]) most_kept_ = least(2 * most_kept_, kept_limit_);
+    if (has_been_kept_[index]) budget_ = least(2 * budget_, largest_budget_);
     has_been_kept_[index] = true;
     kept_bytes_ += group.bytes();
     kept_.emplace_front(index, std::move(group));
     places_[index] = kept_.begin();
-    while (kept_bytes_ > most_kept_ && kept_.size() > 1) give_up_oldest();
+    while (kept_bytes_ > budget_ && kept_.size() > 1) evict_oldest();
 }
 
-void GroupCache::give_up_oldest() {
+void GroupCache::evict_oldest() {
     kept_bytes_ -= kept_.back().second.bytes();
     places_.erase(kept_.back().first);
     kept_.pop_back();
 }
 
-// Give up decoded groups until so much of the memory is left, as far as that goes.
-void GroupCache::make_room(u64 bytes) {
-    while (run_.memory().left() < bytes && !kept_.empty()) give_up_oldest();
+// Evict groups until so much of the memory is left, or no group is kept.
+void GroupCache::evict_for(u64 bytes) {
+    while (run_.memory().left() < bytes && !kept_.empty()) evict_oldest();
 }
 
 const DecodedGroup &GroupCache::group(std::size_t index) {
@@ -95,7 +95,7 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
     u64 room = expected_bytes(index);
     while (true) {
         turns_.check_cancelled();
-        make_room(room);
+        evict_for(room);
         try {
             TakenMemory taken = begin_group(index);
             const std::unique_ptr<GroupsAhead> ahead = run_.begin_ahead({&index, 1});
@@ -126,7 +126,7 @@ std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u6
         if (is_kept(index)) break;
         bytes_at_once += expected_bytes(index);
         // One that is not kept until its frames are evaluated would be decoded twice.
-        if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > most_kept_ - most_kept_ / 4)) break;
+        if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > budget_ - budget_ / 4)) break;
         wanted.push_back(index);
     }
     return wanted;
@@ -136,7 +136,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
     u64 bytes_at_once = 0;
     std::vector<std::size_t> wanted = wanted_at(times, bytes_at_once);
     if (wanted.size() < 2) return;
-    make_room(bytes_at_once);
+    evict_for(bytes_at_once);
     // Whoever came to the largest one last would be waited for.
     const auto bytes_of = [&](std::size_t index) { return run_.table().groups()[index].sizes[1]; };
     std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });

@@ -1,4 +1,4 @@
-// Decoded groups of frames: kept within a number of bytes, the one used longest ago given up first, decoded ahead.
+// Cache of decoded groups of frames, within a byte budget: evicts the one used longest ago, decodes ahead.
 #pragma once
 
 #include <list>
@@ -13,8 +13,8 @@ namespace pdeanim {
 // Called by whoever holds the turn.
 class GroupCache {
 public:
-    // kept_bytes: of decoded groups at most. `run` and `turns` must outlive it.
-    GroupCache(RunSections &run, i64 kept_bytes, const Turns &turns);
+    // largest_budget: bytes of decoded groups at most. `run` and `turns` must outlive it.
+    GroupCache(RunSections &run, i64 largest_budget, const Turns &turns);
 
     // A group, decoded unless it is kept; it stays until other groups are asked for. CorruptError where it is damaged,
     // LimitError where there is no room for it alone.
@@ -26,10 +26,10 @@ public:
     // together. Those that there is no room for beside the others are left.
     void decode_ahead(std::span<const double> times);
 
-    // Bytes that groups may take before one is decoded again that was given up. Who goes through a clip once needs few
-    // decoded groups at a time. Whenever one is decoded again the bytes double, up to the limit: scrubbing comes to have
-    // all that it needs.
-    i64 kept_at_first() const { return kept_limit_ / 8; }
+    // The byte budget before any group is decoded again that was evicted. Going through a clip once needs few decoded
+    // groups at a time. Whenever a group is decoded again the budget doubles, up to the largest one: scrubbing comes to
+    // have all that it needs.
+    i64 first_budget() const { return largest_budget_ / 8; }
 
 private:
     using Kept = std::list<std::pair<std::size_t, DecodedGroup>>;
@@ -40,12 +40,12 @@ private:
     DecodedGroup decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
                         GroupsAhead &ahead, int threads) const;
     void keep(std::size_t index, DecodedGroup group);
-    void make_room(u64 bytes);
-    void give_up_oldest();
+    void evict_for(u64 bytes);
+    void evict_oldest();
 
     RunSections &run_;
     const Turns &turns_;
-    i64 kept_limit_, most_kept_;  // at most ever, and for now
+    i64 largest_budget_, budget_;  // bytes
     i64 kept_bytes_ = 0;
     Kept kept_;  // the latest first
     std::unordered_map<std::size_t, Kept::iterator> places_;
