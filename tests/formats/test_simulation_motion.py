@@ -85,7 +85,9 @@ def test_other_vectors_of_exodus_move_nothing_unless_they_are_asked_for(tmp_path
 def test_displacements_of_exodus_that_leave_a_choice_are_refused(tmp_path: Path) -> None:
     pairs = {f"{base}_{axis}": RISE if axis == "z" else STILL for base in ("disp", "displ") for axis in "xyz"}
     write_exodus(tmp_path / "x.e", pairs)
-    with pytest.raises(InputError, match="several vectors are displacements \\('disp', 'displ'\\); name one of them"):
+    with pytest.raises(
+        InputError, match="several vectors are displacements \\('disp', 'displ'\\); set displacement to one"
+    ):
         open_sequence(tmp_path / "x.e")
     assert moved_by(tmp_path / "x.e", "displ") == along(2)
     with pytest.raises(InputError, match=r"has no vectors 'u' on its nodes .*; there are 'disp', 'displ'"):
@@ -152,7 +154,7 @@ def test_vectors_of_vtk_move_nothing_unless_they_are_asked_for(tmp_path: Path, e
     assert moved_by(path, name) == along(0)
     with open_sequence(path, fps=24) as read:
         assert read.notices == (
-            f"the mesh stands still: nothing says that {name!r} is its displacement; the option displacement=NAME adds "
+            f"the mesh stands still: nothing says that {name!r} is its displacement; set displacement=NAME to add "
             "vectors to the geometry",
             f"point data {name!r}, 'heat' and cell data 'rank' are not kept",
         )
