@@ -236,9 +236,10 @@ BUILT_IN = (
         options=("displacement",),
         write_with="a .xdmf file",
         keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
-        "times, displacements (nodal variables of every axis that begin with disp, or those that a setting names)",
-        loses="other variables, names of blocks and sets (all named), nodes that are not on the surface, elements of "
-        "splines",
+        "names of blocks (groups of faces), times, displacements (nodal variables of every axis that begin with disp, "
+        "or those that a setting names)",
+        loses="other variables, names of sets and of blocks of lines (all named), nodes that are not on the surface, "
+        "elements of splines",
     ),
     Format(
         name="ply",

@@ -168,7 +168,11 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
         return
     name = dataset.name
     if depth > MOST_VIRTUAL:
-        raise InputError(f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row", path=path)
+        raise InputError(
+            f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row",
+            code="too-large",
+            path=path,
+        )
     if dataset.is_virtual:
         _check_sources(dataset, path, depth)
     elif dataset.chunks is not None:
@@ -212,7 +216,11 @@ def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
             file_path = _found_beside(file_name, path, dataset.name)
             with h5py.File(file_path, "r") as file:
                 if inner not in file:
-                    raise InputError(f"has no dataset {inner!r}, which {dataset.name!r} is made of", path=file_path)
+                    raise InputError(
+                        f"has no dataset {inner!r}, which {dataset.name!r} is made of",
+                        code="damaged-input",
+                        path=file_path,
+                    )
                 _check_extent(file[inner], selected, count, file_path)
                 check_stored(file[inner], file_path, depth + 1)
     if not is_open and covered < dataset.size:
@@ -229,6 +237,7 @@ def _check_extent(source: Any, selected: Any, count: int, path: Path | RemoteFil
         if source.size < count:
             raise InputError(
                 f"its dataset {source.name!r} has {source.size} values, a virtual dataset needs {count} of it",
+                code="damaged-input",
                 path=path,
             )
         return
@@ -239,6 +248,7 @@ def _check_extent(source: Any, selected: Any, count: int, path: Path | RemoteFil
     if len(wanted) != source.ndim or any(size > there for size, there in zip(wanted, source.shape, strict=True)):
         raise InputError(
             f"its dataset {source.name!r} has shape {source.shape}, a virtual dataset needs {tuple(wanted)} of it",
+            code="damaged-input",
             path=path,
         )
 
@@ -265,7 +275,11 @@ def _found_beside(name: str, path: Path | RemoteFile, dataset: str) -> Path:
     for found in (*(folder / part for folder in folders for part in (name, Path(name).name)), Path(name)):
         if found.is_file():
             return found
-    raise InputError(f"dataset {dataset!r} has its values in {name!r}, which is missing; restore that file", path=path)
+    raise InputError(
+        f"dataset {dataset!r} has its values in {name!r}, which is missing; restore that file",
+        code="file-missing",
+        path=path,
+    )
 
 
 def _read(dataset: Any, path: Path | RemoteFile) -> NDArray[Any]:

@@ -80,16 +80,22 @@ class Cells:
     ----------
     vtk : bool
         Whether edges of solids are numbered as VTK has them.
+
+    Attributes
+    ----------
+    blocks : (faces,) int64
+        The block that each face of :meth:`connectivity` is of, once that was called.
     """
 
     def __init__(self, *, vtk: bool = False) -> None:
         self._vtk = vtk
-        self._faces: list[Int64Array] = []
+        self._faces: list[tuple[Int64Array, int]] = []
         self._lines: list[Int64Array] = []
-        self._solids: list[tuple[str, Int64Array]] = []
+        self._solids: list[tuple[str, Int64Array, int]] = []
+        self.blocks: Int64Array = np.zeros(0, np.int64)
 
-    def add(self, kind: str, rows: NDArray[np.integer]) -> None:
-        """Add cells (cells, nodes) of a kind.
+    def add(self, kind: str, rows: NDArray[np.integer], block: int = 0) -> None:
+        """Add cells (cells, nodes) of a kind, which are of a block.
 
         Of "polyline" and "polygon" the nodes are the border; of "line", "triangle", "quad", "tetra", "pyramid", "wedge"
         and "hexahedron" they are numbered as finite elements.
@@ -101,17 +107,19 @@ class Cells:
         """
         nodes = np.asarray(rows, np.int64)
         if kind in _SOLIDS and nodes.shape[1] >= _SOLIDS[kind].corners:
-            self._solids.append((kind, nodes))
-        elif kind in ("polygon", "polyline"):
-            (self._faces if kind == "polygon" else self._lines).append(nodes)
-        elif (kind, nodes.shape[1]) in _FLAT:
-            border = nodes[:, list(_FLAT[kind, nodes.shape[1]])]
-            (self._lines if kind == "line" else self._faces).append(border)
+            self._solids.append((kind, nodes, block))
+            return
+        if kind not in ("polygon", "polyline"):
+            if (kind, nodes.shape[1]) not in _FLAT:
+                raise InputError(
+                    f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read",
+                    code="unsupported-feature",
+                )
+            nodes = nodes[:, list(_FLAT[kind, nodes.shape[1]])]
+        if kind in ("polyline", "line"):
+            self._lines.append(nodes)
         else:
-            raise InputError(
-                f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read",
-                code="unsupported-feature",
-            )
+            self._faces.append((nodes, block))
 
     def connectivity(
         self, points: NDArray[np.floating], *, only_used: bool = False
@@ -121,9 +129,11 @@ class Cells:
         Nodes of neither are left out where there are solids or curved cells, or `only_used` asks for it.
         """
         nodes = len(points)
-        surface = self._surface(points)
-        curved = any(len(border) and border.shape[1] > 4 for border in self._faces)
-        whole = join_cells(nodes, [*self._faces, *surface], self._lines)
+        faces = [*self._faces, *self._surface(points)]
+        curved = any(len(border) and border.shape[1] > 4 for border, _ in self._faces)
+        whole = join_cells(nodes, [rows for rows, _ in faces], self._lines)
+        owners = (np.broadcast_to(block, len(np.atleast_2d(rows))) for rows, block in faces)
+        self.blocks = np.concatenate([np.zeros(0, np.int64), *owners])
         if not (self._solids or curved or only_used):
             return whole, None
         used = np.zeros(nodes, bool)
@@ -132,42 +142,43 @@ class Cells:
         if used.all() or not used.any():
             return whole, None
         numbers = np.cumsum(used) - 1
-        faces, lines = numbers[whole.face_indices], numbers[whole.line_indices]
-        return Connectivity(int(used.sum()), whole.face_counts, faces, whole.line_counts, lines), np.flatnonzero(used)
+        corners, ends = numbers[whole.face_indices], numbers[whole.line_indices]
+        return Connectivity(int(used.sum()), whole.face_counts, corners, whole.line_counts, ends), np.flatnonzero(used)
 
-    def _surface(self, points: NDArray[np.floating]) -> list[Int64Array]:
-        """Borders of faces that one solid alone has, blocks of one size, (faces, nodes)."""
+    def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array | int]]:
+        """Borders of faces that one solid alone has, (faces, nodes) of one size or (nodes,), and their blocks."""
         nodes = len(points)
         borders: dict[int, list[Int64Array]] = {}
         corners: dict[int, list[Int64Array]] = {}
-        for _, rows in self._solids:
+        for _, rows, _ in self._solids:
             if rows.size and (rows.min() < 0 or rows.max() >= nodes):
                 raise damaged(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
         volumes = dict.fromkeys(_SOLIDS, 0.0)
-        for kind, rows in self._solids:
+        for kind, rows, _ in self._solids:
             volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)
-        for kind, rows in self._solids:
+        for kind, rows, block in self._solids:
             for face, border in self._sides(kind, rows.shape[1]):
                 if volumes[kind] < 0:
                     face, border = face[::-1], [border[0], *border[:0:-1]]
                 key = len(face)
                 corners.setdefault(key, []).append(np.sort(rows[:, face], axis=1))
-                borders.setdefault(key, []).append(
-                    np.pad(rows[:, border], ((0, 0), (0, 8 - len(border))), constant_values=-1)
-                )
-        found: list[Int64Array] = []
+                # Nodes along the border, at most 8, and the block.
+                padded = np.pad(rows[:, border], ((0, 0), (0, 9 - len(border))), constant_values=-1)
+                padded[:, 8] = block
+                borders.setdefault(key, []).append(padded)
+        found: list[tuple[Int64Array, Int64Array | int]] = []
         for key in sorted(borders):
             whole = np.concatenate(borders[key])
             _, first, counts = np.unique(np.concatenate(corners[key]), axis=0, return_index=True, return_counts=True)
             outer = whole[np.sort(first[counts == 1])]
-            sizes = (outer >= 0).sum(axis=1)
+            sizes = (outer[:, :8] >= 0).sum(axis=1)
             for size in np.unique(sizes).tolist():
-                rows = outer[sizes == size, :size]
+                rows, blocks = outer[sizes == size, :size], outer[sizes == size, 8]
                 flat = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
-                found.append(rows[~flat])
+                found.append((rows[~flat], blocks[~flat]))
                 # A cell with a node twice has sides with fewer corners.
-                thin = [row[row != np.roll(row, 1)] for row in rows[flat]]
-                found += [row for row in thin if row.size >= 3]
+                thin = ((row[row != np.roll(row, 1)], at) for row, at in zip(rows[flat], blocks[flat], strict=True))
+                found += [(row, int(at)) for row, at in thin if row.size >= 3]
         return found
 
     def _sides(self, kind: str, nodes: int) -> list[tuple[list[int], list[int]]]:

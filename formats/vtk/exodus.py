@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored
+from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, not_kept_data
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
 
 KINDS = {
     "triangle": ("TRI", "TRIANGLE", "TRISHELL"),
@@ -129,19 +130,32 @@ class ExodusSequence(MeshSequence):
                 notices = (
                     f"its shape stays, one frame is read of {times.size} time steps: nothing displaces its nodes",
                 )
-        connectivity, self._gather = self._cells().connectivity(self._rest)
+        cells = self._cells()
+        connectivity, self._gather = cells.connectivity(self._rest)
         attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
-        self.objects = (MeshObject("mesh", connectivity, attributes),)
+        blocks = self._block_names(cells)
+        self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
         self.notices = (
             *notices,
             *self.notices,
-            *not_kept_data(self._dropped(used)),
+            *not_kept_data(self._dropped(used, blocks)),
             *left_out_notice(self._gather, len(self._rest)),
         )
         self.metadata = {}
 
-    def _dropped(self, used: Sequence[str]) -> dict[str, list[str]]:
-        """Names of variables but for those `used`, of blocks and of sets, by kind."""
+    def _block_names(self, cells: Cells) -> tuple[Attribute, ...]:
+        """Groups of faces by the names of their blocks; none where no block with faces has a name."""
+        names = self._names("eb_names")
+        there = np.unique(cells.blocks).tolist()
+        labels = {block: names[block - 1] for block in there if block <= len(names) and names[block - 1]}
+        if not labels:
+            return ()
+        rows = np.full(max(there) + 1, -1, np.int32)
+        rows[list(labels)] = np.arange(len(labels))
+        return (Attribute(GROUP, "face", rows[cells.blocks], labels=tuple(labels.values())),)
+
+    def _dropped(self, used: Sequence[str], kept: Sequence[Attribute]) -> dict[str, list[str]]:
+        """Names of variables but for those `used`, of blocks that are not `kept` and of sets, by kind."""
         places = dict(_VARIABLES)
         for place in self._variables:
             if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
@@ -151,7 +165,11 @@ class ExodusSequence(MeshSequence):
             for place, kind in places.items()
         }
         # Without names blocks and sets have nothing to lose but their numbers.
-        return kinds | {kind: [name for name in self._names(place) if name] for place, kind in _NAMED.items()}
+        labels = [label for attribute in kept for label in attribute.labels]
+        return kinds | {
+            kind: [name for name in self._names(place) if name and (place != "eb_names" or name not in labels)]
+            for place, kind in _NAMED.items()
+        }
 
     def _names(self, place: str) -> list[str]:
         """Names that the file lists in a place; none where it has no such list."""
@@ -199,7 +217,7 @@ class ExodusSequence(MeshSequence):
                     code="unsupported-feature",
                     path=self._path,
                 )
-            cells.add(kind, rows)
+            cells.add(kind, rows, number)
         return cells
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -211,7 +229,7 @@ class ExodusSequence(MeshSequence):
                 unwritten = np.flatnonzero((moved == _fill_of(values)).any(axis=1))
                 if unwritten.size:
                     message = f"displacements along {AXES[axis]} were never written; export it again"
-                    raise InputError(message, path=self._path, frame=start + int(unwritten[0]))
+                    raise InputError(message, code="damaged-input", path=self._path, frame=start + int(unwritten[0]))
                 points[:, :, axis] += moved
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error

@@ -50,7 +50,7 @@ def listed_parts(path: Path) -> list[Path]:
         raise damaged("lists no files; write it again", path=path)
     missing = [name for name, file in zip(names, files, strict=True) if not name or not file.is_file()]
     if missing:
-        raise InputError(f"lists {missing[0]!r}, which is missing; restore that file", path=path)
+        raise InputError(f"lists {missing[0]!r}, which is missing; restore that file", code="file-missing", path=path)
     return files
 
 
@@ -126,6 +126,7 @@ def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[li
                 raise InputError(
                     f"{len(same)} files of one part are at one time, {time!r} ({names}{more}): were their times "
                     "rounded? Give each step its own time",
+                    code="invalid-times",
                     path=path,
                 )
     times = sorted(at)

@@ -95,7 +95,9 @@ def read_grid(path: Path, wanted: str | None, depth: int = 0) -> GridFile:
     suffix = path.suffix.lower()
     if suffix in PARTS:
         if depth >= _MOST_LISTS:
-            raise InputError(f"is one of more than {_MOST_LISTS} lists that list each other", path=path)
+            raise InputError(
+                f"is one of more than {_MOST_LISTS} lists that list each other", code="too-large", path=path
+            )
         return joined_grids([read_grid(part, wanted, depth + 1) for part in listed_parts(path)])
     if suffix not in _READERS:
         known = ", ".join((*_READERS, *PARTS))

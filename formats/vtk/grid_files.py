@@ -130,7 +130,7 @@ class GridReader:
         if self._chosen is None or not len(grid.mesh.points):
             return grid.mesh
         if grid.added is None:
-            raise InputError(f"has no vectors {self._chosen!r} on its points", path=path)
+            raise InputError(f"has no vectors {self._chosen!r} on its points", code="object-missing", path=path)
         return replace(grid.mesh, points=moved(grid.mesh.points, grid.added, self._chosen, path))
 
     def notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:

@@ -108,6 +108,7 @@ class XdmfSequence(MeshSequence):
             raise InputError(
                 f"the step at time {step.time} has {len(names)} parts, the first one {len(wanted)}; "
                 "write as many of each",
+                code="connectivity-changes",
                 path=self._path,
             )
         if names == wanted or sorted(names) != sorted(wanted) or len(set(names)) < len(names):
@@ -127,7 +128,9 @@ class XdmfSequence(MeshSequence):
         if "_" in kind:
             items = self._items.of(part.geometry)
             if len(items) != axes:
-                raise InputError(f"geometry of type {kind} has {len(items)} DataItems", path=self._path)
+                raise InputError(
+                    f"geometry of type {kind} has {len(items)} DataItems", code="damaged-input", path=self._path
+                )
             stored = np.stack([self._items.numbers(item).reshape(-1) for item in items], axis=1)
         else:
             stored = self._items.only(part.geometry).reshape(-1, axes)
@@ -141,7 +144,11 @@ class XdmfSequence(MeshSequence):
             return points
         found = next((one for one in part.attributes if one.get("Name") == self._moving and _is_vector(one)), None)
         if found is None:
-            raise InputError(f"grid {part.name!r} has no vectors {self._moving!r} on its nodes", path=self._path)
+            raise InputError(
+                f"grid {part.name!r} has no vectors {self._moving!r} on its nodes",
+                code="object-missing",
+                path=self._path,
+            )
         vectors = self._items.only(found)
         return moved(points, vectors.reshape(len(vectors), -1), self._moving, self._path)
 
@@ -184,7 +191,7 @@ class XdmfSequence(MeshSequence):
                 same or self._connectivity(part, points)[0].same_as(item.connectivity)
             ):
                 message = "its connectivity is another; every frame must have that of the first"
-                raise InputError(message, path=self._path, frame=frame)
+                raise InputError(message, code="connectivity-changes", path=self._path, frame=frame)
             gather = self._gathers[number]
             into[done : done + item.vertex_count] = to_float32(points if gather is None else points[gather])
             done += item.vertex_count

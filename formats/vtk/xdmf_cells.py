@@ -121,7 +121,11 @@ def _nodes_of_each(topology: Element, indices: Int64Array, kind: str, path: Path
         return 1
     if declared is None and indices.ndim == 2:
         return max(1, int(indices.shape[1]))
-    raise InputError(f"a topology of type {kind} does not say how many nodes a cell has (NodesPerElement)", path=path)
+    raise InputError(
+        f"a topology of type {kind} does not say how many nodes a cell has (NodesPerElement)",
+        code="unsupported-feature",
+        path=path,
+    )
 
 
 def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> None:

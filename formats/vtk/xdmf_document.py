@@ -92,7 +92,9 @@ class Document:
         if len(found) > 1:
             name = element.get("Name", "")
             raise InputError(
-                f"{element.tag} {name!r} has {len(found)} elements {tag}, and may have one", path=self.path
+                f"{element.tag} {name!r} has {len(found)} elements {tag}, and may have one",
+                code="damaged-input",
+                path=self.path,
             )
         return found[0] if found else None
 
@@ -100,9 +102,11 @@ class Document:
         key = path.resolve()
         if key not in self._roots:
             if len(self._roots) >= MOST_DOCUMENTS:
-                raise InputError(f"includes more than {MOST_DOCUMENTS:,} files", path=self.path)
+                raise InputError(f"includes more than {MOST_DOCUMENTS:,} files", code="too-large", path=self.path)
             if path != self.path and not path.is_file():
-                raise InputError(f"includes {path.name!r}, which is missing; restore that file", path=self.path)
+                raise InputError(
+                    f"includes {path.name!r}, which is missing; restore that file", code="file-missing", path=self.path
+                )
             try:
                 self._roots[key] = ElementTree.parse(path).getroot()
             except (ElementTree.ParseError, OSError) as error:
@@ -146,7 +150,9 @@ class Document:
         elif numbers is not None:
             found = _numbered(root, [int(part) for part in numbers["numbers"].split("/")[1:]])
         else:
-            raise InputError(f"the pointer {pointer!r} of an include is not understood", path=self.path)
+            raise InputError(
+                f"the pointer {pointer!r} of an include is not understood", code="unsupported-feature", path=self.path
+            )
         if not found:
             raise damaged(f"includes {pointer!r}, and there is no such element; write it again", path=self.path)
         return found
@@ -187,7 +193,9 @@ class Document:
             try:
                 self._found[root, path] = _select(path, self._parents[root])
             except ValueError as error:
-                raise InputError(f"the XPath {path!r} is not understood ({error})", path=self.path) from error
+                raise InputError(
+                    f"the XPath {path!r} is not understood ({error})", code="unsupported-feature", path=self.path
+                ) from error
         return self._found[root, path]
 
 

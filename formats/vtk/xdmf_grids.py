@@ -102,7 +102,7 @@ class Grids:
         """Return the steps of a grid: those of a temporal collection, else one, at its time or the one above it."""
         self._count += 1
         if self._count > MOST_GRIDS:
-            raise InputError(f"holds more than {MOST_GRIDS:,} grids", path=self._path)
+            raise InputError(f"holds more than {MOST_GRIDS:,} grids", code="too-large", path=self._path)
         kind, name = _collection(grid), grid.get("Name", "")
         if kind == "uniform":
             return [Step(self._own_time(grid, inherited), (self._part(grid),))]
@@ -133,6 +133,7 @@ class Grids:
         if any(known):
             raise InputError(
                 f"grid {known.index(False)} of the temporal collection {name!r} has no time, and others have",
+                code="invalid-times",
                 path=self._path,
                 frame=known.index(False),
             )
@@ -150,7 +151,11 @@ class Grids:
         """Return the steps of grids that are there at once."""
         counts = {len(steps) for steps in groups}
         if len(counts) > 1:
-            raise InputError(f"the parts {where} have {sorted(counts)} steps; write as many of each", path=self._path)
+            raise InputError(
+                f"the parts {where} have {sorted(counts)} steps; write as many of each",
+                code="damaged-input",
+                path=self._path,
+            )
         joined = []
         for steps in zip(*groups, strict=True):
             times = {step.time for step in steps if step.time is not None}
@@ -158,6 +163,7 @@ class Grids:
                 listed = ", ".join(f"{one:g}" for one in sorted(times))
                 raise InputError(
                     f"the parts {where} have different times ({listed}); put them into a temporal collection",
+                    code="invalid-times",
                     path=self._path,
                 )
             joined.append(Step(times.pop() if times else time, tuple(part for step in steps for part in step.parts)))
@@ -181,7 +187,11 @@ class Grids:
         if times is None:
             return inherited
         if len(times) != 1:
-            raise InputError(f"grid {grid.get('Name', '')!r} has {len(times)} times, and may have one", path=self._path)
+            raise InputError(
+                f"grid {grid.get('Name', '')!r} has {len(times)} times, and may have one",
+                code="invalid-times",
+                path=self._path,
+            )
         return times[0]
 
     def _times(self, grid: Element) -> list[float] | None:
@@ -205,13 +215,16 @@ class Grids:
             )
         if kind == "hyperslab":
             if len(numbers) != 3:
-                raise InputError(f"times of grid {name!r} are no start, stride and count", path=self._path)
+                raise InputError(
+                    f"times of grid {name!r} are no start, stride and count", code="invalid-times", path=self._path
+                )
             numbers = [numbers[0] + numbers[1] * step for step in range(int(numbers[2]))]
         elif kind == "range":
             if _collection(grid) == "temporal" and len(self._document.children(grid, "Grid")) > 1:
                 raise InputError(
                     f"the time of the temporal collection {name!r} is a range, which does not say when each of its "
                     "grids is; list their times",
+                    code="invalid-times",
                     path=self._path,
                 )
             numbers = numbers[:1]

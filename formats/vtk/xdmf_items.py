@@ -100,7 +100,9 @@ class Items:
         self._files = {}
 
     def _refused(self, message: str) -> InputError:
-        return InputError(f"{message}; write it as uniform items of XML or HDF", path=self._path)
+        return InputError(
+            f"{message}; write it as uniform items of XML or HDF", code="unsupported-feature", path=self._path
+        )
 
     def _shape(self, item: Element) -> tuple[int, ...] | None:
         declared = item.get("Dimensions")
@@ -177,14 +179,18 @@ class Items:
         dtype = np.dtype(f"{_ORDERS[order]}{_KINDS[number]}{size}")
         path = self._document.folder(item) / name
         if not path.is_file():
-            raise InputError(f"its data in {name!r} are missing; restore that file", path=self._path)
+            raise InputError(
+                f"its data in {name!r} are missing; restore that file", code="file-missing", path=self._path
+            )
         with path.open("rb") as file:
             file.seek(int(item.get("Seek", "0").split()[0]))
             stored = file.read(math.prod(shape) * dtype.itemsize if _UNPACKED[packing] is bytes else -1)
         raw = _UNPACKED[packing](stored)
         wanted = math.prod(shape) * dtype.itemsize
         if len(raw) < wanted:
-            raise InputError(f"{name!r} ends before the {math.prod(shape)} numbers of an item", path=self._path)
+            raise InputError(
+                f"{name!r} ends before the {math.prod(shape)} numbers of an item", code="damaged-input", path=self._path
+            )
         return np.frombuffer(raw[:wanted], dtype).astype(dtype.newbyteorder("="))
 
     def _slab(self, item: Element) -> NDArray[Any]:
@@ -205,7 +211,9 @@ class Items:
 
     def _inside(self, selection: Selection, shape: Sequence[int]) -> Selection:
         if len(selection) != len(shape) or any(part.stop > size for part, size in zip(selection, shape, strict=True)):
-            raise InputError(f"a part is outside its data, which have shape {tuple(shape)}", path=self._path)
+            raise InputError(
+                f"a part is outside its data, which have shape {tuple(shape)}", code="damaged-input", path=self._path
+            )
         return selection
 
     def _function(self, item: Element) -> NDArray[Any]:

@@ -102,7 +102,10 @@ class XmlFile:
             cells = self._grid_cells(piece.find("Cells"), hidden)
             return grid_of_cells(points, cells, arrays, cell_names, self._wanted, only_used=hidden is not None)
         if ghosts is not None and (ghosts & _HIDDEN).any():
-            raise InputError("holds ghost cells of polygons, which are not told apart; write it without them")
+            raise InputError(
+                "holds ghost cells of polygons, which are not told apart; write it without them",
+                code="unsupported-feature",
+            )
         vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
         joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
         mesh = MeshFile(points, Connectivity(len(points), *faces, *joined))

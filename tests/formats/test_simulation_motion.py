@@ -124,13 +124,33 @@ def test_variables_blocks_and_sets_of_exodus_are_named_and_blocks_behind_an_empt
         )
 
 
+@pytest.mark.parametrize("kind", ["QUAD4", "HEX8"])
+def test_named_blocks_of_exodus_are_groups_of_faces(tmp_path: Path, kind: str) -> None:
+    layers = np.concatenate([SQUARE, SQUARE + np.array([0, 0, 1]), SQUARE + np.array([0, 0, 2])])
+    blocks = {1: [[1, 2, 3, 4]], 2: [[5, 6, 7, 8]], 3: [[9, 10, 11, 12]]}
+    if kind == "HEX8":
+        blocks = {1: [list(range(1, 9))], 2: [list(range(5, 13))]}
+    listed = {"eb_names": ["foot", "", "head"] if kind == "QUAD4" else ["foot", "head"]}
+    write_exodus(tmp_path / "x.e", {}, points=layers, blocks=blocks, kind=kind, listed=listed)
+    with open_sequence(tmp_path / "x.e") as read:
+        (group,) = read.objects[0].attributes
+        assert (group.name, group.domain, group.labels) == ("group", "face", ("foot", "head"))
+        ends = np.cumsum(read.connectivity.face_counts)[:-1]
+        middles = [layers[face, 2].mean() for face in np.split(read.connectivity.face_indices, ends)]
+        expected = {0.0: 0, 0.5: 0, 1.0: -1, 1.5: 1, 2.0: 1}
+        assert group.values.tolist() == [expected[middle] for middle in middles]
+        assert len(middles) == (3 if kind == "QUAD4" else 10)
+        assert not any("blocks" in line for line in read.notices)
+
+
 @pytest.mark.data
 def test_a_real_exodus_file_moves_in_all_of_its_steps(shared_data: Path) -> None:
     folder = shared_data / "fields" / "seacas_block_crush"
     expected = np.load(folder / "seacas_block_crush.npz")
     with open_sequence(folder / "block_crush_1.ex2") as read:
-        (node,) = read.objects[0].attributes
+        node, group = read.objects[0].attributes
         assert np.array_equal(read.read_frames(0, 11), expected["points"][:, node.values - 1])
+        assert group.labels == ("block_1", "block_2")
         assert np.array_equal(read.times, expected["times"])
         assert (np.abs(np.diff(read.read_frames(0, 11), axis=0)).max(axis=(1, 2)) > 0).all()
 
