@@ -50,7 +50,7 @@ class Hdf5Sequence(LaidOutSequence):
             self._file = h5py.File(path if isinstance(path, Path) else path.open(), "r")
         try:
             with _file_errors(path):
-                names = _dataset_names(self._file)
+                names = _dataset_names(self._file, path)
                 check_has_points(names, "dataset")
                 self._points = self._file["points"]
                 check_stored(self._points, path)
@@ -141,15 +141,43 @@ def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:
     return min(frames, max(1, CHUNK_BYTES // (12 * vertices))), vertices_of_chunk, 3
 
 
-def _dataset_names(file: Any) -> list[str]:
+def _dataset_names(file: Any, path: Path | RemoteFile) -> list[str]:
+    """Return the names of all datasets, those that are links too; InputError where a link leads nowhere."""
     names: list[str] = []
+    links: list[str] = []
 
     def note(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
             names.append(name)
 
+    def note_link(name: str, link: Any) -> None:
+        if not isinstance(link, h5py.HardLink):
+            links.append(name)
+
     file.visititems(note)
-    return names
+    file.visititems_links(note_link)
+    linked = [name for name in links if isinstance(linked_item(file, name, path), h5py.Dataset)]
+    return list(dict.fromkeys([*names, *linked]))
+
+
+def linked_item(file: Any, name: str, path: Path | RemoteFile) -> Any:
+    """Return what a file of HDF5 has under a name, None where it has no such name.
+
+    Raises
+    ------
+    InputError
+        If it is a link to what is not there.
+    """
+    item = file.get(name)
+    link = file.get(name, getlink=True) if item is None and name in file else None
+    if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+        place = repr(link.filename) if isinstance(link, h5py.ExternalLink) else "the file itself"
+        raise InputError(
+            f"{name!r} is a link to {link.path!r} in {place}, which is missing; restore it",
+            code="file-missing",
+            path=path,
+        )
+    return item
 
 
 def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
@@ -167,6 +195,8 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
     if dataset.size in (None, 0):
         return
     name = dataset.name
+    if isinstance(path, Path):
+        path = Path(dataset.file.filename)  # a link leads to another file
     if depth > MOST_VIRTUAL:
         raise InputError(
             f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row",

@@ -90,7 +90,7 @@ class XdmfSequence(MeshSequence):
             *notices,
             *timeline.notices,
             *motion_notices(self._moving, vectors, displacement, moves=self._geometry_moves(vectors)),
-            *not_kept_data(_dropped([*self._steps, *timeline.others], self._moving)),
+            *not_kept_data(_dropped([*self._steps, *timeline.others], grids.loose, self._moving)),
             *left_out,
         )
 
@@ -218,9 +218,14 @@ def _vectors(parts: Sequence[Part]) -> list[str]:
     return [name for name in dict.fromkeys(names[0]) if all(name in others for others in names)]
 
 
-def _dropped(steps: Sequence[Step], moving: str | None) -> dict[str, dict[str, None]]:
-    """Return the names of attributes and sets of all steps but for the vectors that move it, by kind."""
+def _dropped(steps: Sequence[Step], loose: Sequence[Element], moving: str | None) -> dict[str, dict[str, None]]:
+    """Return the names of attributes and sets of all steps but for the vectors that move it, by kind.
+
+    `loose` are attributes of no part.
+    """
     found: dict[str, dict[str, None]] = {}
+    for one in loose:
+        found.setdefault("data of collections", {})[str(one.get("Name"))] = None
     for step in steps:
         for part in step.parts:
             for one in part.attributes:

@@ -67,6 +67,7 @@ class Grids:
     def __init__(self, document: Document, items: Items) -> None:
         self._document, self._items, self._path = document, items, document.path
         self._count = 0
+        self.loose: list[Element] = []  # attributes of collections themselves
 
     def timeline(self, wanted: str | None) -> Timeline:
         """Return the steps of the domain; of several temporal collections those of the first, or of the first with an
@@ -109,6 +110,7 @@ class Grids:
         children = self._document.children(grid, "Grid")
         if not children:
             raise damaged(f"the {kind} collection {name!r} holds no grid; write it again", path=self._path)
+        self.loose += self._document.children(grid, "Attribute")
         if kind == "temporal":
             return self._in_time(grid, children)
         time = self._own_time(grid, inherited)

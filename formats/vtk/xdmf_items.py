@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.arrays.hdf5 import check_stored
+from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 
 _JOIN = re.compile(r"JOIN\(\s*(?P<parts>\$\d+(?:\s*[,;]\s*\$\d+)*)\s*\)", re.IGNORECASE)
@@ -145,9 +145,10 @@ class Items:
             start, stride, count, _ = ([int(number) for number in part.split()] for part in parts)
             selection = _selection(start, stride, count)
         file = self._open(self._document.folder(item) / name, name)
-        if place not in file:
+        dataset = linked_item(file, place, self._document.folder(item) / name)
+        if not isinstance(dataset, h5py.Dataset):
             raise damaged(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
-        dataset, key = file[place], (Path(file.filename), place)
+        key = Path(file.filename), place
         if key not in self._checked:
             check_stored(dataset, Path(file.filename))
             self._checked.add(key)

@@ -117,9 +117,39 @@ def missing_raw_data(path: Path) -> None:
     (path.parent / "raw.bin").unlink()
 
 
+def missing_link(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["points"] = h5py.ExternalLink("away.h5", "/p")
+
+
+def missing_faces(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["points"] = np.ones(SHAPE, "f4")
+        file["faces"] = h5py.SoftLink("/nothing")
+
+
+def unwritten_link(path: Path) -> None:
+    with h5py.File(path.parent / "other.h5", "w") as file:
+        file.create_dataset("p", SHAPE, "f4")
+    with h5py.File(path, "w") as file:
+        file["points"] = h5py.ExternalLink("other.h5", "/p")
+
+
+def test_datasets_that_are_links_are_read(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["p"] = np.ones(SHAPE, "f4")
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["points"] = h5py.ExternalLink("other.h5", "/p")
+    with open_sequence(tmp_path / "x.h5", fps=24) as read:
+        assert read.read_frames(0, 3).min() == 1
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (missing_link, r"x\.h5: 'points' is a link to '/p' in 'away\.h5', which is missing"),
+        (missing_faces, "'faces' is a link to '/nothing' in the file itself, which is missing"),
+        (unwritten_link, r"other\.h5: dataset '/p' was never written"),
         (missing_source, r"x\.h5: dataset '/points' has its values in 's2\.h5', which is missing; restore that file"),
         (uncovered, "12 of 36 values of the virtual dataset '/points' have no source"),
         (short_source, r"s1\.h5: its dataset '/p' has 6 values, a virtual dataset needs 12 of it"),
@@ -144,6 +174,8 @@ def test_values_of_hdf5_that_are_not_there_are_refused(
     ("make", "message"),
     [
         (lambda path: virtual(path, "d"), r"has its values in 's0\.h5', which is missing"),
+        (missing_link, r"h\.h5: '/points' is a link to '/p' in 'away\.h5', which is missing"),
+        (unwritten_link, r"other\.h5: dataset '/p' was never written"),
         (unwritten_chunk, "1 of 3 chunks of dataset '/points' were never written"),
     ],
 )

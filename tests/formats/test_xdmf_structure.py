@@ -290,9 +290,11 @@ def test_attributes_of_every_center_and_step_are_told_once_by_name(tmp_path: Pat
     steps = grid(told + QUAD + geometry(), time=0) + grid(
         QUAD + geometry() + vectors("late", SQUARE) + '<Set Name="left"/>', time=1
     )
-    with open_sequence(write(tmp_path / "x.xdmf", collection(steps))) as read:
+    own = '<Attribute Name="energy" Center="Grid"><DataItem Dimensions="1">0</DataItem></Attribute>'
+    with open_sequence(write(tmp_path / "x.xdmf", collection(own + steps))) as read:
         assert read.notices == (
-            "point data 'heat', 'p', 'late', cell data 'rank', face data 'flux', edge data 'len', grid data 'mass' "
+            "data of collections 'energy', point data 'heat', 'p', 'late', cell data 'rank', face data 'flux', edge "
+            "data 'len', grid data 'mass' "
             "and sets 'left' are not kept",
         )
 
