@@ -9,6 +9,7 @@
 ``object``
 ``group:NAME``         face                 uint8, 1 where a face is in a set that shares faces with others
 ``smoothing``          face                 int32, OBJ's smoothing groups
+``point``              vertex               uint8, 1 where a vertex of an object with faces or lines is drawn as a point
 ``normal_group``       corner               see :mod:`pdecodec.formats.base.normals`
 ``subdivision``        object               one of `labels`: the scheme of a subdivision surface
 ``curve_basis``        object               one of `labels`: what the points of its lines control, ``cubic bspline``
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
-UV, COLOR, GROUP, MATERIAL, ID = "uv", "color", "group", "material", "id"
+UV, COLOR, GROUP, MATERIAL, ID, POINT = "uv", "color", "group", "material", "id", "point"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
 
 

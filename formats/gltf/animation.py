@@ -147,7 +147,11 @@ def _sampler(file: GltfFile, stored: Mapping[str, Any], path: str) -> Sampler:
 
 
 class Nodes:
-    """The tree of nodes and where each is under a clip; InputError where a node is under itself."""
+    """The tree of nodes and where each is under a clip; InputError where a node is under itself.
+
+    A root of the scene that shows first has nothing above it, as in web viewers, also where a node outside the scene
+    names it as a child.
+    """
 
     def __init__(self, file: GltfFile, clip: Clip | None) -> None:
         self.entries = file.listed("nodes")
@@ -158,13 +162,21 @@ class Nodes:
                 if not 0 <= child < len(self.entries):
                     raise damaged(f"node {index} has a child that is not there; export the file again")
                 self.parents[child] = index
+        self._roots: frozenset[int] = frozenset()
         for index in range(len(self.entries)):
             self.above(index)
+        scenes, shown = file.listed("scenes"), file.root.get("scene", 0)
+        self._is_whole = not scenes
+        self._roots = frozenset(scenes[shown].get("nodes", [])) if shown < len(scenes) else frozenset()
+
+    def is_shown(self, index: int) -> bool:
+        """Whether a node is in the scene that shows first; where the file has no scene, all are."""
+        return self._is_whole or self.above(index)[-1] in self._roots
 
     def above(self, index: int) -> list[int]:
         """A node and those above it, up to its root."""
         chain = [index]
-        while chain[-1] in self.parents:
+        while chain[-1] in self.parents and chain[-1] not in self._roots:
             chain.append(self.parents[chain[-1]])
             if len(chain) > MOST_LEVELS:
                 raise damaged(f"node {index} lies under itself, or too deep; export the file again")

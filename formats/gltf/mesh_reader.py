@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
-from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
+from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, POINT, UV, face_groups, role_name
 from pdecodec.formats.base.frame_meshes import strip_triangles
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
@@ -52,7 +52,8 @@ class GltfMesh:
     """A mesh as one object: blocks, whose vertices stand one after the other, and which of them are the object's.
 
     `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
-    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces.
+    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces. `morphed` has
+    the numbers of the morph targets that change colours and UVs, by the names of these.
     """
 
     connectivity: Connectivity
@@ -63,12 +64,22 @@ class GltfMesh:
     left_out: tuple[str, ...]
     starts: tuple[int, ...]
     corner_rows: Int32Array
+    morphed: Mapping[str, Sequence[int]]
 
 
-def read_mesh(file: GltfFile, index: int) -> GltfMesh:
-    """A mesh of the file; InputError where it is damaged."""
+def default_weights(mesh: Mapping[str, Any]) -> Float64Array:
+    """Weights (targets,) of a mesh's morph targets where nothing moves them."""
+    targets = max((len(one.get("targets", [])) for one in mesh["primitives"]), default=0)
+    return np.array(mesh.get("weights", [0.0] * targets), np.float64)
+
+
+def read_mesh(file: GltfFile, index: int, weights: Float64Array) -> GltfMesh:
+    """Return a mesh of the file; InputError where it is damaged.
+
+    Morph targets are added to colours and UVs by `weights`, (targets,).
+    """
     try:
-        return _Reader(file, file.listed("meshes")[index]).read()
+        return _Reader(file, file.listed("meshes")[index], weights).read()
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise damaged(f"mesh {index} is damaged ({error}); export the file again") from error
 
@@ -81,6 +92,7 @@ class PrimitiveRows:
         self.accessors: Mapping[str, int] = primitive["attributes"]
         extensions = primitive.get("extensions", {})
         self.mode = primitive.get("mode", TRIANGLES)
+        self.targets: Sequence[Mapping[str, int]] = primitive.get("targets", [])
         self._indices = primitive.get("indices")
         self._packed: DracoMesh | None = None
         self._packed_as: Mapping[str, int] = {}
@@ -116,8 +128,9 @@ class PrimitiveRows:
 
 
 class _Reader:
-    def __init__(self, file: GltfFile, entry: Mapping[str, Any]) -> None:
-        self._file, self._entry = file, entry
+    def __init__(self, file: GltfFile, entry: Mapping[str, Any], weights: Float64Array) -> None:
+        self._file, self._entry, self._weights = file, entry, weights
+        self._morphed: dict[str, list[int]] = {}
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
         self._rows = 0
@@ -142,8 +155,9 @@ class _Reader:
                 faces.append(triangles)
                 materials.append(np.full(len(triangles), primitive.get("material", -1), np.int64))
                 groups.append(_groups_of(primitive))
-            elif mode != POINTS:
-                lines += _lines(mode, indices)
+            else:
+                lines += [] if mode == POINTS else _lines(mode, indices)
+                self._left_out |= {"materials of lines and points": None} if "material" in primitive else {}
         triangles = np.concatenate(faces) if faces else np.zeros((0, 3), np.int32)
         connectivity = Connectivity(
             self._rows,
@@ -152,14 +166,18 @@ class _Reader:
             line_counts=np.array([line.size for line in lines], np.int32),
             line_indices=np.concatenate(lines) if lines else np.zeros(0, np.int32),
         )
-        targets = max((len(block.targets) for block in self._blocks), default=0)
-        weights = np.array(self._entry.get("weights", [0.0] * targets), np.float64)
+        weights = default_weights(self._entry)
         own = self._entry.get("extras", {}).get("pdecodec")
         if isinstance(own, dict):
             if own.get("of") == fingerprint(self._rows, drawn):
-                return self._restored(own, weights, sum(indices.size for _, indices in drawn), tuple(starts))
+                return self._restored(own, weights, drawn, tuple(starts))
             self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
-        attributes = [*self._vertex_attributes(connectivity), *self._materials(materials), *_groups(groups, materials)]
+        attributes = [
+            *self._vertex_attributes(connectivity),
+            *self._materials(materials),
+            *_groups(groups, materials),
+            *_points(connectivity, drawn),
+        ]
         return GltfMesh(
             connectivity,
             tuple(attributes),
@@ -169,6 +187,7 @@ class _Reader:
             tuple(self._left_out),
             tuple(starts),
             connectivity.face_indices,
+            self._morphed,
         )
 
     def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
@@ -181,7 +200,7 @@ class _Reader:
                 self._file.accessor(target["POSITION"]).astype(np.float32).reshape(-1, 3)
                 if "POSITION" in target
                 else np.zeros_like(positions)
-                for target in primitive.get("targets", [])
+                for target in rows.targets
             )
             if any(len(target) != len(positions) for target in targets):
                 raise ValueError("a morph target has another number of vertices")
@@ -215,7 +234,7 @@ class _Reader:
                     keys = np.where(has[connectivity.face_indices], 0, of_corner)
                     found.append(normal_group(connectivity, None if has.all() else keys))
                 continue
-            parts = [source.read(name).astype(np.float32) for source in self._sources if name in source.accessors]
+            parts = [self._read(source, name) for source in self._sources if name in source.accessors]
             width = max(part.shape[1] for part in parts)
             values = np.concatenate(
                 [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
@@ -230,6 +249,15 @@ class _Reader:
                 found.append(Attribute(name, "vertex", values, None if has.all() else rows))
         return found
 
+    def _read(self, source: PrimitiveRows, name: str) -> Float32Array:
+        """Rows of an attribute under the morph targets."""
+        values, count = source.read(name).astype(np.float32), len(self._weights)
+        for number, target in enumerate(source.targets[:count]):
+            if name in target and (added := self._file.accessor(target[name]).astype(np.float32)).any():
+                self._morphed.setdefault(name, []).append(number)
+                values[:, : added.shape[1]] += np.float32(self._weights[number]) * added
+        return np.clip(values, 0, 1) if name in self._morphed and name.startswith("COLOR_") else values
+
     def _materials(self, of_primitives: list[Int64Array]) -> list[Attribute]:
         of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
         used = np.unique(of_faces[of_faces >= 0])
@@ -241,10 +269,14 @@ class _Reader:
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 
     def _restored(
-        self, own: Mapping[str, Any], weights: Float64Array, corners: int, starts: tuple[int, ...]
+        self,
+        own: Mapping[str, Any],
+        weights: Float64Array,
+        drawn: Sequence[tuple[int, Int64Array]],
+        starts: tuple[int, ...],
     ) -> GltfMesh:
-        """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
-        vertices = int(own["vertices"])
+        """The object as it was before our writer cut it at seams and into triangles; mode and rows of primitives."""
+        vertices, corners = int(own["vertices"]), sum(indices.size for _, indices in drawn)
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
             raise ValueError("what pdecodec noted does not fit it")
 
@@ -261,13 +293,13 @@ class _Reader:
             if uv["accessor"] not in there:
                 self._left_out[name] = None
                 continue
-            by_corner = flipped(self._sources[0].read(uv["accessor"]).astype(np.float32))[rows]
+            by_corner = flipped(self._read(self._sources[0], uv["accessor"]))[rows]
             attributes.append(_as_noted(name, by_corner, uv))
         for name, color in own.get("colors", {}).items():
             if color["accessor"] not in there:
                 self._left_out[name] = None
                 continue
-            shades = self._sources[0].read(color["accessor"]).astype(np.float32)
+            shades = self._read(self._sources[0], color["accessor"])
             domain = color.get("domain", "vertex")
             # Of faces and objects, the first corner of each.
             firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
@@ -285,9 +317,30 @@ class _Reader:
         has_normals = "NORMAL" in there or "normalGroups" in own
         if has_normals and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
+        attributes += _points(connectivity, drawn)
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
         left_out = tuple(self._left_out)
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, left_out, starts, rows)
+        return GltfMesh(
+            connectivity,
+            tuple(attributes),
+            tuple(self._blocks),
+            gather,
+            weights,
+            left_out,
+            starts,
+            rows,
+            self._morphed,
+        )
+
+
+def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]]) -> list[Attribute]:
+    """Which vertices are drawn as points, where an object is more than its points."""
+    points = [indices for mode, indices in drawn if mode == POINTS]
+    if not points or not (connectivity.face_count or connectivity.line_count):
+        return []
+    is_point = np.zeros(connectivity.vertex_count, np.uint8)
+    is_point[np.concatenate(points)] = 1
+    return [Attribute(POINT, "vertex", is_point)]
 
 
 def _groups_of(primitive: Mapping[str, Any]) -> list[str]:

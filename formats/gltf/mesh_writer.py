@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, colors, expanded, indexed_rows, is_role, uv_sets
+from pdecodec.formats.base.attribute_roles import (
+    GROUP,
+    MATERIAL,
+    POINT,
+    colors,
+    expanded,
+    indexed_rows,
+    is_role,
+    uv_sets,
+)
 from pdecodec.formats.base.normals import NormalRows, group_attribute
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, noted_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
@@ -30,7 +39,7 @@ def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
         attribute is group_attribute(item)
     ):
         return True
-    held = (*uv_sets(item), *(color for color, _ in _held_colors(item)), *_groups_of(item))
+    held = (*uv_sets(item), *(color for color, _ in _held_colors(item)), *_groups_of(item), *_points_of(item))
     return any(attribute is one for one in held)
 
 
@@ -55,6 +64,12 @@ def _groups_of(item: MeshObject) -> list[Attribute]:
     """Attributes that say which faces are in a set."""
     found = [one for one in item.attributes if one.domain == "face" and is_role(one, GROUP) and one.values.ndim == 1]
     return [one for one in found if one.values.dtype.kind in "iu"]
+
+
+def _points_of(item: MeshObject) -> list[Attribute]:
+    """The attribute that says which vertices are drawn as points, if there is one."""
+    found = [one for one in item.attributes if one.name == POINT and one.domain == "vertex"]
+    return [one for one in found if one.values.ndim == 1 and one.values.dtype.kind in "iu"]
 
 
 def write_mesh(
@@ -194,7 +209,10 @@ class _MeshWriter:
         segments = _segments(item.connectivity)
         if segments.size:
             yield LINES, segments, None, ()
-        elif is_empty:
+        points = [np.flatnonzero(expanded(one)) for one in _points_of(item)]
+        if points and points[0].size:
+            yield POINTS, points[0], None, ()
+        elif is_empty and not segments.size:
             yield POINTS, None, None, ()
 
     def _positions(self, points: Float32Array, steps: Lattice | None) -> int:

@@ -98,7 +98,9 @@ class _Onto(GltfScene):
         chosen = self._animations[original.clip_number]
         self._samplers, self._channels = chosen["samplers"], chosen["channels"]
         extras = chosen.get("extras")
-        chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": {"fps": output.rate}}
+        # Cameras and other nodes move on at the times that they have: the motion keeps its place among them.
+        self._start = min(original.start, self._start)
+        chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": self._noted_times()}
         moved = {original.shapes[one.index].node for one in fits}
         for node in moved:
             self._let_go(node)
@@ -163,6 +165,8 @@ class _Onto(GltfScene):
             del builder.root["animations"]
         self._settle_extensions()
         notices = self._motion_notices()
+        if self._start < self._original.start:
+            notices.append(f"its animations start at 0 s, in place of {self._start:g} s, where the motion starts")
         if self._dropped:
             notices.append(f"not kept: {', '.join(self._dropped)}, which viewers find out from normals and UVs")
         if moved:

@@ -32,8 +32,8 @@ from pdecodec.formats.base.times import (
 )
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
-from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, read_mesh
-from pdecodec.formats.gltf.types import INSTANCING, VISIBILITY
+from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, default_weights, read_mesh
+from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 
@@ -78,6 +78,8 @@ class GltfSequence(SceneSequence):
     file, nodes : GltfFile, Nodes
     clip_number : int
         Which of the file's animations was taken.
+    start : float [s]
+        What is added to the animation's times: our writer lets every animation start at 0, and notes the rest.
 
     Raises
     ------
@@ -91,12 +93,14 @@ class GltfSequence(SceneSequence):
         file = read_gltf(path)
         chosen, self.clip_number, clip_notices = _choose_clip(file, clip)
         self.file, self.nodes = file, Nodes(file, chosen)
-        parts = _parts_of(file, self.nodes)
+        self.times, self.fps, time_notices = _timing(chosen, fps)
+        self.start = 0.0 if chosen is None else _noted_start(chosen)
+        self.times = self.times + self.start
+        parts = _parts_of(file, self.nodes, self.times - self.start)
         if not parts:
             raise InputError(
                 f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", code="no-vertices", path=path
             )
-        self.times, self.fps, time_notices = _timing(chosen, fps)
         self._posed: tuple[int, int, Pose] | None = None
         self._take(parts, transforms)
         noted = file.root.get("asset", {}).get("extras", {})
@@ -111,7 +115,7 @@ class GltfSequence(SceneSequence):
     def _pose(self, start: int, stop: int) -> Pose:
         """Where nodes are at some frames, which shapes have in common."""
         if self._posed is None or self._posed[:2] != (start, stop):
-            self._posed = start, stop, Pose(self.nodes, self.times[start:stop])
+            self._posed = start, stop, Pose(self.nodes, self.times[start:stop] - self.start)
         return self._posed[2]
 
     def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
@@ -121,8 +125,8 @@ class GltfSequence(SceneSequence):
         return world if shape.instance is None else shape.instance @ world
 
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
-        weights = self.nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
         pose = self._pose(start, stop)
+        weights = self.nodes.weights(shape.node, pose.times, shape.mesh.weights)
         blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
         out[:] = points if shape.gather is None else points[:, shape.gather]
@@ -172,6 +176,11 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
 
 
+def _noted_start(clip: Clip) -> float:
+    noted = clip.extras.get("start")
+    return float(noted) if isinstance(noted, int | float) and abs(noted) < MOST_REAL else 0.0
+
+
 def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tuple[str, ...]]:
     """An animation, its number, and a line where there are others."""
     entries = file.listed("animations")
@@ -189,19 +198,21 @@ def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tu
     return read_clip(file, index), index, notices
 
 
-def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
+def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
     """Nodes with a mesh of the scene that shows first, in the order of the file; of all where there is no scene."""
-    scenes, index = file.listed("scenes"), file.root.get("scene", 0)
-    roots = set(scenes[index].get("nodes", [])) if 0 <= index < len(scenes) else set()
-    meshes: dict[int, GltfMesh] = {}
+    meshes: dict[tuple[int, bytes], GltfMesh] = {}
     parts = []
     for number, node in enumerate(nodes.entries):
-        above = nodes.above(number)
-        if "mesh" not in node or (scenes and above[-1] not in roots):
+        if "mesh" not in node or not nodes.is_shown(number):
             continue
-        if node["mesh"] not in meshes:
-            meshes[node["mesh"]] = read_mesh(file, node["mesh"])
-        mesh = meshes[node["mesh"]]
+        above, entries = nodes.above(number), file.listed("meshes")
+        if node["mesh"] >= len(entries):
+            raise damaged(f"mesh {node['mesh']} is missing; export the file again")
+        weights = nodes.weights(number, times, default_weights(entries[node["mesh"]]))
+        key = node["mesh"], weights[0].tobytes() if _morphs_looks(entries[node["mesh"]]) else b""
+        if key not in meshes:
+            meshes[key] = read_mesh(file, node["mesh"], weights[0])
+        mesh = meshes[key]
         if mesh.connectivity.vertex_count:
             name = "/".join(_node_name(file, nodes, one) for one in reversed(above))
             part = _Part(
@@ -209,7 +220,14 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
                 connectivity=mesh.connectivity,
                 attributes=mesh.attributes,
                 gather=mesh.gather,
-                left_out=mesh.left_out,
+                left_out=[
+                    *mesh.left_out,
+                    *(
+                        f"how morph targets change {name} with time (it stays as at first)"
+                        for name, targets in mesh.morphed.items()
+                        if np.ptp(weights[:, targets], axis=0).any()
+                    ),
+                ],
                 hidden=any(not _is_visible(nodes.entries[one]) for one in above),
                 node=number,
                 mesh=mesh,
@@ -228,6 +246,12 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
                     code="too-large",
                 )
     return parts
+
+
+def _morphs_looks(mesh: Mapping[str, Any]) -> bool:
+    """Whether morph targets of a mesh change its colours or UVs."""
+    targets = [target for one in mesh["primitives"] for target in one.get("targets", [])]
+    return any(name.startswith(("COLOR_", "TEXCOORD_")) for target in targets for name in target)
 
 
 def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list[_Part]:

@@ -99,6 +99,7 @@ class GltfScene:
         self._notices: list[str] = []
         self._motions: list[tuple[int, int, float]] = []
         self._key_times: int | None = None
+        self._start = float(sequence.times[0])
 
     def _read(self) -> Float32Array:
         """Every frame, turned Y-up."""
@@ -131,7 +132,7 @@ class GltfScene:
         """Let a node's mesh move by its targets, and the node by its keys."""
         self._motions.append((len(motion.targets), motion.frame_targets, motion.normal_error))
         if self._key_times is None and (len(motion.targets) or turns):
-            self._key_times = self._builder.floats(self._sequence.times, bounds=True)
+            self._key_times = self._builder.floats(self._sequence.times - self._start, bounds=True)
         frames = self._sequence.frame_count
         for path, values in turns.keys.items() if turns else ():
             self._channel(node, path, self._key_times, self._builder.floats(values), "LINEAR")
@@ -166,13 +167,17 @@ class GltfScene:
             notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
         return notices
 
+    def _noted_times(self) -> dict[str, float]:
+        """Rate and start, as our reader takes them."""
+        return {"fps": self._output.rate, **({"start": self._start} if self._start else {})}
+
     def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
         self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
         self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
         """An animation that moves nothing, so that frames and times of a still sequence come back."""
-        keys = self._builder.floats(self._sequence.times, bounds=True)
+        keys = self._builder.floats(self._sequence.times - self._start, bounds=True)
         still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
         self._channel(self._roots[0], "translation", keys, still, "LINEAR")
 
@@ -250,9 +255,13 @@ class _Scene(GltfScene):
         if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
             self._hold_still()
         if self._channels:
-            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
+            extras = {"pdecodec": {"frames": sequence.frame_count, **self._noted_times()}}
             animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
             builder.add("animations", animation)
+            if self._start:
+                self._notices.append(
+                    f"the animation starts at 0 s instead of {self._start:g} s, which is noted: pdecodec reads it back"
+                )
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
         self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in sequence.objects)

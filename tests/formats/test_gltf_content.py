@@ -1,0 +1,282 @@
+"""glTF: every kind of primitive, times from anywhere, morphed colours and UVs, what scenes show, what is dropped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.gltf.file import LINE_LOOP, LINE_STRIP, LINES, POINTS, TRIANGLES, read_gltf
+from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
+from tests.formats.test_gltf import TRIANGLE, Scene, few_functions, triangle
+from tests.support.browser_tools import assert_valid
+from tests.support.mesh_cases import grid
+from tests.support.scene_cases import SPACE
+
+CLOUD = [[2, 0, 0], [3, 0, 0], [2, 1, 0], [3, 1, 0]]
+
+
+def drawn_places(path: Path, mode: int) -> list[list[float]]:
+    """Positions that the primitives of a mode draw, of the first mesh of a file."""
+    file, found = read_gltf(path), []
+    for one in file.root["meshes"][0]["primitives"]:
+        if one.get("mode", TRIANGLES) == mode:
+            rows = file.accessor(one["attributes"]["POSITION"])
+            found += (rows[file.accessor(one["indices"])] if "indices" in one else rows).tolist()
+    return found
+
+
+def beside_a_triangle(mode: int, indices: list[int] | None, *, shares: bool = False, faces: bool = True) -> Scene:
+    """A triangle and a primitive of another mode, of four vertices of its own or the triangle's."""
+    made, _ = triangle()
+    primitives = made.builder.root["meshes"][0]["primitives"]
+    place = primitives[0]["attributes"]["POSITION"] if shares else made.builder.floats(CLOUD, bounds=True)
+    other: dict[str, Any] = {"attributes": {"POSITION": place}, "mode": mode}
+    if indices is not None:
+        other["indices"] = made.builder.integers(indices)
+    primitives.append(other)
+    if not faces:
+        primitives[0] |= {"mode": LINES, "indices": made.builder.integers([0, 2])}
+    made.builder.root |= {"scenes": [{"nodes": [0]}], "scene": 0}
+    return made
+
+
+@pytest.mark.parametrize("decoded", [False, True])
+@pytest.mark.parametrize(
+    ("made", "mode", "places"),
+    [
+        (beside_a_triangle(POINTS, None), POINTS, CLOUD),
+        (beside_a_triangle(POINTS, [3, 1]), POINTS, [CLOUD[1], CLOUD[3]]),
+        (beside_a_triangle(POINTS, [2], shares=True), POINTS, [TRIANGLE[2]]),
+        (beside_a_triangle(POINTS, None, faces=False), POINTS, CLOUD),
+        (beside_a_triangle(LINES, [0, 3, 1, 2]), LINES, [CLOUD[k] for k in (0, 3, 1, 2)]),
+        (beside_a_triangle(LINE_STRIP, None), LINES, [CLOUD[k] for k in (0, 1, 1, 2, 2, 3)]),
+        (beside_a_triangle(LINE_LOOP, [0, 1, 3]), LINES, [CLOUD[k] for k in (0, 1, 1, 3, 3, 0)]),
+    ],
+    ids=["points", "some points", "points of faces", "points and lines", "lines", "strip", "loop"],
+)
+def test_points_and_lines_of_a_mesh_come_back_beside_its_faces(
+    tmp_path: Path, made: Scene, mode: int, places: list[list[float]], decoded: bool
+) -> None:
+    made.save(tmp_path / "x.glb")
+    if decoded:
+        encode(open_sequence(tmp_path / "x.glb"), tmp_path / "x.pdeanim", max_error=1e-6)
+    with open_animation(tmp_path / "x.pdeanim") if decoded else open_sequence(tmp_path / "x.glb") as read:
+        assert not any(line.startswith("not kept") for line in write_sequence(read, tmp_path / "y.glb"))
+    assert np.abs(np.subtract(drawn_places(tmp_path / "y.glb", mode), places)).max() < 2e-6
+    faces = [drawn_places(tmp_path / name, TRIANGLES) for name in ("x.glb", "y.glb")]
+    assert np.abs(np.subtract(*faces)).max(initial=0) < 2e-6
+    assert_valid(tmp_path / "y.glb")
+    with open_sequence(tmp_path / "y.glb") as read:
+        write_sequence(read, tmp_path / "z.glb")
+    assert (tmp_path / "z.glb").read_bytes() == (tmp_path / "y.glb").read_bytes()
+
+
+@pytest.mark.data
+def test_reported_points_beside_a_triangle_come_back(shared_data: Path, tmp_path: Path) -> None:
+    with open_sequence(shared_data / "reports" / "31" / "pts.gltf") as read:
+        write_sequence(read, tmp_path / "x.glb")
+    assert len(drawn_places(tmp_path / "x.glb", POINTS)) == 4
+    assert len(drawn_places(tmp_path / "x.glb", TRIANGLES)) == 3
+
+
+def moved(times: Any, *, kind: str = "any") -> MeshSequence:
+    """A sheet at times [s] that moves by functions of its vertices, as a whole, or not at all."""
+    times = np.asarray(times, np.float64)
+    points = np.repeat(np.random.default_rng(2).normal(size=(1, 16, 3)), times.size, axis=0)
+    if kind == "any":
+        points = np.random.default_rng(3).normal(size=(times.size, 16, 3))
+    elif kind == "rigid":
+        points += np.arange(times.size)[:, None, None]
+    return ArraySequence(points, objects=[MeshObject("sheet", grid(4, 4))], times=times, fps=24, metadata=SPACE)
+
+
+@pytest.mark.parametrize(
+    "clip",
+    [
+        moved(np.arange(-5, 6) / 24),
+        moved(np.arange(1001, 1011) / 24),
+        moved(np.arange(1001, 1011) / 24, kind="rigid"),
+        moved(np.arange(-3, 4) / 30, kind="still"),
+        moved([41.7, 41.9, 42.05, 44]),
+        moved([-7.25]),
+        moved([0.25]),
+    ],
+    ids=["negative", "1001", "rigid", "still", "irregular", "one negative frame", "one frame"],
+)
+def test_animations_start_at_0_and_their_times_come_back(tmp_path: Path, clip: MeshSequence) -> None:
+    told = write_sequence(clip, tmp_path / "x.glb")
+    start = f"the animation starts at 0 s instead of {clip.times[0]:g} s, which is noted: pdecodec reads it back"
+    assert start in told
+    file = read_gltf(tmp_path / "x.glb")
+    for sampler in file.root["animations"][0]["samplers"]:
+        assert np.allclose(file.accessor(sampler["input"]), clip.times - clip.times[0], rtol=0, atol=1e-6)
+    assert_valid(tmp_path / "x.glb")
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert np.abs(read.times - clip.times).max() < 1e-6
+        assert np.abs(read.read_frames(0, read.frame_count) - clip.read_frames(0, clip.frame_count)).max() < 1e-5
+        assert write_sequence(read, tmp_path / "y.glb") == told
+    with open_sequence(tmp_path / "x.glb", fps=48) as read:
+        assert read.times[0] == clip.times[0]
+
+
+def test_a_decoded_animation_that_starts_before_0_moves_between_its_frames_too(tmp_path: Path) -> None:
+    source = few_functions()
+    source.times -= 0.5
+    encode(source, tmp_path / "x.pdeanim", tolerance=1e-2)
+    with open_animation(tmp_path / "x.pdeanim") as animation:
+        write_sequence(animation, tmp_path / "x.glb")
+        with open_sequence(tmp_path / "x.glb", fps=96) as read:
+            expected = animation.positions(read.times)
+            assert read.times[0] == -0.5
+            assert np.abs(read.read_frames(0, read.frame_count) - expected).max() < 1e-5 * np.abs(expected).max()
+    assert_valid(tmp_path / "x.glb")
+
+
+@pytest.mark.data
+def test_reported_samples_at_negative_times_are_a_valid_file(shared_data: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    with open_sequence(shared_data / "reports" / "32" / "neg.usda") as read:
+        write_sequence(read, tmp_path / "x.glb")
+        times = read.times
+    assert_valid(tmp_path / "x.glb")
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert np.allclose(read.times, times)
+
+
+def test_motion_onto_a_file_that_starts_late_keeps_its_place_among_other_animations(tmp_path: Path) -> None:
+    from pdecodec.formats import write_onto
+
+    clip = moved(np.arange(1001, 1006) / 24)
+    write_sequence(clip, tmp_path / "x.glb")
+    before = read_gltf(tmp_path / "x.glb")
+    with open_sequence(tmp_path / "x.glb") as read:
+        write_onto(read, tmp_path / "x.glb", tmp_path / "y.glb")
+    after = read_gltf(tmp_path / "y.glb")
+    keys = [one.accessor(one.root["animations"][0]["samplers"][-1]["input"]) for one in (before, after)]
+    assert np.array_equal(*keys)
+    with open_sequence(tmp_path / "y.glb") as read:
+        assert np.allclose(read.times, clip.times)
+
+
+def morphed(name: str, base: Any, added: Any, *, weights: Any = None, node: Any = None, keys: Any = None) -> Scene:
+    """A triangle whose colours or UVs a morph target changes, with weights of the mesh, of the node or over time."""
+    made = Scene()
+    floats = made.builder.floats
+    attributes = {"POSITION": floats(TRIANGLE, bounds=True), name: floats(base)}
+    target = {name: floats(added) if np.any(added) else made.builder.zeros(3)}
+    mesh: dict[str, Any] = {"primitives": [{"attributes": attributes, "targets": [target]}]}
+    entry: dict[str, Any] = {"mesh": made.builder.add("meshes", mesh)}
+    if weights is not None:
+        mesh["weights"] = weights
+    if node is not None:
+        entry["weights"] = node
+    made.builder.add("nodes", entry)
+    if keys is not None:
+        made.animate(0, "weights", [0, 1], keys)
+    return made
+
+
+RED, GREEN, TO_GREEN = [[1, 0, 0]] * 3, [[0, 1, 0]] * 3, [[-1, 1, 0]] * 3
+
+
+@pytest.mark.parametrize(
+    ("made", "expected", "changing"),
+    [
+        (morphed("COLOR_0", RED, TO_GREEN, weights=[1]), GREEN, False),
+        (morphed("COLOR_0", RED, TO_GREEN), RED, False),
+        (morphed("COLOR_0", RED, TO_GREEN, weights=[0], node=[1]), GREEN, False),
+        (morphed("COLOR_0", RED, TO_GREEN, weights=[0], keys=[1, 1]), GREEN, False),
+        (morphed("COLOR_0", RED, TO_GREEN, weights=[1], keys=[0, 1]), RED, True),
+        (morphed("COLOR_0", RED, [[0, 0, 0]] * 3, keys=[0, 1]), RED, False),
+        (morphed("COLOR_0", RED, [[1, 0.5, -2]] * 3, weights=[1]), [[1, 0.5, 0]] * 3, False),
+        (morphed("COLOR_0", [[1, 0, 0, 1]] * 3, [[-1, 1, 0, -0.5]] * 3, weights=[1]), [[0, 1, 0, 0.5]] * 3, False),
+        (morphed("TEXCOORD_0", [[0, 0]] * 3, [[0.5, 0.25]] * 3, weights=[1]), [[0.5, 0.75]] * 3, False),
+        (morphed("TEXCOORD_0", [[0, 0]] * 3, [[0.5, 0.25]] * 3, keys=[1, 0]), [[0.5, 0.75]] * 3, True),
+    ],
+    ids=[
+        "default weight",
+        "no weight",
+        "weight of the node",
+        "constant keys",
+        "changes",
+        "zeros",
+        "clamped",
+        "alpha",
+        "UVs",
+        "UVs change",
+    ],
+)
+def test_morph_targets_of_colours_and_uvs_are_applied_as_at_the_first_frame(
+    tmp_path: Path, made: Scene, expected: Any, changing: bool
+) -> None:
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name in ("color", "uv"))
+        assert np.allclose(found.values, expected)
+        name = "COLOR_0" if found.name == "color" else "TEXCOORD_0"
+        line = f"not kept: how morph targets change {name} with time (it stays as at first)"
+        assert (line in read.notices) == changing
+        assert changing == any("morph" in one for one in read.notices)
+
+
+def test_two_nodes_with_weights_of_their_own_have_colours_of_their_own(tmp_path: Path) -> None:
+    made = morphed("COLOR_0", RED, TO_GREEN, node=[1])
+    made.builder.add("nodes", {"mesh": 0})
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert [item.attributes[0].values.tolist() for item in read.objects] == [GREEN, RED]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("name", "color", "tops"),
+    [("cloud", [1, 0, 0], None), ("cloud_default", [0, 1, 0], None), ("uv", None, None), ("zeros", None, [1, 0])],
+)
+def test_reported_morph_targets_come_in_right(shared_data: Path, name: str, color: Any, tops: Any) -> None:
+    with open_sequence(shared_data / "reports" / "15" / f"{name}.gltf") as read:
+        attributes = {one.name: one.values for one in read.objects[0].attributes}
+        if color is not None:
+            assert (attributes["color"][:, :3] == color).all()
+        if tops is not None:
+            last = read.read_frames(read.frame_count - 1, read.frame_count)[0]
+            assert [last[:4, 2].max(), last[4:, 2].max()] == tops
+        changing = {"cloud": "COLOR_0", "uv": "TEXCOORD_0"}.get(name)
+        assert any(changing is not None and changing in line for line in read.notices) == (changing is not None)
+
+
+@pytest.mark.parametrize(
+    ("shown", "names", "places"),
+    [
+        ([1], ["child"], [[0, 0, 0]]),
+        ([0], ["top/child"], [[0, 0, 5]]),
+        ([0, 1], ["child"], [[0, 0, 0]]),
+        ([2], ["child/leaf"], [[0, 0, 0]]),
+        ([1, 3], ["child", "other"], [[0, 0, 0], [0, 0, 0]]),
+    ],
+)
+def test_a_scene_starts_at_its_roots_also_where_they_are_children_of_other_nodes(
+    tmp_path: Path, shown: list[int], names: list[str], places: list[list[float]]
+) -> None:
+    made = Scene()
+    add, mesh = made.builder.add, made.mesh(TRIANGLE)
+    add("nodes", {"name": "top", "children": [1], "translation": [0, 0, 5]})
+    add("nodes", {"name": "child", **({"children": [2]} if shown == [2] else {"mesh": mesh})})
+    add("nodes", {"name": "leaf", **({"mesh": mesh} if shown == [2] else {})})
+    add("nodes", {"name": "other", "mesh": mesh})
+    made.builder.root |= {"scenes": [{"nodes": shown}], "scene": 0}
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        expected = ["leaf"] if shown == [2] else names
+        assert [item.name for item in read.objects] == expected
+        assert read.read_frames(0, 1)[0, ::3].tolist() == places
+
+
+def test_weights_that_are_not_as_many_as_targets_are_refused_or_read(tmp_path: Path) -> None:
+    made = morphed("COLOR_0", RED, TO_GREEN, weights=[])
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name == "color")
+        assert isinstance(found, Attribute)
+        assert found.values.tolist() == RED
