@@ -16,7 +16,7 @@ from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_tar
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
-from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern, sequences_in
+from pdecodec.formats.base.frame_files import gather_frames, is_frame_pattern, sequence_name, sequences_in
 from pdecodec.formats.base.registry import known_extensions
 from pdecodec.system.storage import RemoteFile, is_address
 
@@ -262,7 +262,7 @@ def _named(found: Sequence[tuple[str, str]], options: ClipOptions) -> list[Clip]
 def _stem(place: str) -> PurePosixPath:
     path = PurePosixPath(place)
     if is_frame_pattern(Path(path.name)):
-        return path.with_name(str(parse_pattern(Path(path.name)).basename()).rstrip("._- ") or "frames")
+        return path.with_name(sequence_name(Path(path.name)))
     return path.with_suffix("") if path.suffix.lower() in known_extensions(lambda _: True) else path
 
 

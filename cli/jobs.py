@@ -168,28 +168,20 @@ def _gathered(paths: Sequence[str]) -> list[str]:
     if len(paths) < 2:
         return list(paths)
     from pdecodec.formats.base.companions import frame_extensions
+    from pdecodec.formats.base.frame_files import gather_frames
 
-    frames = [path for path in paths if Path(path).suffix.lower() in frame_extensions() and Path(path).is_file()]
-    if len(frames) < 2:
-        return list(dict.fromkeys(paths))
-    from fileseq.constants import PAD_STYLE_HASH1
-    from fileseq.filesequence import FileSequence
-
-    patterns = {}
-    for found in FileSequence.findSequencesInList(frames, pad_style=PAD_STYLE_HASH1):
-        patterns.update(dict.fromkeys(map(str, found), str(found) if len(found) > 1 else found[0]))
-    return list(dict.fromkeys(patterns.get(path, path) for path in paths))
+    return gather_frames(paths, frame_extensions())
 
 
 def _stem(source: str) -> str:
     """The name of an output in a folder."""
-    from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern
+    from pdecodec.formats.base.frame_files import is_input_pattern, sequence_name
 
     path = Path(source)
     if source == STREAM:
         return "stdin"
-    if is_frame_pattern(path) and not path.exists():
-        return str(parse_pattern(path).basename()).rstrip("._- ") or "frames"
+    if is_input_pattern(path):
+        return sequence_name(path)
     return path.resolve().name if path.is_dir() else path.stem
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,10 @@ FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 
 _NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
 """A file's name up to its number, the number, and the extension."""
+
+_NUMBERS = r"-?\d+(?:--?\d+(?:[xy:]-?\d+)?)?"
+_BEFORE_FIELD = re.compile(rf"(?P<name>.*?)(?P<range>(?<!\d){_NUMBERS}(?:,{_NUMBERS})*)?", re.DOTALL)
+"""What a pattern has before the field of its frame number: a name that ends in no digit, and a range."""
 
 _NO_SIGN = "\0"
 """Keeps a hyphen from the number behind it; no file name holds it."""
@@ -39,6 +44,17 @@ def is_frame_pattern(path: Path) -> bool:
     return FRAME_FIELD.search(path.name) is not None
 
 
+def is_input_pattern(path: Path) -> bool:
+    """Whether a name that is no file's stands for frames to read: it has a field for their number, or an asterisk."""
+    return (is_frame_pattern(path) or "*" in path.name) and not path.exists()
+
+
+def sequence_name(pattern: Path) -> str:
+    """Return what the names of a pattern's frames have in common, for a file of them all."""
+    name = pattern.name.partition("*")[0] if "*" in pattern.name else str(parse_pattern(pattern).basename())
+    return name.rstrip("._- ") or "frames"
+
+
 def find_frames(path: Path, extension: str) -> FrameFiles:
     """The frames that a file, a pattern or a folder stands for.
 
@@ -46,7 +62,7 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     ----------
     path : pathlib.Path
         ``name.obj``, ``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``, the same with a
-        range (``name.1-100x2####.obj``), or a folder of numbered files.
+        range (``name.1-100x2####.obj``), ``name.*.obj``, or a folder of numbered files.
     extension : str
         Of the files wanted in a folder, lower case with the dot.
 
@@ -60,11 +76,15 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     if path.is_dir():
         sequence = _only_sequence(sequences_in(path, extension), path)
         return _checked(sequence, path, wanted=None)
-    if not is_frame_pattern(path):
+    if not is_input_pattern(path):
         raise InputError("there is no such file; check the name", code="file-missing", path=path)
-    pattern = parse_pattern(path)
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", code="file-missing", path=path.parent)
+    if "*" in path.name:
+        return _checked(
+            _only_sequence(sequences_in(path.parent, extension, frames_there(path)), path), path, wanted=None
+        )
+    pattern = parse_pattern(path)
     numbered = _numbered(path.parent, pattern)
     there = _of_name(numbered, pattern.basename(), pattern)
     if not there and pattern.frameRange().startswith("-"):
@@ -77,9 +97,11 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
 
 def frames_there(pattern: Path) -> list[Path]:
     """Files that a reader of the pattern would take for its frames: what a writer would replace."""
-    parsed = parse_pattern(pattern)
     if not pattern.parent.is_dir():
         return []
+    if "*" in pattern.name:
+        return sorted(one for one in pattern.parent.iterdir() if fnmatchcase(one.name, pattern.name) and one.is_file())
+    parsed = parse_pattern(pattern)
     there = _of_name(_numbered(pattern.parent, parsed), parsed.basename(), parsed)
     return sorted(pattern.with_name(Path(name).name) for sequence in there for name in sequence)
 
@@ -102,16 +124,59 @@ def parse_pattern(path: Path) -> Any:
     from fileseq.exceptions import FileSeqException
     from fileseq.filesequence import FileSequence
 
+    # fileseq cannot tell a range from a name that has numbers and hyphens: it is given the range behind a plain name.
+    field = [*FRAME_FIELD.finditer(path.name)][-1]
+    found = _BEFORE_FIELD.fullmatch(path.name[: field.start()])
+    assert found is not None  # a name is anything
     try:
-        return FileSequence(str(path), pad_style=PAD_STYLE_HASH1)
+        plain = path.with_name(f"_.{found['range'] or ''}{path.name[field.start() :]}")
+        pattern = FileSequence(str(plain), pad_style=PAD_STYLE_HASH1)
     except FileSeqException as error:
         raise InputError(
             f"is not a frame pattern ({error}); use name.####{path.suffix}", code="unknown-format", path=path
         ) from error
+    pattern.setBasename(found["name"])
+    return pattern
 
 
-def sequences_in(folder: Path, extension: str) -> list[Any]:
+def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str]:
+    """Join the frames of each sequence, as a shell lists them, to its pattern; each path once, in order.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Files, and anything else, which stays as it is.
+    extensions : collection of str
+        Of the formats that keep a frame per file, lower case with the dot.
+    """
+    frames = [Path(path) for path in paths if Path(path).suffix.lower() in extensions and Path(path).is_file()]
+    patterns: dict[Path, str] = {}
+    if len(frames) > 1:
+        for folder, extension in dict.fromkeys((frame.parent, frame.suffix.lower()) for frame in frames):
+            for found in sequences_in(folder, extension, frames):
+                if len(found) > 1:
+                    patterns.update((Path(frame), str(found)) for frame in found)
+    return list(dict.fromkeys(patterns.get(Path(path), path) for path in paths))
+
+
+def other_frames(path: Path) -> tuple[str, ...]:
+    """Return a notice where a file is one frame of several that are numbered alike, else nothing."""
+    wanted = _NUMBERED.fullmatch(path.name)
+    if wanted is None:
+        return ()
+    with os.scandir(path.parent) as entries:
+        numbered = [found for item in entries if (found := _NUMBERED.fullmatch(item.name))]
+    signs = [one["sign"] for one in numbered if (one["name"], one["end"]) == (wanted["name"], wanted["end"])]
+    if len(signs) < 2:
+        return ()
+    pattern = f"{wanted['name']}{wanted['sign'] if len(set(signs)) == 1 else ''}*{wanted['end']}"
+    return (f"{path.name} is one of {len(signs)} files that are numbered alike; name '{pattern}' to read them all",)
+
+
+def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = None) -> list[Any]:
     """Numbered sequences and single files of a folder that have an extension (``fileseq.FileSequence`` each), in order.
+
+    Where `files` are given only they are taken. All files of the folder tell whether a hyphen is a minus sign.
 
     Raises
     ------
@@ -125,7 +190,12 @@ def sequences_in(folder: Path, extension: str) -> list[Any]:
     try:
         with os.scandir(folder) as entries:
             names = [item.name for item in entries if not item.name.startswith(".") and item.is_file()]
-        marked = [str(folder / name) for name in _hyphens_marked(names)]
+        wanted = None if files is None else {file.name for file in files if file.parent == folder}
+        marked = [
+            str(folder / mark)
+            for name, mark in zip(names, _hyphens_marked(names), strict=True)
+            if wanted is None or name in wanted
+        ]
         found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
     except (OSError, FileSeqException) as error:
         raise InputError(

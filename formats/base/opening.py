@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec.errors import InputError, SettingsError, naming_file
+from pdecodec.formats.base.frame_files import other_frames
 from pdecodec.formats.base.registry import (
     Output,
     Reader,
@@ -51,7 +52,7 @@ def open_sequence(
     ----------
     path : path
         A file, a frame pattern (``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``,
-        ``name.10-20####.obj`` for some frames of it), a folder of numbered frames, or the address of a file
+        ``name.10-20####.obj`` for some frames of it, ``name.*.obj``), a folder of numbered frames, or the address of a file
         (``https://``, ``s3://``; extra ``remote``).
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
@@ -112,7 +113,10 @@ def open_sequence(
             return IsolatedSequence(where, open_sequence, {**given, **files, "fps": fps})
     reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):
-        return reader(where, fps=fps, **{name: given[name] for name in entry.options})
+        sequence = reader(where, fps=fps, **{name: given[name] for name in entry.options})
+    if entry.frame_per_file and where.is_file():
+        sequence.notices = (*sequence.notices, *other_frames(where))
+    return sequence
 
 
 def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -> MeshSequence:

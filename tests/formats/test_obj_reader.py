@@ -339,6 +339,10 @@ def test_numbers_without_padding_and_beyond_it_are_in_order(tmp_path: Path, numb
         (["f-2", "f-1", "f0", "f1"], ".", [-2, -1, 0, 1]),
         (["f.-2", "f.-1"], ".", [-2, -1]),
         (["f_-001", "f_0000"], "f_####.obj", [-1, 0]),
+        ([f"shirt-{number}" for number in range(1, 13)], "shirt-*.obj", list(range(1, 13))),
+        (["shot2-1", "shot2-2", "shot2-3"], "shot2-2-3#.obj", [2, 3]),
+        (["2024-01-01", "2024-01-02"], "2024-01-##.obj", [1, 2]),
+        (["f-2", "f-1", "f0"], "f*.obj", [-2, -1, 0]),
     ],
 )
 def test_a_hyphen_before_the_number_is_a_minus_sign_only_where_it_can_be_nothing_else(
@@ -383,7 +387,8 @@ def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_a
     assert (given_rate.times.tolist(), given_rate.fps, given_rate.notices) == ([1001 / 25, 1002 / 25], 25.0, ())
     assert assumed.times.tolist() == [1001 / 24, 1002 / 24]
     assert assumed.notices == ("assumed 24 frames per second; set fps to change it",)
-    assert (one.times.tolist(), one.notices, one.read_frames(0, 1)[0, 0, 0]) == ([0.0], (), 1002)
+    others = "walk.1002.obj is one of 2 files that are numbered alike; name 'walk.*.obj' to read them all"
+    assert (one.times.tolist(), one.notices, one.read_frames(0, 1)[0, 0, 0]) == ([0.0], (others,), 1002)
 
 
 @pytest.mark.parametrize("noted", ["0.125", "nan", "1..2"])
