@@ -135,16 +135,19 @@ class Clip:
     options: ClipOptions = field(default_factory=ClipOptions)
 
 
-def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) -> list[Clip]:
-    """The clips of a manifest, of a pattern or of a folder.
+def clips_of(
+    given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], options: ClipOptions | None = None
+) -> list[Clip]:
+    """The clips of a manifest, of a pattern or of a folder, or of several of them.
 
     Parameters
     ----------
-    given : path
+    given : path or sequence of paths
         A manifest (``.csv`` with a line of names; ``.json``, a list of objects, or an object with ``defaults`` and
         ``clips``; ``.jsonl``, an object a line): ``source`` of each clip, ``output`` if it has one, and options by
         name. Relative paths there are seen from the manifest. A pattern with ``*``, ``?``, ``[]`` or ``**``. A folder:
-        every clip in it and in the folders below, but ``.pdeanim`` files. Anything else is one clip.
+        every clip in it and in the folders below, but ``.pdeanim`` files. Anything else is one clip. Several paths, as
+        a shell lists them: frames of one sequence are one clip, and outputs are named as seen from their common folder.
     options : ClipOptions, optional
         What holds where the manifest says nothing.
 
@@ -160,29 +163,44 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
     SettingsError
         If an option of a clip is wrong, or two clips would go to one file.
     """
-    given, options = os.fspath(given), options or ClipOptions()
-    path = Path(given)
-    if path.suffix.lower() in MANIFESTS:
-        clips = list(_of_manifest(path, options))
-        if not clips:
-            raise InputError("this manifest lists no clip; write a row for each", code="no-frames", path=given)
-    elif is_address(given):
-        clips = _named([(given, _below(given, ""))], options)
-    elif path.is_dir():
-        clips = _named([(source, _below(source, given)) for source in _in_folder(given)], options)
-    elif has_magic(given) and not path.exists():
-        root = _fixed_part(given)
-        sources = sorted(name for name in glob(given, recursive=True) if _is_clip(name))
-        clips = _named([(source, _below(source, root)) for source in sources], options)
-    else:
-        check_there(given)
-        clips = _named([(given, path.name)], options)
+    options = options or ClipOptions()
+    listed = [given] if isinstance(given, str | os.PathLike) else given
+    paths = gather_frames([os.fspath(one) for one in listed], frame_extensions())
+    manifests = [one for one in paths if Path(one).suffix.lower() in MANIFESTS]
+    folders = [os.path.abspath(_fixed_part(one)) for one in paths if not is_address(one) and one not in manifests]
+    root = os.path.commonpath(folders) if len(folders) > 1 else None
+    clips: list[Clip] = []
+    for manifest in manifests:
+        rows = list(_of_manifest(Path(manifest), options))
+        if not rows:
+            raise InputError("this manifest lists no clip; write a row for each", code="no-frames", path=manifest)
+        clips += rows
+    found = [place for one in paths if one not in manifests for place in _sources(one, root)]
+    clips += _named(found, options)
     if not clips:
         raise InputError(
-            "there is no mesh sequence; name a manifest, a pattern in quotes or a folder", code="no-frames", path=given
+            "there is no mesh sequence; name a manifest, a pattern in quotes or a folder",
+            code="no-frames",
+            path=next(iter(paths), None),
         )
     _check_outputs(clips)
     return clips
+
+
+def _sources(given: str, root: str | None) -> list[tuple[str, str]]:
+    """Clips of a file, a pattern or a folder, and their places below `root`, by default the folder that is named."""
+    path = Path(given)
+    if is_address(given):
+        sources = [given]
+    elif path.is_dir():
+        sources, root = _in_folder(given), root or given
+    elif has_magic(given) and not path.exists():
+        sources = gather_frames(sorted(filter(_is_clip, glob(given, recursive=True))), frame_extensions())
+        root = root or _fixed_part(given)
+    else:
+        check_there(given)
+        sources = [given]
+    return [(source, _below(source, str(path.parent) if root is None else root)) for source in sources]
 
 
 def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
@@ -277,10 +295,10 @@ def _below(source: str, root: str) -> str:
 
 
 def _fixed_part(pattern: str) -> str:
-    """The folders of a pattern before the first one that is none by itself."""
+    """The folders of a pattern before the first one that is none by itself; of a path, the folder it is in."""
     parts = Path(pattern).parts
-    fixed = next(index for index, part in enumerate(parts) if has_magic(part))
-    return str(Path(*parts[:fixed])) if fixed else "."
+    fixed = next((index for index, part in enumerate(parts) if has_magic(part)), len(parts) - 1)
+    return str(Path(*parts[:fixed])) if fixed > 0 else "."
 
 
 def _is_clip(name: str) -> bool:

@@ -70,7 +70,7 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
 
 @_with_options_of_clips
 @click.command()
-@click.argument("clips", metavar="MANIFEST|PATTERN|FOLDER")
+@click.argument("clips", metavar="MANIFEST|PATTERN|FOLDER|FILE...", nargs=-1, required=True)
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the files; made where it is not there.")
 @click.option("--jobs", type=click.IntRange(1), metavar="N", help="Clips at once.  [default: one a processor]")
 @click.option(
@@ -103,7 +103,7 @@ def batch(
     context: click.Context,
     /,
     *,
-    clips: str,
+    clips: tuple[str, ...],
     output: str,
     jobs: int | None,
     max_memory: int | None,
@@ -118,11 +118,12 @@ def batch(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Encode every clip of a manifest, a pattern or a folder.
+    """Encode every clip of manifests, patterns, folders or a shell's list of files.
 
     MANIFEST is a .csv, .json or .jsonl file with a source for each clip, an output if it is not to be named after it,
     and any option of a clip under its name here (tolerance, fps, up_axis); options given here hold for the others.
-    A PATTERN stands in quotes ('shots/**/*.abc'). Of a FOLDER every clip in it and below is taken.
+    A PATTERN stands in quotes ('shots/**/*.abc'). Of a FOLDER every clip in it and below is taken. FILEs that a shell
+    lists (shots/*.abc) are a clip each, frames of one sequence (walk.*.obj) one clip.
 
     A run that was cut off goes on where it was: a clip is done when its file is whole, and its options and its source
     are those that it was made with (DIR/.batch keeps what is needed to tell). A clip that fails is said in one line,

@@ -64,11 +64,12 @@ def _convert(
     from pdecodec.mesh.rounding import rounding_noticed
 
     started = time.perf_counter()
-    source, written = job.source, job.output
+    source = job.source
     asked = InputOptions(**options)
-    job.check([written], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
+    job.check([job.output], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
     with open_whole(source, asked) as whole:
         sequence = choose(whole, asked, job.source_name)
+        job = job.with_frames(sequence, dry_run=dry_run)
         bound = rigid_bound(whole, asked.scale) if rigid else None
         say_notices(sequence.notices)
         say_start(job, sequence)
@@ -83,7 +84,7 @@ def _convert(
             say_plan(job, sequence, write, files=len(files), size=bytes_of(source, files))
             return
         with progress_bar() as progress, rounding_noticed() as rounding:
-            notices = write(sequence, written, overwrite=overwrite, progress=progress)
+            notices = write(sequence, job.output, overwrite=overwrite, progress=progress)
         if rounding.largest:
             say_rounding(rounding.largest, frame_scale(sequence.read_frames(0, 1)[0]))
         counts = {"frames": sequence.frame_count, "vertices": sequence.most_vertices, "runs": len(sequence.runs)}
@@ -91,5 +92,5 @@ def _convert(
     say_notices(notices)
     seconds = time.perf_counter() - started
     if as_json:
-        print_json({"output": written, **counts, "seconds": seconds, "notices": list(notices)})
+        print_json({"output": job.output, **counts, "seconds": seconds, "notices": list(notices)})
     say(f"{job.output_name}: {size}, {seconds:.1f} s")

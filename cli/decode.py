@@ -125,6 +125,8 @@ def _decode(
     # What is decoded is compared with --max-output, not all of the file.
     with _opened(source, decode_limits(max_memory, None), is_damaged=salvage) as (animation, saved):
         positions, speeds = _decoded(animation, times, place, job.source_name, with_speeds=writing.velocities)
+        job = job.with_frames(positions, dry_run=dry_run)
+        outputs[0] = job.output
         sequences = [positions] if speeds is None else [positions, speeds]
         _check_output(sequences, max_output, source)
         say_notices(positions.notices)

@@ -50,6 +50,20 @@ class Job:
                 check_output(path, overwrite=overwrite)
         check_apart([self.source, *sources], outputs)
 
+    def with_frames(self, sequence: MeshSequence, *, dry_run: bool) -> Job:
+        """Return the job with a folder of frames for its output, made, where a file of its format cannot hold them."""
+        from pdecodec.formats.base.companions import frame_extensions
+        from pdecodec.formats.base.frame_files import FOLDER_PADDING
+
+        path = Path(self.output)
+        fits = sequence.frame_count == 1 or path.suffix.lower() not in frame_extensions()
+        if fits or not self.in_folder or is_address(self.output):
+            return self
+        path = path.with_suffix("") / f"{path.stem}.{FOLDER_PADDING}{path.suffix}"
+        if not dry_run:
+            _make_folder(path.parent)
+        return dataclasses.replace(self, output=str(path), output_name=str(path))
+
 
 job_options = option_group(
     click.argument("paths", metavar="IN... [OUT]", nargs=-1),

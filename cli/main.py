@@ -121,7 +121,8 @@ def pdecodec() -> None:
     `pdecodec IN OUT` does what the extensions say: it encodes to .pdeanim, decodes from it, or converts.
 
     Formats are chosen by extension: `pdecodec formats` lists them. A sequence of files is a folder or a pattern
-    (name.%04d.obj, name.####.obj, name.$F4.obj). Data goes to standard output, everything else to standard error.
+    (name.####.obj, name.%04d.obj, name.$F4.obj, 'name.*.obj'). Data goes to standard output,
+    everything else to standard error.
 
     Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
     5 missing extra, 130 interrupted, 141 nobody reads the output any more (`| head`).

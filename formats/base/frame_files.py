@@ -21,8 +21,8 @@ _NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*
 """A file's name up to its number, the number, and the extension."""
 
 _NUMBERS = r"-?\d+(?:--?\d+(?:[xy:]-?\d+)?)?"
-_BEFORE_FIELD = re.compile(rf"(?P<name>.*?)(?P<range>(?<!\d){_NUMBERS}(?:,{_NUMBERS})*)?", re.DOTALL)
-"""What a pattern has before the field of its frame number: a name that ends in no digit, and a range."""
+_RANGE = re.compile(rf"{_NUMBERS}(?:,{_NUMBERS})*")
+"""Frame numbers before the field of a pattern: ``1-100x2,120``."""
 
 _NO_SIGN = "\0"
 """Keeps a hyphen from the number behind it; no file name holds it."""
@@ -81,17 +81,17 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", code="file-missing", path=path.parent)
     if "*" in path.name:
-        return _checked(
-            _only_sequence(sequences_in(path.parent, extension, frames_there(path)), path), path, wanted=None
-        )
+        sequence = _only_sequence(sequences_in(path.parent, extension, frames_there(path)), path)
+        return _checked(sequence, path, wanted=None)
     pattern = parse_pattern(path)
     numbered = _numbered(path.parent, pattern)
-    there = _of_name(numbered, pattern.basename(), pattern)
-    if not there and pattern.frameRange().startswith("-"):
-        # In ``name-1-9####.obj`` the first hyphen is of the name, where the files there say so.
-        pattern.setFrameRange(pattern.frameRange()[1:])
-        there = _of_name(numbered, f"{pattern.basename()}-", pattern)
-    sequence = _only_sequence(there, path)
+    readings = [(found, numbers) for name, numbers in _splits(path) if (found := _of_name(numbered, name, pattern))]
+    for found, numbers in readings:
+        pattern.setFrameRange(numbers)
+        if set(pattern.frameSet() or ()) <= set(found[0].frameSet()):
+            return _checked(_only_sequence(found, path), path, wanted=pattern.frameSet())
+    sequence = _only_sequence(readings[0][0] if readings else [], path)
+    pattern.setFrameRange(readings[0][1])
     return _checked(sequence, path, wanted=pattern.frameSet())
 
 
@@ -125,18 +125,26 @@ def parse_pattern(path: Path) -> Any:
     from fileseq.filesequence import FileSequence
 
     # fileseq cannot tell a range from a name that has numbers and hyphens: it is given the range behind a plain name.
-    field = [*FRAME_FIELD.finditer(path.name)][-1]
-    found = _BEFORE_FIELD.fullmatch(path.name[: field.start()])
-    assert found is not None  # a name is anything
+    name, numbers = _splits(path)[0]
     try:
-        plain = path.with_name(f"_.{found['range'] or ''}{path.name[field.start() :]}")
+        plain = path.with_name(f"_.{numbers}{path.name[len(name + numbers) :]}")
         pattern = FileSequence(str(plain), pad_style=PAD_STYLE_HASH1)
     except FileSeqException as error:
         raise InputError(
             f"is not a frame pattern ({error}); use name.####{path.suffix}", code="unknown-format", path=path
         ) from error
-    pattern.setBasename(found["name"])
+    pattern.setBasename(name)
     return pattern
+
+
+def _splits(pattern: Path) -> list[tuple[str, str]]:
+    """Return what may be a pattern's name and its range of numbers, long ranges first: the files there decide.
+
+    In ``name-1-9####`` the first hyphen is of the name or a sign; in ``shot2-9####`` the 2 is of either.
+    """
+    before = pattern.name[: [*FRAME_FIELD.finditer(pattern.name)][-1].start()]
+    starts = (at for at in range(len(before)) if not before[at - 1 : at].isdigit() and _RANGE.fullmatch(before, at))
+    return [(before[:at], before[at:]) for at in starts] or [(before, "")]
 
 
 def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str]:
@@ -162,10 +170,9 @@ def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str
 def other_frames(path: Path) -> tuple[str, ...]:
     """Return a notice where a file is one frame of several that are numbered alike, else nothing."""
     wanted = _NUMBERED.fullmatch(path.name)
-    if wanted is None:
+    if wanted is None or not os.access(path.parent, os.R_OK):
         return ()
-    with os.scandir(path.parent) as entries:
-        numbered = [found for item in entries if (found := _NUMBERED.fullmatch(item.name))]
+    numbered = [found for name in os.listdir(path.parent) if (found := _NUMBERED.fullmatch(name))]
     signs = [one["sign"] for one in numbered if (one["name"], one["end"]) == (wanted["name"], wanted["end"])]
     if len(signs) < 2:
         return ()

@@ -52,8 +52,8 @@ def open_sequence(
     ----------
     path : path
         A file, a frame pattern (``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``,
-        ``name.10-20####.obj`` for some frames of it, ``name.*.obj``), a folder of numbered frames, or the address of a file
-        (``https://``, ``s3://``; extra ``remote``).
+        ``name.10-20####.obj`` for some frames of it, ``name.*.obj``), a folder of numbered frames, or the address of a
+        file (``https://``, ``s3://``; extra ``remote``).
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
         and `fps` is only the nominal rate; a notice says so. Scenes have a value at any time (Alembic, USD, glTF):

@@ -418,8 +418,19 @@ def test_clips_of_one_name_keep_their_extensions_and_files_that_others_name_are_
     )
     assert [clip.output for clip in clips_of("clips/**/*.h5")] == ["a.pdeanim", "below/b.pdeanim", "x.pdeanim"]
     assert [clip.output for clip in clips_of("clips/walk/w.####.obj")] == ["w.pdeanim"]
+    assert [clip.output for clip in clips_of("clips/walk/w.*.obj")] == ["w.pdeanim"]
     with pytest.raises(InputError, match="there is no mesh sequence"):
         clips_of("clips/*.abc")
+
+
+def test_what_a_shell_lists_is_as_the_pattern_in_quotes(clips: Path, capsys: Capture) -> None:
+    listed = [*sorted(map(str, clips.glob("walk/*.obj"))), "clips/a.npz", "clips/below"]
+    assert run(["batch", *listed, "-o", "out", "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert re.findall(r"-> (\S+)", shown) == ["walk/w.pdeanim", "a.pdeanim", "below/b.pdeanim"]
+    assert run(["batch", "clips/a.npz", "clips/below/b.h5", "-o", "out"]) == 0
+    assert sorted(path.name for path in Path("out").rglob("*.pdeanim")) == ["a.pdeanim", "b.pdeanim"]
+    assert run(["batch", "-o", "out"]) == 2
 
 
 def test_a_dry_run_writes_nothing_and_parts_make_the_whole(clips: Path, capsys: Capture) -> None:

@@ -15,6 +15,7 @@ from pdecodec.cli.console import byte_size
 from pdecodec.cli.main import COMMANDS, run
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.mesh.selection import select
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from tests.support.mesh_cases import connectivity_of, grid
 from tests.support.scene_cases import SPACE, body, needed, scene
@@ -97,6 +98,50 @@ def test_frames_that_a_shell_lists_are_one_sequence(clip: ArraySequence) -> None
     both = sorted(str(path) for path in Path().glob("*.obj"))
     assert run(["convert", *both, "-o", "both/", "--to", ".npz"]) == 0
     assert sorted(os.listdir("both")) == ["run.npz", "walk.npz"]
+
+
+@pytest.mark.parametrize("name", ["h/shirt-{}.obj", "h/shot2-{}.obj", "h/2024-01-{}.obj"])
+def test_hyphens_before_unpadded_numbers_are_of_the_name(clip: ArraySequence, name: str) -> None:
+    Path("h").mkdir()
+    for number in range(1, 13):
+        write_sequence(select(clip, [number]), name.format(number))
+    listed = sorted(str(path) for path in Path("h").iterdir())
+    for inputs, numbers in (
+        (listed, range(1, 13)),
+        (["h/*.obj"], range(1, 13)),
+        ([name.format("*")], range(1, 13)),
+        (listed[:4], [1, 10, 11, 12]),
+    ):
+        assert run(["encode", *inputs, "-o", "g.pdeanim", "-y"]) == 0
+        with open_sequence("g.pdeanim") as read:
+            assert np.allclose(read.read_frames(0, read.frame_count), clip.points[list(numbers)], atol=5e-3)
+
+
+def test_one_frame_of_several_says_that_there_are_others(clip: ArraySequence, capsys: Capture) -> None:
+    write_sequence(clip, "walk.####.obj")
+    assert run(["convert", "walk.0003.obj", "one.npz"]) == 0
+    others = "walk.0003.obj is one of 20 files that are numbered alike; name 'walk.*.obj' to read them all"
+    assert f"note: {others}\n" in capsys.readouterr().err
+    assert run(["convert", "walk.*.obj", "-o", "out/", "--to", "npz"]) == 0
+    assert os.listdir("out") == ["walk.npz"]
+    assert "numbered alike" not in capsys.readouterr().err
+    assert run(["info", "run.*.obj"]) == 3
+    assert "run.*.obj: no frame matches" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["decode", "convert"])
+def test_frames_of_several_inputs_go_to_a_folder_each(clip: ArraySequence, command: str) -> None:
+    for name in ("a", "b"):
+        encode(clip, f"{name}.pdeanim")
+    assert run([command, "a.pdeanim", "b.pdeanim", "-o", "outs/", "--to", "obj", "--dry-run"]) == 0
+    assert not Path("outs").exists()
+    for extension in ("obj", "ply"):
+        assert run([command, "a.pdeanim", "b.pdeanim", "-o", "outs/", "--to", extension]) == 0
+        with open_sequence(f"outs/b/b.*.{extension}") as read:
+            assert np.allclose(read.read_frames(0, 20), clip.points, atol=5e-3)
+    assert run([command, "a.pdeanim", "-o", "outs/", "--to", "obj"]) == 3
+    assert run([command, "a.pdeanim", "-o", "outs/", "--to", "obj", "--frames", "3:4"]) == 0
+    assert sorted(os.listdir("outs")) == ["a", "a.obj", "b"]
 
 
 def piped(arguments: list[str], data: bytes = b"") -> subprocess.CompletedProcess[bytes]:
