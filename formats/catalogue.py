@@ -249,8 +249,9 @@ BUILT_IN = (
         writer="pdecodec.formats.obj.ply_stl_off:write_ply",
         holds_runs=True,
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs, edges as lines and strips are read",
-        loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
+        keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs of vertices and of corners, colours of "
+        "faces, edges as lines and strips are read",
+        loses="names of objects, UVs, lines, other attributes and elements (named), times (frames are numbered)",
     ),
     Format(
         name="stl",
@@ -260,7 +261,7 @@ BUILT_IN = (
         frame_per_file=True,
         write_with="a .ply file",
         keeps="triangles, three vertices each",
-        loses="normals, times (frames are numbered)",
+        loses="normals, solids and attribute bytes (named), times (frames are numbered)",
     ),
     Format(
         name="off",
@@ -269,7 +270,7 @@ BUILT_IN = (
         reader="pdecodec.formats.obj.ply_stl_off:open_off",
         frame_per_file=True,
         write_with="a .ply file",
-        keeps="faces, lines",
-        loses="colours and normals, times (frames are numbered)",
+        keeps="faces and their colours, lines",
+        loses="colours of a map or of some faces (named), times (frames are numbered)",
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +70,76 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
     return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
 
 
+_KINDS = {
+    "color": "colours",
+    "uv": "UVs",
+    "normal_group": "hard edges",
+    "group": "groups",
+    "material": "materials",
+    "smoothing": "smoothing groups",
+}
+"""Words for the roles of attributes."""
+
+
+def kind_of(attribute: Attribute) -> str:
+    """Return the words for an attribute's role, domain and name: "vertex colours", "UVs 'map2'"."""
+    role, _, name = attribute.name.partition(":")
+    if role not in _KINDS:
+        return f"attribute {attribute.name!r}"
+    domain = f"{attribute.domain} " if role == "color" else ""
+    return f"{domain}{_KINDS[role]}{f' {name!r}' if name and name != attribute.domain else ''}"
+
+
+def is_same_attribute(mine: Attribute | None, other: Attribute | None) -> bool:
+    """Whether two attributes of one name and domain hold the same values, or there is neither."""
+    if mine is None or other is None:
+        return mine is other
+    if mine.labels != other.labels or mine.values.shape != other.values.shape:
+        return False
+    if (mine.indices is None) != (other.indices is None):
+        return False
+    return np.array_equal(mine.values, other.values, equal_nan=mine.values.dtype.kind == "f") and (
+        mine.indices is None or np.array_equal(mine.indices, other.indices)
+    )
+
+
+class FrameChanges:
+    """What frames have otherwise than the first frame of their run, and all lines about their files."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, int] = {}
+        self._absent: set[str] = set()
+        self._notices: dict[str, str] = {}
+
+    def note(self, frame: int, kind: str, *, is_in_first: bool = True) -> None:
+        """Note that data of a kind differ in a frame, and whether the first frame has any."""
+        if self._frames.setdefault(kind, frame) == frame and not is_in_first:
+            self._absent.add(kind)
+
+    def note_lines(self, notices: Iterable[str]) -> None:
+        """Note lines about a file; of lines that differ in numbers alone the first one is kept."""
+        for notice in notices:
+            self._notices.setdefault(re.sub(r"\d+", "#", notice), notice)
+
+    def compare(self, frame: int, mesh: MeshFile, first: MeshFile) -> None:
+        """Compare the attributes of a frame with those of the first frame of its run."""
+        mine, others = ({kind_of(one): one for one in each.attributes} for each in (first, mesh))
+        for kind in {**mine, **others}.keys() - self._frames.keys():
+            if not is_same_attribute(mine.get(kind), others.get(kind)):
+                self.note(frame, kind, is_in_first=kind in mine)
+
+    def notices(self, runs: int) -> tuple[str, ...]:
+        """Lines about the files and about what changes from frame to frame, of so many runs."""
+        kept = "the first frame's are kept" if runs < 2 else "those of the first frame of each run are kept"
+        changes = [
+            f"{kind} are not in the first frame (first at frame {frame}): they are not kept"
+            if kind in self._absent
+            else f"{kind} change from frame to frame (first at frame {frame}): {kept}"
+            for kind, frame in sorted(self._frames.items(), key=lambda item: (item[1], item[0]))
+        ]
+        return (*self._notices.values(), *changes)
+
+
 class FrameMeshes:
     """The meshes of the files of frames.
 
@@ -82,7 +153,7 @@ class FrameMeshes:
 
     def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
         self.files, self._read = tuple(map(tuple, files)), read
-        self._kept = KeptPositions()
+        self._kept, self.changes = KeptPositions(), FrameChanges()
 
     def mesh(self, frame: int) -> MeshFile:
         return joined_meshes([self._read(path) for path in self.files[frame]])
@@ -119,6 +190,9 @@ class FrameMeshes:
             if before is None or not mesh.continues(before):
                 starts.append((frame, len(mesh.points)))
                 before = mesh
+            else:
+                self.changes.compare(frame, mesh, before)
+            self.changes.note_lines(mesh.notices)
             self._kept.keep(frame, mesh.points)
         return starts
 
@@ -141,9 +215,8 @@ class FrameSequence(MeshSequence):
         self._meshes, self._first = meshes, first
         mesh = meshes.mesh(first)
         self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
-        self.times, self.fps, notices = timing
+        self.times, self.fps, self.notices = timing
         self.metadata = {}
-        self.notices = (*notices, *mesh.notices)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -165,10 +238,13 @@ def sequence_of_files(
 ) -> MeshSequence:
     """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
 
-    Every file is read once to learn whether it does; positions are kept while they fit in a block.
+    Every file is read once to learn whether it does, and what else changes; positions are kept while they fit in a
+    block.
     """
     meshes = FrameMeshes(files, read)
-    return runs_of_frames(meshes.run_starts(), timing, lambda first, own: FrameSequence(meshes, first, own))
+    starts, (times, fps, notices) = meshes.run_starts(), timing
+    told = (*notices, *meshes.changes.notices(len(starts)))
+    return runs_of_frames(starts, (times, fps, told), lambda first, own: FrameSequence(meshes, first, own))
 
 
 def runs_of_frames(

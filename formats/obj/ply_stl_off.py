@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from pdecodec.formats.base.normals import VertexNormals, normal_group
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.obj.text import is_far, meant_by_text
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshSequence
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshSequence
 
 _INDICES = ("vertex_indices", "vertex_index")
 
@@ -41,6 +42,9 @@ _EDGES = ("vertex1", "vertex2")
 _CHANNELS = (("red", "green", "blue", "alpha"), ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"))
 
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+
+_FACE_UVS, _TEXTURE = "texcoord", "TextureFile"
+"""The list of a face's UVs, and the comment that names a texture, as MeshLab writes them."""
 
 _NORMALS = ("nx", "ny", "nz")
 
@@ -72,62 +76,103 @@ def _read_ply(path: Path) -> MeshFile:
 
 
 def _parsed(path: Path) -> Any:
-    # Faces of one size are read many times faster, where plyfile is told it.
-    for size in (3, 4):
-        lengths = {"face": dict.fromkeys(_INDICES, size)}
-        with contextlib.suppress(PlyParseError, KeyError, ValueError):
-            return PlyData.read(str(path), known_list_len=lengths)
-    return PlyData.read(str(path))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy's, of a list without numbers
+        # Faces of one size are read many times faster, where plyfile is told it.
+        for size in (3, 4):
+            lengths = {"face": {**dict.fromkeys(_INDICES, size), _FACE_UVS: 2 * size}}
+            with contextlib.suppress(PlyParseError, KeyError, ValueError):
+                return PlyData.read(str(path), known_list_len=lengths)
+        return PlyData.read(str(path))
 
 
 def _mesh(data: Any) -> MeshFile:
-    elements = {element.name: element.data for element in data.elements}
-    vertex = elements.pop("vertex")
-    names = set(vertex.dtype.names)
-    points = np.stack([vertex[axis] for axis in "xyz"], axis=1)
-    counts, indices = _faces(elements.pop("face", None))
-    edge = elements.pop("edge", None)
+    # Of each element, the columns that were not read so far; what remains in the end is not kept.
+    elements = {
+        element.name: {name: element.data[name] for name in element.data.dtype.names} for element in data.elements
+    }
+    vertex = elements["vertex"]
+    points = np.stack([vertex.pop(axis) for axis in "xyz"], axis=1)
+    face = elements.get("face", {})
+    counts, indices = _faces(face)
+    edge = elements.get("edge", {})
     lines: NDArray[Any] = np.zeros((0, 2), np.int64)
-    if edge is not None and set(_EDGES) <= set(edge.dtype.names):
-        lines = np.stack([edge[name] for name in _EDGES], axis=1).astype(np.int64)
-    strips = elements.pop("tristrips", None)
-    if strips is not None and not counts.size:
-        indices = _strips(np.concatenate([np.asarray(row, np.int64) for row in strips["vertex_indices"]]))
+    if set(_EDGES) <= set(edge):
+        lines = np.stack([edge.pop(name) for name in _EDGES], axis=1).astype(np.int64)
+    strips = elements.get("tristrips", {})
+    if "vertex_indices" in strips and not counts.size:
+        indices = _strips(np.concatenate([np.asarray(row, np.int64) for row in strips.pop("vertex_indices")]))
         counts = np.full(indices.size // 3, 3)
     sizes = np.full(len(lines), 2, np.int32)
     connectivity = Connectivity(len(points), counts.astype(np.int32), indices, sizes, lines.reshape(-1))
-    attributes: list[Attribute] = []
+    attributes = [_colors(vertex, "vertex", COLOR)]
+    if counts.size:
+        # Colours of vertices and of faces are told apart by their names.
+        attributes.append(_colors(face, "face", COLOR if attributes[0] is None else f"{COLOR}:face"))
+        attributes.append(_face_uvs(face, connectivity) or _vertex_uvs(vertex, connectivity))
+        if set(_NORMALS) <= set(vertex):
+            attributes.append(normal_group(connectivity, None))
+            for name in _NORMALS:
+                del vertex[name]
+    lost = [name if element == "vertex" else f"{element} {name}" for element, own in elements.items() for name in own]
+    lost += [f"texture {one.partition(' ')[2]}" for one in data.comments if one.startswith(_TEXTURE)]
+    lost += ["obj_info"] if data.obj_info else []
+    return MeshFile(points, connectivity, tuple(one for one in attributes if one is not None), not_kept(lost))
+
+
+def _colors(columns: dict[str, Any], domain: AttributeDomain, name: str) -> Attribute | None:
+    """Take colours of vertices or faces from their columns."""
     for channels in _CHANNELS:
-        if set(channels[:3]) <= names and not any(one.name == COLOR for one in attributes):
-            there = [channel for channel in channels if channel in names]
-            values = np.stack([vertex[channel] for channel in there], axis=1)
+        if set(channels[:3]) <= set(columns):
+            values = np.stack([columns.pop(channel) for channel in channels if channel in columns], axis=1)
             if values.dtype != np.uint8:
                 scale = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1
                 values = values.astype(np.float32) / np.float32(scale)
-            attributes.append(Attribute(COLOR, "vertex", np.ascontiguousarray(values)))
-            names -= set(there)
+            return Attribute(name, domain, np.ascontiguousarray(values))
+    return None
+
+
+def _vertex_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute | None:
     for pair in _UVS:
-        if set(pair) <= names and counts.size and not any(one.name == UV for one in attributes):
-            values = np.stack([vertex[name] for name in pair], axis=1).astype(np.float32)
-            attributes.append(Attribute(UV, "corner", values, connectivity.face_indices.copy()))
-            names -= set(pair)
-    if set(_NORMALS) <= names and counts.size:
-        attributes.append(normal_group(connectivity, None))
-        names -= set(_NORMALS)
-    left_out = [name for name in vertex.dtype.names if name in names - set("xyz")] + list(elements)
-    return MeshFile(points, connectivity, tuple(attributes), not_kept(left_out))
+        if set(pair) <= set(columns):
+            values = np.stack([columns.pop(name) for name in pair], axis=1).astype(np.float32)
+            return Attribute(UV, "corner", values, connectivity.face_indices.copy())
+    return None
 
 
-def _faces(face: Any) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Corners of each face, and all of them one after the other."""
-    name = None if face is None else next((one for one in _INDICES if one in face.dtype.names), None)
-    if name is None or not len(face):
+def _face_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute | None:
+    """Take UVs of corners, lists of faces; faces whose list has another length than they have corners have none."""
+    lists, counts = columns.get(_FACE_UVS), connectivity.face_counts
+    if lists is None:
+        return None
+    flat, sizes = _joined(lists)
+    has = sizes == 2 * counts
+    if not has.any():
+        return None
+    del columns[_FACE_UVS]
+    values = flat[np.repeat(has, sizes)].reshape(-1, 2).astype(np.float32)
+    if has.all():
+        return Attribute(UV, "corner", values)
+    on_corner = np.repeat(has, counts)
+    indices = np.where(on_corner, np.cumsum(on_corner) - 1, -1).astype(np.int32)
+    return Attribute(UV, "corner", values, indices)
+
+
+def _joined(lists: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Numbers of lists, one after the other, and how many each has."""
+    if lists.dtype != object:
+        return lists.reshape(-1), np.full(len(lists), lists.shape[1])
+    return np.concatenate(lists), np.fromiter(map(len, lists), np.int64, len(lists))
+
+
+def _faces(columns: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Take the corners of each face, how many there are and all of them one after the other."""
+    name = next((one for one in _INDICES if one in columns), None)
+    rows = np.zeros((0, 3)) if name is None else columns.pop(name)
+    if not len(rows):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    rows = face[name]
-    if rows.dtype != object:
-        return np.full(len(rows), rows.shape[1]), rows.reshape(-1).astype(np.int64)
-    counts = np.fromiter(map(len, rows), np.int64, len(rows))
-    return counts, np.concatenate(rows).astype(np.int64)
+    indices, counts = _joined(rows)
+    return counts, indices.astype(np.int64)
 
 
 def _strips(numbers: Int64Array) -> Int64Array:
@@ -140,6 +185,8 @@ STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<
 """A binary STL file: 80 bytes of anything and a count, then facets."""
 
 _STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
+
+_SOLID = re.compile(rb"^\s*solid\b[ \t]*(.*?)\s*$", re.MULTILINE)
 
 
 def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
@@ -222,13 +269,17 @@ def _read_stl(path: Path) -> MeshFile:
     if len(data) >= STL_HEADER_BYTES and len(data) == STL_HEADER_BYTES + count * STL_FACET.itemsize:
         facets = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)
         points = facets["corners"].reshape(-1, 3).astype(np.float32)
+        lost = ["attribute bytes of facets"] if facets["attribute"].any() else []
     else:
         found = _STL_VERTEX.findall(data) if data.lstrip().startswith(b"solid") else []
         if not found or len(found) % 3 or b"endsolid" not in data:
             raise damaged("is no STL file, or a truncated one; export it again", path=path)
         points = _positions([number for row in found for number in row], path)
+        solids = [name.decode("utf-8", "replace") for name in _SOLID.findall(data)]
+        lost = [f"solid {name}" for name in solids] if len(solids) > 1 else []
     corners = np.arange(len(points), dtype=np.int32)
-    return MeshFile(points, Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners))
+    connectivity = Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners)
+    return MeshFile(points, connectivity, (), not_kept(lost))
 
 
 def _read_off(path: Path) -> MeshFile:
@@ -261,7 +312,24 @@ def _read_off(path: Path) -> MeshFile:
     is_face = sizes >= 3
     on_face = np.repeat(is_face, sizes)
     connectivity = Connectivity(vertices, sizes[is_face], flat[on_face], sizes[~is_face], flat[~on_face])
-    return MeshFile(points, connectivity)
+    colors, lost = _off_colors([row[1 + count :] for row, count in zip(polygons, counts, strict=True) if count >= 3])
+    lost += ["numbers after the positions of vertices"] if any(len(row) > 3 for row in rows) else []
+    return MeshFile(points, connectivity, colors, not_kept(lost))
+
+
+def _off_colors(rows: list[list[bytes]]) -> tuple[tuple[Attribute, ...], list[str]]:
+    """Colours of faces, 3 or 4 integers to 255 or fractions each, and the words for those that are not kept."""
+    if not any(rows):
+        return (), []
+    try:
+        values = np.array(rows).astype(np.float64)
+    except ValueError:
+        values = np.zeros((0, 0))
+    if values.ndim != 2 or values.shape[1] not in (3, 4):
+        return (), ["colours of faces (not of every face, or numbers of a colour map)"]
+    is_whole = not any(b"." in word for row in rows for word in row)
+    scaled = values.astype(np.uint8) if is_whole and values.max() <= 255 else values.astype(np.float32)
+    return (Attribute(COLOR, "face", scaled),), []
 
 
 def _positions(words: list[bytes], path: Path) -> Positions:

@@ -1,0 +1,246 @@
+"""What files of frames hold beside positions is kept or named, and what changes from frame to frame is told once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec.formats import open_sequence
+from pdecodec.mesh.sequence import Attribute, MeshSequence
+
+KEPT = "(first at frame 1): the first frame's are kept"
+RED, GREEN = "255 0 0", "0 255 0"
+CHANNELS = ("uchar red", "uchar green", "uchar blue")
+INDICES = "list uchar int vertex_indices"
+
+
+def ply(
+    vertex: list[str], face: list[str] | None = None, *, columns: tuple[tuple[str, ...], ...], more: str = ""
+) -> str:
+    """Text of a PLY file: what stands after the positions of its vertices, its faces, and the columns of both."""
+    places = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+    head = ["ply", "format ascii 1.0", *more.splitlines(), f"element vertex {len(vertex)}"]
+    head += [f"property {column}" for column in ("float x", "float y", "float z", *columns[0])]
+    if face is not None:
+        head += [f"element face {len(face)}", *(f"property {column}" for column in (INDICES, *columns[1]))]
+    rows = [f"{place} {extra}" for place, extra in zip(places, vertex, strict=False)]
+    return "\n".join([*head, "end_header", *rows, *(face or [])]) + "\n"
+
+
+def read(folder: Path, *frames: str, extension: str = "ply") -> MeshSequence:
+    for number, text in enumerate(frames):
+        (folder / f"x.{number}.{extension}").write_text(text)
+    return open_sequence(folder / f"x.#.{extension}", fps=24)
+
+
+def attributes(sequence: MeshSequence) -> dict[str, Attribute]:
+    return {one.name: one for one in sequence.objects[0].attributes}
+
+
+WEDGE = "list uchar float texcoord"
+
+
+@pytest.mark.parametrize(
+    ("columns", "faces", "found", "notices"),
+    [
+        (
+            (WEDGE, *CHANNELS, "uchar alpha"),
+            ["3 0 1 2 6 0 0 .5 0 .5 .5 255 0 0 255", "3 0 2 3 6 .5 .5 1 1 .5 1 0 255 0 255"],
+            {
+                "color": ("face", [[255, 0, 0, 255], [0, 255, 0, 255]], None),
+                "uv": ("corner", [[0, 0], [0.5, 0], [0.5, 0.5], [0.5, 0.5], [1, 1], [0.5, 1]], None),
+            },
+            (),
+        ),
+        (
+            (WEDGE,),
+            ["3 0 1 2 6 0 0 1 0 1 1", "4 0 1 2 3 8 0 0 1 0 1 1 0 1"],
+            {"uv": ("corner", [[0, 0], [1, 0], [1, 1], [0, 0], [1, 0], [1, 1], [0, 1]], None)},
+            (),
+        ),
+        (
+            (WEDGE,),
+            ["3 0 1 2 0", "3 0 2 3 6 0 0 1 0 1 1"],
+            {"uv": ("corner", [[0, 0], [1, 0], [1, 1]], [-1, -1, -1, 0, 1, 2])},
+            (),
+        ),
+        ((WEDGE,), ["3 0 1 2 2 0 0"], {}, ("not kept: face texcoord",)),
+        ((WEDGE, "int texnumber"), ["3 0 1 2 0 1"], {}, ("not kept: face texcoord, face texnumber",)),
+        (
+            ("float red", "float green", "float blue", "float quality"),
+            ["3 0 1 2 .5 .25 1 7"],
+            {"color": ("face", [[0.5, 0.25, 1]], None)},
+            ("not kept: face quality",),
+        ),
+    ],
+    ids=["UVs and colours", "faces of any size", "a face without UVs", "no UVs at all", "textures", "fractions"],
+)
+def test_uvs_and_colours_on_faces_of_ply_are_kept(
+    tmp_path: Path, columns: tuple[str, ...], faces: list[str], found: dict[str, object], notices: tuple[str, ...]
+) -> None:
+    with read(tmp_path, ply([""] * 4, faces, columns=((), columns))) as sequence:
+        kept = attributes(sequence).items()
+        assert {
+            name: (one.domain, one.values.tolist(), None if one.indices is None else one.indices.tolist())
+            for name, one in kept
+        } == found
+        assert sequence.notices == notices
+
+
+def test_colours_of_vertices_and_of_faces_of_one_ply_are_both_kept(tmp_path: Path) -> None:
+    text = ply([RED] * 4, [f"3 0 1 2 {GREEN}"], columns=(CHANNELS, CHANNELS))
+    with read(tmp_path, text) as sequence:
+        found = attributes(sequence)
+        assert (found["color"].domain, found["color:face"].domain) == ("vertex", "face")
+        assert (found["color"].values[0].tolist(), found["color:face"].values.tolist()) == ([255, 0, 0], [[0, 255, 0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "lost"),
+    [
+        (ply([f"{RED} 1 5"] * 3, columns=((*CHANNELS, "float nx", "float heat"), ())), "nx, heat"),
+        (ply([""] * 3, ["3 0 1 2 1"], columns=((), ("float flags",))), "face flags"),
+        (
+            ply([""] * 3, ["3 0 1 2"], columns=((), ()), more="comment TextureFile a.png\nobj_info n 3"),
+            "texture a.png, obj_info",
+        ),
+        (
+            ply([""] * 3, ["3 0 1 2"], columns=((), ())).replace(
+                "end_header", "element camera 1\nproperty int w\nend_header"
+            )
+            + "4\n",
+            "camera w",
+        ),
+        (
+            ply([""] * 3, ["3 0 1 2"], columns=((), ())).replace(
+                "end_header", "element tristrips 1\nproperty list uchar int vertex_indices\nend_header"
+            )
+            + "3 0 1 2\n",
+            "tristrips vertex_indices",
+        ),
+        (
+            ply([""] * 3, ["3 0 1 2"], columns=((), ())).replace(
+                "end_header",
+                "element edge 1\nproperty int vertex1\nproperty int vertex2\nproperty uchar red\nend_header",
+            )
+            + "0 1 9\n",
+            "edge red",
+        ),
+    ],
+    ids=["vertex", "face", "comments", "element", "strips beside faces", "edge"],
+)
+def test_what_a_ply_file_loses_is_named_once_for_all_frames(tmp_path: Path, text: str, lost: str) -> None:
+    with read(tmp_path, text, text) as sequence:
+        assert sequence.notices == (f"not kept: {lost}",)
+
+
+def test_what_only_a_later_ply_file_loses_is_named(tmp_path: Path) -> None:
+    with read(tmp_path, ply([""] * 3, columns=((), ())), ply(["5"] * 3, columns=(("float heat",), ()))) as sequence:
+        assert sequence.notices == ("not kept: heat",)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "notice"),
+    [
+        (
+            ply([RED] * 3, columns=(CHANNELS, ())),
+            ply([GREEN] * 3, columns=(CHANNELS, ())),
+            f"vertex colours change from frame to frame {KEPT}",
+        ),
+        (
+            ply([""] * 3, [f"3 0 1 2 {RED}"], columns=((), CHANNELS)),
+            ply([""] * 3, [f"3 0 1 2 {GREEN}"], columns=((), CHANNELS)),
+            f"face colours change from frame to frame {KEPT}",
+        ),
+        (
+            ply(["0 0", "1 0", "1 1"], ["3 0 1 2"], columns=(("float s", "float t"), ())),
+            ply(["0 0", "1 0", "1 2"], ["3 0 1 2"], columns=(("float s", "float t"), ())),
+            f"UVs change from frame to frame {KEPT}",
+        ),
+        (
+            ply([""] * 3, ["3 0 1 2 6 0 0 1 0 1 1"], columns=((), (WEDGE,))),
+            ply([""] * 3, ["3 0 1 2 6 0 0 1 0 2 1"], columns=((), (WEDGE,))),
+            f"UVs change from frame to frame {KEPT}",
+        ),
+        (
+            ply([RED] * 3, columns=(CHANNELS, ())),
+            ply([""] * 3, columns=((), ())),
+            f"vertex colours change from frame to frame {KEPT}",
+        ),
+        (
+            ply([""] * 3, columns=((), ())),
+            ply([RED] * 3, columns=(CHANNELS, ())),
+            "vertex colours are not in the first frame (first at frame 1): they are not kept",
+        ),
+        (
+            "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 9 0 0\n",
+            "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 8 0 0\n",
+            f"face colours change from frame to frame {KEPT}",
+        ),
+    ],
+    ids=["points", "faces", "UVs of vertices", "UVs of corners", "gone", "new", "OFF"],
+)
+def test_what_changes_from_frame_to_frame_is_told_once(tmp_path: Path, first: str, second: str, notice: str) -> None:
+    extension = "off" if first.startswith("OFF") else "ply"
+    with read(tmp_path, first, second, first, second, extension=extension) as sequence:
+        assert sequence.notices == (notice,)
+    with read(tmp_path, first, first, first, first, extension=extension) as still:
+        assert still.notices == ()
+
+
+def test_each_run_keeps_the_colours_of_its_first_frame(tmp_path: Path) -> None:
+    texts = [ply([RED] * 3, columns=(CHANNELS, ())), *(ply([one] * 4, columns=(CHANNELS, ())) for one in (GREEN, RED))]
+    with read(tmp_path, *texts) as sequence:
+        assert [run.objects[0].attributes[0].values[0].tolist() for run in sequence.runs] == [[255, 0, 0], [0, 255, 0]]
+        assert sequence.notices == (
+            "vertex colours change from frame to frame (first at frame 2): "
+            "those of the first frame of each run are kept",
+        )
+
+
+TRIANGLES = "3 2 0\n0 0 0\n1 0 0\n0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "notices"),
+    [
+        (f"OFF\n{TRIANGLES}3 0 1 2 255 0 0\n3 0 2 1 0 9 0\n", [[255, 0, 0], [0, 9, 0]], ()),
+        (f"OFF\n{TRIANGLES}3 0 1 2 .5 0 0 1\n3 0 2 1 0 .25 0 1\n", [[0.5, 0, 0, 1], [0, 0.25, 0, 1]], ()),
+        (
+            f"OFF\n{TRIANGLES}3 0 1 2 255 0 0\n3 0 2 1\n",
+            None,
+            ("not kept: colours of faces (not of every face, or numbers of a colour map)",),
+        ),
+        (
+            f"OFF\n{TRIANGLES}3 0 1 2 5\n3 0 2 1 6\n",
+            None,
+            ("not kept: colours of faces (not of every face, or numbers of a colour map)",),
+        ),
+        (
+            "OFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n",
+            None,
+            ("not kept: numbers after the positions of vertices",),
+        ),
+    ],
+    ids=["integers", "fractions", "some", "colour map", "vertices"],
+)
+def test_colours_of_off_are_kept_or_named(tmp_path: Path, text: str, values: object, notices: tuple[str, ...]) -> None:
+    with read(tmp_path, text, extension="off") as sequence:
+        found = attributes(sequence).get("color")
+        assert (None if found is None else found.values.tolist()) == values
+        assert sequence.notices == notices
+
+
+def test_what_stl_files_lose_is_named(tmp_path: Path) -> None:
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    texts = [f"solid {name}\n{facet}endsolid {name}\n" for name in ("left hand", "right")]
+    with read(tmp_path, "".join(texts), extension="stl") as sequence:
+        assert sequence.notices == ("not kept: solid left hand, solid right",)
+    data = bytearray(84 + 50)
+    data[80], data[-2:] = 1, b"\x1f\x80"
+    data[84 + 12 : 84 + 48] = np.eye(3, dtype="<f4").tobytes()
+    (tmp_path / "binary.stl").write_bytes(data)
+    with open_sequence(tmp_path / "binary.stl") as binary:
+        assert binary.notices == ("not kept: attribute bytes of facets",)
