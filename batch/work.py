@@ -285,7 +285,7 @@ def _made(clip: Clip, work: Work) -> Result:
             "groups": report.groups,
             "rounding": report.rounding,
             "generator": generator(),
-            "notes": [*sequence.notices, *filter(None, [report.rounding_warning])],
+            "notes": [*sequence.notices, *report.warnings],
         }
         if work.verify:
             figures["verified_error"] = _verified(written, sequence, clip.options, figures)

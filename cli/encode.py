@@ -10,6 +10,7 @@ import click
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
 from pdecodec.cli.jobs import SAMPLES, Job, for_each_job, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
+    FRACTION,
     bytes_of,
     decode_limits,
     effort_option,
@@ -36,16 +37,16 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 @job_options
 @click.option(
     "--tolerance",
-    type=float,
-    metavar="X",
-    help="Largest vertex distance allowed, as a fraction of the diagonal of frame 0's bounding box. "
-    "Default 0.001; none under --profile paper.",
+    type=FRACTION,
+    metavar="X|P%",
+    help="Largest vertex distance allowed, as a fraction of the diagonal of frame 0's bounding box, or in percent of "
+    "it. Default 0.001 (0.1%); none under --profile paper.",
 )
 @click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
 @click.option(
     "--rms",
-    type=float,
-    metavar="X",
+    type=FRACTION,
+    metavar="X|P%",
     help="Root mean square vertex distance allowed, as a fraction of the same diagonal, instead of --tolerance; "
     "encodes several times.",
 )
@@ -191,8 +192,8 @@ def _encode(
         f"({ratio(report.raw_bytes, report.file_bytes)}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
-    if report.rounding_warning:
-        say(f"warning: {report.rounding_warning}")
+    for warning in report.warnings:
+        say(f"warning: {warning}")
 
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:

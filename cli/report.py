@@ -10,6 +10,7 @@ import click
 
 from pdecodec.cli.console import print_json, progress_bar, put, say, say_notices, visible
 from pdecodec.cli.options import (
+    FRACTION,
     check_growth,
     effort_option,
     fps_option,
@@ -34,9 +35,9 @@ NAMED_PROFILES = ("auto", "paper")
 @click.option(
     "--tolerance",
     "tolerances",
-    type=float,
+    type=FRACTION,
     multiple=True,
-    metavar="X",
+    metavar="X|P%",
     help="Measure at this tolerance; may be given repeatedly.  [default: 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]",
 )
 @click.option(

@@ -10,7 +10,9 @@ import pytest
 
 from pdecodec import ArraySequence, InputError, SettingsError
 from pdecodec.cli.console import byte_size, counted, extent, ratio
+from pdecodec.cli.main import run
 from pdecodec.cli.options import check_output, parse_bytes, stored_bytes
+from pdecodec.formats import write_sequence
 from pdecodec.formats.base.choosing import select_frames
 from pdecodec.formats.base.companions import input_files
 
@@ -107,3 +109,44 @@ def test_numbers_are_written_for_people() -> None:
     assert [counted(count, "quad") for count in (0, 1, 2, 1200)] == ["0 quads", "1 quad", "2 quads", "1,200 quads"]
     clips = [ArraySequence(np.zeros((frames, vertices, 3), np.float32)) for frames, vertices in ((1, 1), (6, 1998))]
     assert [extent(clip) for clip in clips] == ["1 frame of 1 vertex", "6 frames of 1,998 vertices"]
+
+
+@pytest.mark.parametrize(
+    ("options", "warning"),
+    [
+        ("--frames 0:1", "there is one frame, so nothing moves; name a pattern or a folder for a sequence of files"),
+        (
+            "--tolerance 10%",
+            "nothing moves: every frame lies within the tolerance of one pose; a smaller one keeps motion",
+        ),
+        ("--tolerance 0.12 --frames 0:1", "the tolerance is 0.12 of the diagonal, which hides shapes; 0.001 is usual"),
+        ("--size 10MB", "the file is lossless and takes less than the 10000000 bytes that are allowed"),
+        ("--tolerance 0.1%", ""),
+        ("--size 1kB", ""),
+    ],
+)
+def test_what_is_hardly_meant_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, warning: str
+) -> None:
+    source, output = str(tmp_path / "a.npz"), str(tmp_path / "a.pdeanim")
+    points = np.random.default_rng(1).random((1, 50, 3)) + 0.03 * np.sin(np.arange(8))[:, None, None]
+    write_sequence(ArraySequence(points, fps=24), source)
+    assert run(["encode", source, output, *options.split()]) == 0
+    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")]
+    assert (f"warning: {warning}" in warnings) if warning else not warnings
+    assert len(warnings) == len(set(warnings)) <= 2
+
+
+def test_a_percentage_is_the_fraction_that_it_stands_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = str(tmp_path / "a.npz")
+    points = np.random.default_rng(1).random((1, 50, 3)) + 0.03 * np.sin(np.arange(8))[:, None, None]
+    write_sequence(ArraySequence(points, fps=24), source)
+    files = []
+    for number, text in enumerate(("0.1%", "0.001", "1e-1 %")):
+        assert run(["encode", source, f"{tmp_path}/{number}.pdeanim", "--tolerance", text]) == 0
+        files.append((tmp_path / f"{number}.pdeanim").read_bytes())
+    assert files[0] == files[1] == files[2]
+    assert run(["compare", source, f"{tmp_path}/0.pdeanim", "--tolerance", "0.1%"]) == 0
+    capsys.readouterr()
+    assert run(["encode", source, str(tmp_path / "x.pdeanim"), "--tolerance", "a%"]) == 2
+    assert "'a%' is not a number such as 0.001, or a percentage such as 0.1%" in capsys.readouterr().err

@@ -99,8 +99,8 @@ def test_the_report_tells_and_the_bound_counts_from_float32() -> None:
     report = encode(ArraySequence(POINTS), tolerance=1e-3)
     assert report.rounding == pytest.approx(LARGEST, rel=1e-12)
     assert report.max_error <= report.bound < report.rounding
-    assert "more than the bound" in report.rounding_warning
-    assert not encode(ArraySequence(POINTS), tolerance=0.1).rounding_warning
+    assert [("more than the bound" in warning) for warning in report.warnings] == [True]
+    assert not encode(ArraySequence(POINTS), tolerance=0.1).warnings
     assert encode(ArraySequence(POINTS.astype(np.float32))).rounding == 0
 
 

@@ -99,7 +99,7 @@ def encode(
     def encode_at(tolerance: float, said: Progress | None) -> EncodeReport:
         return _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
 
-    report = encode_within(limit, encode_at, progress)
+    report = replace(encode_within(limit, encode_at, progress), size_limit=size)
     if target is None:
         return report
     assert report.data is not None  # encoded without a path

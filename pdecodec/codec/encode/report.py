@@ -9,7 +9,11 @@ from typing import Any
 
 from pdecodec import __version__
 from pdecodec.codec.container import SECTION_KINDS
+from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
+
+COARSE_TOLERANCE = 0.1
+"""Share of the diagonal beyond which a bound is hardly meant: 1 stands for the whole scene, not for one percent."""
 
 GENERATOR = "pdecodec "
 """What stands before the version in the remarks of files that this package made."""
@@ -124,6 +128,8 @@ class EncodeReport:
         Vertices of all frames together, where that is not vertices times frames.
     rounding : float [scene units]
         How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
+    size_limit : int or None [bytes]
+        The size that was asked for.
     """
 
     path: Path | str | None
@@ -147,6 +153,7 @@ class EncodeReport:
     alternatives: tuple[Question, ...] = ()
     positions: int | None = None
     rounding: float = 0.0
+    size_limit: int | None = None
 
     @property
     def raw_bytes(self) -> int:
@@ -154,14 +161,24 @@ class EncodeReport:
         return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
 
     @property
-    def rounding_warning(self) -> str:
-        """What is to be said where float32 alone is farther from the input than was asked, or where nothing was,
-        noteworthily so; else nothing.
-        """
-        if self.rounding <= (NOTEWORTHY * self.scale if self.bound is None else self.bound):
-            return ""
-        beyond = "" if self.bound is None else ", more than the bound, which counts from there"
-        return f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin"
+    def warnings(self) -> tuple[str, ...]:
+        """What was asked for and is hardly meant: no motion, a coarse bound, too much room, fine steps far away."""
+        found = []
+        if self.frames == 1:
+            found.append("there is one frame, so nothing moves; name a pattern or a folder for a sequence of files")
+        elif self.runs == 1 and not self.coefficients and not self.residuals:
+            found.append("nothing moves: every frame lies within the tolerance of one pose; a smaller one keeps motion")
+        if self.bound is not None and self.bound > COARSE_TOLERANCE * self.scale:
+            share = self.bound / self.scale
+            found.append(
+                f"the tolerance is {share:.3g} of the diagonal, which hides shapes; {DEFAULT_TOLERANCE} is usual"
+            )
+        if self.size_limit is not None and self.max_error == 0 and self.file_bytes < self.size_limit:
+            found.append(f"the file is lossless and takes less than the {self.size_limit} bytes that are allowed")
+        if self.rounding > (NOTEWORTHY * self.scale if self.bound is None else self.bound):
+            beyond = "" if self.bound is None else ", more than the bound, which counts from there"
+            found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
+        return tuple(found)
 
     @property
     def file_bytes(self) -> int:
