@@ -495,7 +495,7 @@ def test_other_formats_one_file_for_both_and_options_of_others_are_refused(tmp_p
         with pytest.raises(SettingsError, match=message):
             write_onto(clip, tmp_path / source, tmp_path / out, **options)
     turned = scene([body()], frames=1, up_axis="Z")
-    with pytest.raises(InputError, match="--up-axis Y turns it"):
+    with pytest.raises(InputError, match="set up_axis=Y to turn it"):
         write_onto(turned, tmp_path / "a.glb", tmp_path / "b.glb")
 
 
