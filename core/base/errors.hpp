@@ -32,7 +32,7 @@ enum class FaultCode {
 struct Section {
     explicit Section(std::string_view type_) : type(type_) {}
 
-    std::string type;
+    std::string_view type;
 };
 
 // The bytes are not those of a sound file. Where they are known: the section, the byte of the file and the frame.
@@ -43,8 +43,8 @@ struct CorruptError : std::runtime_error {
     // The message begins with the section: "section CONN has bytes too many".
     CorruptError(const Section &section_, const std::string &message, FaultCode code_ = FaultCode::section_content,
                  i64 offset_ = -1)
-        : std::runtime_error("section " + section_.type + " " + message), code(code_), section(section_.type),
-          offset(offset_) {}
+        : std::runtime_error("section " + std::string(section_.type) + " " + message), code(code_),
+          section(section_.type), offset(offset_) {}
 
     FaultCode code;
     std::string section;
