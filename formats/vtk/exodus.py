@@ -67,7 +67,7 @@ _NAMED = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"
 NETCDF_FILL = {"f4": float(np.float32(9.969209968386869e36)), "f8": 9.969209968386869e36}
 """What netCDF gives for numbers that were never written, where their variable says nothing else."""
 
-_DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
+_DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
 """What h5py, SciPy and NumPy raise on damaged or missing parts."""
 
 

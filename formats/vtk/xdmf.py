@@ -33,7 +33,7 @@ _AXES = {"XYZ": 3, "XY": 2, "X_Y_Z": 3, "X_Y": 2}
 _CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge": "edge data", "grid": "grid data"}
 """What data of an attribute are called, by its Center."""
 
-_DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
+_DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
 """What ElementTree, h5py and NumPy raise on damaged or missing parts."""
 
 

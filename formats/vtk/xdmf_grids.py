@@ -216,7 +216,7 @@ class Grids:
                 path=self._path,
             )
         if kind == "hyperslab":
-            if len(numbers) != 3:
+            if len(numbers) != 3 or not 0 <= numbers[2] <= MOST_GRIDS:
                 raise InputError(
                     f"times of grid {name!r} are no start, stride and count", code="invalid-times", path=self._path
                 )

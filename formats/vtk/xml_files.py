@@ -133,7 +133,8 @@ class XmlFile:
         cells, (counts, indices) = Cells(vtk=True), self._cells(element)
         if element is None or not counts.size:
             return cells
-        types = self._array(next(one for one in element.findall("DataArray") if one.get("Name") == "types"))
+        arrays = {one.get("Name"): one for one in element.findall("DataArray")}
+        types = self._array(arrays["types"])
         if types.size != counts.size or int(counts.sum()) != indices.size:
             raise ValueError("its cells do not fit each other")
         if hidden is not None:

@@ -206,6 +206,14 @@ def test_data_that_only_later_files_have_are_named_too(tmp_path: Path) -> None:
         assert read.notices == ("point data 'late' and cell data 'rank' are not kept",)
 
 
+def test_a_grid_without_types_of_cells_is_one_line(tmp_path: Path) -> None:
+    write_vtk(tmp_path / "x.vtu")
+    damaged = (tmp_path / "x.vtu").read_text().replace('Name="types"', 'Name="kinds"')
+    (tmp_path / "x.vtu").write_text(damaged)
+    with pytest.raises(InputError, match=r"x\.vtu: meshio cannot read it"):
+        open_sequence(tmp_path / "x.vtu")
+
+
 def test_solids_are_moved_on_their_surface(tmp_path: Path) -> None:
     points = np.array([[0.5, 0.5, 0.5], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     mesh = meshio.Mesh(points, [("tetra", [[1, 2, 3, 4]])], {"u": points * 2})

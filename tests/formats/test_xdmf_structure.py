@@ -344,6 +344,12 @@ REFUSED = {
                    + grid(QUAD + geometry()) * 2),
         "has 1 times and 2 grids",
     ),
+    "more times than grids can be": (
+        collection('<Time TimeType="HyperSlab"><DataItem Dimensions="3">0 1 1e18</DataItem></Time>'
+                   + grid(QUAD + geometry()) * 2),
+        "are no start, stride and count",
+    ),
+    "a time beyond numbers": (collection(grid(QUAD + geometry(), time=float("inf"))), "a time is not a finite number"),
     "a range of all steps": (
         collection('<Time TimeType="Range"><DataItem Dimensions="2">0 4</DataItem></Time>'
                    + grid(QUAD + geometry()) * 3),
