@@ -139,7 +139,8 @@ BUILT_IN = (
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
         "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "
         "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
-        loses="tangents, other attributes, animation of anything but nodes and weights; the scene is turned Y-up",
+        loses="textures, materials but for their names, cameras, lights, other scenes and animations, extras, "
+        "tangents, other attributes, colours and UVs that change with time (each named when read); the scene is turned Y-up",
     ),
     Format(
         name="xdmf",

@@ -209,7 +209,7 @@ class _Reader:
             self._blocks.append(Block(positions, targets, joints, weights))
             self._sources.append(rows)
             self._rows += len(positions)
-            if "TANGENT" in rows.accessors:
+            if "TANGENT" in rows.accessors or any("TANGENT" in target for target in rows.targets):
                 self._left_out["tangents"] = None
         return self._known[key]
 
@@ -217,9 +217,9 @@ class _Reader:
         """UVs, colours and normals, of those primitives that have them."""
         found = []
         for name in sorted({name for source in self._sources for name in source.accessors}):
-            if name.startswith("_"):
-                self._left_out[name] = None
             if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
+                if not name.startswith(("POSITION", "JOINTS_", "WEIGHTS_", "TANGENT")):
+                    self._left_out[name] = None
                 continue
             has = np.concatenate(
                 [

@@ -22,12 +22,10 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.normals import NormalRows, group_attribute
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, noted_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
+from pdecodec.formats.gltf.inventory import GROUPS
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
-
-GROUPS = "groups"
-"""What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
 
 MOST_TARGETS_OF_PARTS = 2048
 """Morph targets of all primitives of a mesh that sets of faces may part: each is named in each of them."""

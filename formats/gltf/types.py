@@ -129,7 +129,10 @@ _ROOT: dict[str, Any] = {
         }
     ],
     "buffers": [{"uri": _text, "extensions": {}}],
-    "materials": [{}],
+    "materials": [{"pbrMetallicRoughness": {}, "extensions": {}}],
+    "textures": [{}],
+    "images": [{}],
+    "cameras": [{}],
     "skins": [{"joints": [INDEX], "inverseBindMatrices": INDEX}],
     "animations": [_ANIMATION],
 }

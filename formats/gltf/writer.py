@@ -27,6 +27,7 @@ from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, pl
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
+from pdecodec.formats.gltf.inventory import WRITTEN_MATERIAL
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals
 from pdecodec.mesh.arrays import Float32Array
@@ -282,6 +283,5 @@ class _Scene(GltfScene):
     def _material(self, label: str) -> int:
         """Index of the material of a name."""
         if label not in self._materials:
-            entry = {"name": label, "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0}}
-            self._materials[label] = self._builder.add("materials", entry)
+            self._materials[label] = self._builder.add("materials", {"name": label, **WRITTEN_MATERIAL})
         return self._materials[label]

@@ -16,7 +16,7 @@ from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSeq
 from tests.formats.test_gltf import TRIANGLE, Scene, few_functions, triangle
 from tests.support.browser_tools import assert_valid
 from tests.support.mesh_cases import grid
-from tests.support.scene_cases import SPACE
+from tests.support.scene_cases import SPACE, body, scene, uv_with_seam
 
 CLOUD = [[2, 0, 0], [3, 0, 0], [2, 1, 0], [3, 1, 0]]
 
@@ -280,3 +280,118 @@ def test_weights_that_are_not_as_many_as_targets_are_refused_or_read(tmp_path: P
         (found,) = (one for one in read.objects[0].attributes if one.name == "color")
         assert isinstance(found, Attribute)
         assert found.values.tolist() == RED
+
+
+def with_entries(**entries: Any) -> Scene:
+    """A triangle whose file has other things too, in lists of the root."""
+    made, _ = triangle()
+    for kind, value in entries.items():
+        made.builder.root[kind] = [*made.builder.root.get(kind, []), *value] if isinstance(value, list) else value
+    return made
+
+
+PICTURE = "data:image/png;base64,iVBORw0KGgo="
+
+
+@pytest.mark.parametrize(
+    ("entries", "lines"),
+    [
+        (
+            {"images": [{"uri": "a/skin.png"}, {"name": "eye", "uri": PICTURE}], "textures": [{"source": 0}] * 3},
+            ["3 textures of 'skin.png', 'eye'; the motion written onto this file keeps them"],
+        ),
+        ({"images": [{"uri": PICTURE}]}, ["images of 'image_0'; the motion written onto this file keeps them"]),
+        (
+            {"materials": [{"name": "a", "alphaMode": "MASK"}, {"extensions": {"KHR_materials_unlit": {}}}]},
+            [
+                "properties of materials (alphaMode, doubleSided, metallicFactor, KHR_materials_unlit), "
+                "materials 'a', 'material_1', which no mesh has"
+            ],
+        ),
+        (
+            {"materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}}]},
+            ["materials 'material_0', which no mesh has"],
+        ),
+        ({"cameras": [{"name": "left"}, {}], "nodes": [{"camera": 0}]}, ["cameras 'left', 'camera_1'"]),
+        (
+            {"extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot"}]}}, "nodes": [{"name": "sun"}]},
+            ["nodes without meshes 'sun', KHR_lights_punctual"],
+        ),
+        (
+            {"nodes": [{"name": "b", "mesh": 0}], "scenes": [{"nodes": [0]}, {"name": "other", "nodes": [1]}]},
+            ["other scenes 'other'"],
+        ),
+        ({"meshes": [{"name": "spare", "primitives": []}]}, ["meshes 'spare', which the scene does not show"]),
+        (
+            {"nodes": [{"name": "n", "extras": {"hp": 3}}], "extras": 5},
+            ["nodes without meshes 'n', extras of the file, extras of nodes (hp)"],
+        ),
+        ({"asset": {"version": "2.0", "copyright": "me", "extras": {"pdecodec": {}}}}, ["asset.copyright"]),
+    ],
+    ids=[
+        "textures",
+        "images",
+        "materials",
+        "a material as written",
+        "cameras",
+        "lights",
+        "scenes",
+        "meshes",
+        "extras",
+        "licence",
+    ],
+)
+def test_all_else_of_a_file_is_named_once(tmp_path: Path, entries: dict[str, Any], lines: list[str]) -> None:
+    with open_sequence(with_entries(**entries).save(tmp_path / "x.glb")) as read:
+        assert [line.removeprefix("not kept: ") for line in read.notices] == lines
+
+
+def test_what_moves_no_mesh_is_named_and_textures_are_the_first_line(tmp_path: Path) -> None:
+    made = with_entries(images=[{"uri": PICTURE}], textures=[{}], nodes=[{"name": "aside"}, {"name": "up"}])
+    made.builder.root["nodes"][2]["children"] = [0]
+    made.builder.root["nodes"][0]["extras"] = {"a": 1}
+    for node in (1, 2):
+        made.animate(node, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
+    made.animate(2, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
+    made.builder.root["animations"].append({"name": "other", "channels": [], "samplers": []})
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert read.notices[0].startswith("not kept: 1 texture of 'image_0'")
+        assert read.notices[-1] == (
+            "not kept: nodes without meshes 'aside', animation of nodes without meshes 'aside', extras of nodes (a)"
+        )
+
+
+def test_our_own_files_have_nothing_to_name(tmp_path: Path) -> None:
+    clip = scene([body("root/arm", [uv_with_seam()])], **SPACE)
+    write_sequence(clip, tmp_path / "x.glb")
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert read.notices == ()
+
+
+@pytest.mark.data
+def test_everything_in_files_of_other_tools_is_named_or_kept(shared_data: Path) -> None:
+    """Lists what files have by their JSON alone, level by level, and looks for each name in what is told."""
+    paths = [*(shared_data / "files" / "gltf").glob("*.gl*"), *(shared_data / "interop" / "gltf").rglob("*.gl[tb]*")]
+    assert len(paths) > 10
+    read_extensions = ("draco", "meshopt", "instancing", "pointer", "visibility", "quantization")
+    for path in paths:
+        with open_sequence(path) as read:
+            told = " ".join(read.notices)
+            materials = {
+                label
+                for item in read.objects
+                for one in item.attributes
+                if one.name == "material"
+                for label in one.labels
+            }
+        root = read_gltf(path).root
+        words = [f"'{one['name']}'" for one in root.get("cameras", []) if "name" in one]
+        words += [key for node in root["nodes"] for key in node.get("extras", {})]
+        words += [name for name in root.get("extensionsUsed", []) if not any(one in name for one in read_extensions)]
+        words += [f"{len(root['textures'])} texture"] if root.get("textures") else []
+        words += [name for mesh in root["meshes"] for one in mesh["primitives"] for name in one["attributes"]]
+        kept = ("POSITION", "NORMAL", "COLOR_", "TEXCOORD_", "JOINTS_", "WEIGHTS_", "KHR_texture_transform")
+        missing = [one for one in words if one not in told and not one.startswith(kept)]
+        assert [one for one in missing if one != "TANGENT" or "tangents" not in told] == [], path.name
+        used = {one.get("material") for mesh in root["meshes"] for one in mesh["primitives"]} - {None}
+        assert len(materials) <= len(used) <= len(materials) + ("lines and points" in told), path.name

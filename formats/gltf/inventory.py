@@ -1,0 +1,132 @@
+"""What a glTF file has and what is not kept of it, by the format's own words.
+
+Meshes of the scene that shows first are kept, with all that moves them; of materials their names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from pdecodec.formats.base.scene_reading import listed
+from pdecodec.formats.gltf.animation import Clip, Nodes
+from pdecodec.formats.gltf.file import READABLE_EXTENSIONS, GltfFile
+
+GROUPS = "groups"
+"""What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
+
+WRITTEN_MATERIAL: Mapping[str, Any] = {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0}}
+"""A material as it is written, beside its name: that of which the name alone is kept."""
+
+_DEFAULTS: Mapping[str, Any] = {
+    "alphaCutoff": 0.5,
+    "alphaMode": "OPAQUE",
+    "baseColorFactor": [1.0] * 4,
+    "doubleSided": False,
+    "emissiveFactor": [0.0] * 3,
+    "metallicFactor": 1.0,
+    "roughnessFactor": 1.0,
+}
+"""Properties of a material that does not say them."""
+
+_NOTED = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
+"""Keys of extras that our writer leaves, by the list that they are in."""
+
+
+def lost_textures(file: GltfFile) -> tuple[str, ...]:
+    """Return the line that names textures, or images, that are not kept; none where there are none."""
+    images = [_name(one, "image", number) for number, one in enumerate(file.listed("images"))]
+    textures = len(file.listed("textures"))
+    if not images and not textures:
+        return ()
+    named = f" of {listed(images)}" if images else ""
+    count = f"{textures} texture{'s' * (textures != 1)}" if textures else "images"
+    return (f"not kept: {count}{named}; the motion written onto this file keeps them",)
+
+
+def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Collection[int]) -> Iterator[str]:
+    """Give the name of everything else that is not kept, but for what meshes and the clip name themselves.
+
+    Parameters
+    ----------
+    file, nodes, clip
+    moving : collection of int
+        Nodes that meshes that are read stand on or under, their joints among them.
+    """
+    yield from _of_materials(file.listed("materials"))
+    for kind in ("cameras", "scenes"):
+        shown = file.root.get("scene", 0) if kind == "scenes" else None
+        others = [_name(one, kind[:-1], k) for k, one in enumerate(file.listed(kind)) if k != shown]
+        if others:
+            yield f"{'other ' * (kind == 'scenes')}{kind} {listed(others)}"
+    users: dict[int, list[int]] = {}
+    for number, node in enumerate(nodes.entries):
+        if "mesh" in node:
+            users.setdefault(node["mesh"], []).append(number)
+    meshes = enumerate(file.listed("meshes"))
+    unused = [_name(one, "mesh", k) for k, one in meshes if not any(map(nodes.is_shown, users.get(k, ())))]
+    if unused:
+        yield f"meshes {listed(unused)}, which the scene does not show"
+    used = {one.get("material") for mesh in file.listed("meshes") for one in mesh["primitives"]}
+    unused = [_name(one, "material", k) for k, one in enumerate(file.listed("materials")) if k not in used]
+    if unused:
+        yield f"materials {listed(unused)}, which no mesh has"
+    bare = {k for k, one in enumerate(nodes.entries) if k not in moving and not {"mesh", "camera"} & one.keys()}
+    animated = {node for node, _ in clip.samplers} - set(moving) if clip else set()
+    for word, numbers in (("nodes without meshes", bare), ("animation of nodes without meshes", animated)):
+        if numbers:
+            yield f"{word} {listed([_name(nodes.entries[k], 'node', k) for k in sorted(numbers)])}"
+    yield from _anywhere(file.root)
+    if file.root.get("asset", {}).get("copyright"):
+        yield "asset.copyright"
+
+
+def _name(entry: Mapping[str, Any], kind: str, number: int) -> str:
+    uri = entry.get("uri")
+    file_name = uri.rpartition("/")[2] if isinstance(uri, str) and not uri.startswith("data:") else None
+    return str(entry.get("name") or file_name or f"{kind}_{number}")
+
+
+def _of_materials(materials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Give the names of properties of materials that differ from those that are written; textures are named alone."""
+    differing: dict[str, None] = {}
+    written = {**_DEFAULTS, **_flat(WRITTEN_MATERIAL)}
+    for entry in materials:
+        own = {**_DEFAULTS, **_flat(entry)}
+        differing |= dict.fromkeys(key for key in own if own[key] != written.get(key) and not key.endswith("Texture"))
+    if differing:
+        yield f"properties of materials ({', '.join(differing)})"
+
+
+def _flat(material: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the properties of a material by their own names, without that of the material and its extras."""
+    flat = {key: value for key, value in material.items() if key not in ("name", "extras")}
+    return {**flat.pop("pbrMetallicRoughness", {}), **flat.pop("extensions", {}), **flat}
+
+
+def _holders(root: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Give every object of the file that may have extensions and extras, and the list of the root that it is in."""
+    yield "the file", root
+    yield "asset", root.get("asset", {})
+    for kind, entries in root.items():
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict):
+                inner = [one for key in ("primitives", "channels", "samplers") for one in entry.get(key, ())]
+                targets = [one["target"] for one in inner if "target" in one]
+                yield from ((kind, one) for one in (entry, *inner, *targets))
+
+
+def _anywhere(root: Mapping[str, Any]) -> Iterator[str]:
+    """Give extensions that are not read, and extras, wherever they are."""
+    extensions: dict[str, None] = {}
+    extras: dict[str, dict[str, None]] = {}
+    for kind, holder in _holders(root):
+        if kind != "materials" and isinstance(holder.get("extensions"), dict):
+            extensions |= dict.fromkeys(holder["extensions"])
+        found = holder.get("extras")
+        keys = [str(key) for key in found if key not in _NOTED.get(kind, ())] if isinstance(found, dict) else []
+        if keys or (found is not None and not isinstance(found, dict)):
+            extras.setdefault(kind, {}).update(dict.fromkeys(keys))
+    yield from (name for name in extensions if name not in READABLE_EXTENSIONS)
+    for kind, names in extras.items():
+        yield f"extras of {kind}" + (f" ({', '.join(names)})" if names else "")
