@@ -140,7 +140,8 @@ BUILT_IN = (
         "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "
         "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
         loses="textures, materials but for their names, cameras, lights, other scenes and animations, extras, "
-        "tangents, other attributes, colours and UVs that change with time (each named when read); the scene is turned Y-up",
+        "tangents, other attributes, colours and UVs that change with time (each named when read); the scene is turned "
+        "Y-up",
     ),
     Format(
         name="xdmf",
