@@ -244,6 +244,25 @@ constexpr bool is_structure(Line kind) {
     return kind == Line::face || kind == Line::line || kind == Line::point || kind == Line::other;
 }
 
+// The bytes of a first frame that another one must have as well, part by part.
+class Compared {
+public:
+    explicit Compared(std::span<const u8> first) : left_(first) {}
+
+    // Whether the next bytes are those from `at` to `end`.
+    bool continues(const u8 *at, const u8 *end) {
+        const std::size_t size = end - at;
+        if (size > left_.size() || std::memcmp(left_.data(), at, size) != 0) return false;
+        left_ = left_.subspan(size);
+        return true;
+    }
+
+    bool is_whole() const { return left_.empty(); }
+
+private:
+    std::span<const u8> left_;
+};
+
 }  // namespace
 
 ObjStructure::ObjStructure(std::span<const u8> text) {
@@ -255,8 +274,13 @@ ObjStructure::ObjStructure(std::span<const u8> text) {
         at = next_line(start, end);
         if (kind == Line::vertex) {
             ++vertices;
-        } else if (kind == Line::texture) {
-            ++textures;
+            const u8 *rest = start + 1;
+            for (int axis = 0; axis < 3; ++axis) rest = skip_token(skip_blanks(rest));
+            data_[0].insert(data_[0].end(), rest, at);
+        } else if (kind == Line::texture || kind == Line::library) {
+            textures += kind == Line::texture;
+            std::vector<u8> &own = data_[kind == Line::texture ? 1 : 2];
+            own.insert(own.end(), start, at);
         } else if (is_structure(kind)) {
             before_.emplace_back(vertices, textures);
             lines_.insert(lines_.end(), start, at);
@@ -264,16 +288,20 @@ ObjStructure::ObjStructure(std::span<const u8> text) {
     }
 }
 
-bool ObjStructure::read_positions(std::span<const u8> text, std::span<float> positions,
-                                  std::vector<UnreadNumber> &unread) const {
+std::optional<u32> ObjStructure::read_positions(std::span<const u8> text, std::span<float> positions,
+                                                std::vector<UnreadNumber> &unread) const {
     const u8 *end = text.data() + text.size();
-    std::size_t found = 0, compared = 0, lines = 0;
+    std::size_t found = 0, lines = 0;
     u32 textures = 0;
+    Compared structure(lines_);
+    std::array<Compared, obj_data_kinds> data{Compared(data_[0]), Compared(data_[1]), Compared(data_[2])};
+    u32 changed = 0;
     for (const u8 *at = text.data(); at < end;) {
         at = skip_blanks(at);
         const Line kind = kind_of(at, end);
+        const u8 *next;
         if (kind == Line::vertex) {
-            if (found == positions.size()) return false;
+            if (found == positions.size()) return std::nullopt;
             ++at;
             for (int axis = 0; axis < 3; ++axis) {
                 at = skip_blanks(at);
@@ -283,19 +311,26 @@ bool ObjStructure::read_positions(std::span<const u8> text, std::span<float> pos
                 at = number.end;
                 while (*at > ' ') ++at;
             }
-        } else if (kind == Line::texture) {
-            ++textures;
-        } else if (is_structure(kind)) {
-            const std::pair before{static_cast<u32>(found / 3), textures};
-            if (lines == before_.size() || before_[lines] != before) return false;
-            ++lines;
-            const std::size_t size = next_line(at, end) - at;
-            if (size > lines_.size() - compared || std::memcmp(lines_.data() + compared, at, size) != 0) return false;
-            compared += size;
+            next = next_line(at, end);
+            changed |= u32{!data[0].continues(at, next)};
+        } else {
+            next = next_line(at, end);
+            if (kind == Line::texture || kind == Line::library) {
+                textures += kind == Line::texture;
+                const int own = kind == Line::texture ? 1 : 2;
+                changed |= u32{!data[own].continues(at, next)} << own;
+            } else if (is_structure(kind)) {
+                const std::pair before{static_cast<u32>(found / 3), textures};
+                if (lines == before_.size() || before_[lines] != before) return std::nullopt;
+                ++lines;
+                if (!structure.continues(at, next)) return std::nullopt;
+            }
         }
-        at = next_line(at, end);
+        at = next;
     }
-    return found == positions.size() && lines == before_.size();
+    if (found != positions.size() || lines != before_.size()) return std::nullopt;
+    for (int kind = 0; kind < obj_data_kinds; ++kind) changed |= u32{!data[kind].is_whole()} << kind;
+    return changed;
 }
 
 }  // namespace pdeanim::text

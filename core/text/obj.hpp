@@ -4,6 +4,7 @@
 // holds no line continuations. Numbers that are not plain decimal, or not certain, are left to the caller, as unread.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -78,17 +79,22 @@ private:
     class Reading;
 };
 
+// Data of a frame beside structure and positions: what follows the position of a v line, vt lines, mtllib lines.
+constexpr int obj_data_kinds = 3;
+
 // What must be the same in every frame: all lines but numbers, comments and mtllib, which exporters name by the frame.
 class ObjStructure {
 public:
     explicit ObjStructure(std::span<const u8> text);
 
-    // Read the positions of another frame, three numbers each. False where vertices or structure are not those of the
-    // first, byte for byte; positions are unfinished then.
-    bool read_positions(std::span<const u8> text, std::span<float> positions, std::vector<UnreadNumber> &unread) const;
+    // Read the positions of another frame, three numbers each; which kinds of data are not those of the first frame,
+    // byte for byte, as bits. Nothing where vertices or structure are not; positions are unfinished then.
+    std::optional<u32> read_positions(std::span<const u8> text, std::span<float> positions,
+                                      std::vector<UnreadNumber> &unread) const;
 
 private:
     std::vector<u8> lines_;
+    std::array<std::vector<u8>, obj_data_kinds> data_;
     std::vector<std::pair<u32, u32>> before_;  // vertices and texture vertices before each line, for relative indices
 };
 

@@ -132,7 +132,7 @@ def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None,
     Returns
     -------
     values : (n, k) float32
-        Of an integer colour, over 255. With a row of zeros at the end where an element has none.
+        Of an integer colour, over 255. With a row at the end where an element has none: white, of others zeros.
     indices : (rows of the domain,) int32 or None
     filled : bool
         Whether that row was needed.
@@ -142,7 +142,8 @@ def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None,
         values /= np.float32(255)
     if attribute.indices is None or not (attribute.indices < 0).any():
         return np.ascontiguousarray(values), attribute.indices, False
-    values = np.concatenate([values, np.zeros((1, values.shape[1]), np.float32)])
+    none = np.full((1, values.shape[1]), is_role(attribute, COLOR), np.float32)
+    values = np.concatenate([values, none])
     return values, np.where(attribute.indices < 0, len(values) - 1, attribute.indices).astype(np.int32), True
 
 
@@ -168,17 +169,25 @@ def vertex_color(item: MeshObject) -> Attribute | None:
 
 
 def joined_colors(sequence: MeshSequence) -> Float32Array | None:
-    """(vertices, 3 or 4) float32: colours of the vertices of all objects; None unless every object has some."""
-    parts = []
-    for item in sequence.objects:
+    """(vertices, 3 or 4) float32: colours of the vertices of all objects, white for none; None without any colours."""
+    if all(vertex_color(item) is None for item in sequence.objects):
+        return None
+    rows = np.ones((sequence.vertex_count, 4), np.float32)
+    width = 3
+    for item, place in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
         color = vertex_color(item)
-        if color is None:
-            return None
-        values, indices, _ = indexed_rows(color)
-        parts.append(values if indices is None else values[indices])
-    width = max(part.shape[1] for part in parts)
-    opaque = (np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts)
-    return np.concatenate(list(opaque))
+        if color is not None:
+            values, indices, _ = indexed_rows(color)
+            rows[place, : values.shape[1]] = values if indices is None else values[indices]
+            width = max(width, values.shape[1])
+    return rows[:, :width]
+
+
+def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
+    """A line where colours that are written as white stand for none."""
+    found = [color.indices for item in sequence.objects if (color := vertex_color(item)) is not None]
+    has_gaps = any(indices is not None and (indices < 0).any() for indices in found)
+    return ("vertices without a colour are white",) if has_gaps else ()
 
 
 def left_out(
@@ -208,6 +217,10 @@ def lost_by_joining(
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
         notices = (f"{title} has no names: objects are one {joined}",)
+    if colors is not None and any(vertex_color(item) is None for item in sequence.objects):
+        notices += ("objects without colours are white",)
+    if colors is not None:
+        notices += white_for_none(sequence)
     return notices + left_out(
         sequence,
         title,

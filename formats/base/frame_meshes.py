@@ -94,13 +94,11 @@ def is_same_attribute(mine: Attribute | None, other: Attribute | None) -> bool:
     """Whether two attributes of one name and domain hold the same values, or there is neither."""
     if mine is None or other is None:
         return mine is other
-    if mine.labels != other.labels or mine.values.shape != other.values.shape:
+    if mine.labels != other.labels or (mine.indices is None) != (other.indices is None):
         return False
-    if (mine.indices is None) != (other.indices is None):
+    if mine.indices is not None and other.indices is not None and not np.array_equal(mine.indices, other.indices):
         return False
-    return np.array_equal(mine.values, other.values, equal_nan=mine.values.dtype.kind == "f") and (
-        mine.indices is None or np.array_equal(mine.indices, other.indices)
-    )
+    return np.array_equal(mine.values, other.values, equal_nan=mine.values.dtype.kind == "f")
 
 
 class FrameChanges:
@@ -111,10 +109,12 @@ class FrameChanges:
         self._absent: set[str] = set()
         self._notices: dict[str, str] = {}
 
-    def note(self, frame: int, kind: str, *, is_in_first: bool = True) -> None:
+    def note(self, frame: int, kind: str, *, is_in_first: bool) -> None:
         """Note that data of a kind differ in a frame, and whether the first frame has any."""
-        if self._frames.setdefault(kind, frame) == frame and not is_in_first:
-            self._absent.add(kind)
+        if kind not in self._frames:
+            self._frames[kind] = frame
+            if not is_in_first:
+                self._absent.add(kind)
 
     def note_lines(self, notices: Iterable[str]) -> None:
         """Note lines about a file; of lines that differ in numbers alone the first one is kept."""

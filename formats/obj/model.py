@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from pdecodec._core import ObjScan
+from pdecodec.formats.base.frame_meshes import is_same_attribute
 from pdecodec.formats.base.normals import normal_group, read_normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
 from pdecodec.formats.obj.text import ObjText
@@ -79,7 +81,7 @@ def _smoothing_group(text: ObjText, offset: int, argument: str) -> str | None:
 
 
 class ObjModel:
-    """Objects, attributes, metadata and notices of a file.
+    """Objects, attributes, metadata and notices of a file; objects are built when they are asked for.
 
     Each ``o`` becomes an object where its elements use only vertices declared under it; otherwise the file is
     one object and the names are a face attribute ``"object"``.
@@ -117,22 +119,53 @@ class ObjModel:
         self._labels = {name: tuple(state.labels) for name, state in states.items()}
         self._corner_starts = np.concatenate([[0], np.cumsum(scan.element_sizes, dtype=np.int64)])
         self._is_face = scan.is_face.astype(bool)
-        parts = [
+        self._parts = [
             _Part(name, (vertex, vertex_end), (element, element_end))
             for (name, vertex, element), (_, vertex_end, element_end) in pairwise(marks)
             if vertex < vertex_end or element < element_end
         ]
-        whole = (0, scan.vertex_sizes.size)
-        if self._are_separate(parts):
-            self.objects = tuple(self._build(part, alone=len(parts) == 1) for part in parts)
-        else:
-            self.objects = (self._build_whole(parts, whole),)
+        self._whole = _Part(None, (0, scan.vertex_sizes.size), (0, scan.element_sizes.size))
+        self._is_separate = self._are_separate(self._parts)
         # A part of every vertex and nothing else names the whole, as our writer leaves it.
-        named = [part for part in parts if part.elements[0] < part.elements[1] or part.vertices != whole]
+        named = [
+            part for part in self._parts if part.elements[0] < part.elements[1] or part.vertices != self._whole.vertices
+        ]
         counts = Counter(part.name or DEFAULT_NAME for part in named)
         several = [repr(name) for name, count in counts.items() if count > 1]
         merged = (f"several objects are called {', '.join(several)}: the file is one object",) if several else ()
         self.notices = merged + self._notices(left_out)
+
+    @cached_property
+    def objects(self) -> tuple[MeshObject, ...]:
+        """The objects of the file, with their attributes."""
+        if self._is_separate:
+            return tuple(self._build(part, alone=len(self._parts) == 1) for part in self._parts)
+        return (self._build_whole(self._parts, self._whole.vertices),)
+
+    def changes_to(self, other: ObjModel) -> Iterator[tuple[str, bool]]:
+        """What differs in a file of the same connectivity, and whether this one has any of it."""
+        if self._parts != other._parts or self._names_differ("object", other):
+            yield "objects", True
+        for name, words in (("group", "groups"), ("material", "materials"), ("smoothing", "smoothing groups")):
+            if self._names_differ(name, other):
+                yield words, bool(self._labels[name])
+        mine, others = self._color(self._whole), other._color(other._whole)
+        if not is_same_attribute(mine, others):
+            yield "vertex colours", mine is not None
+        used = self._scan.corners[:, 1]
+        if not np.array_equal(*(scan.textures[used[used >= 0]] for scan in (self._scan, other._scan)), equal_nan=True):
+            yield "UVs", True
+        has_normals = [bool((scan.corners[:, 2] >= 0).any()) for scan in (self._scan, other._scan)]
+        if has_normals[0] != has_normals[1]:
+            yield "normals", has_normals[0]
+        if self.metadata != other.metadata:
+            yield "names of mtllib", bool(self.metadata)
+
+    def _names_differ(self, name: str, other: ObjModel) -> bool:
+        """Whether elements have other names of a kind, whatever the order in which files name them."""
+        numbers = {label: number for number, label in enumerate(self._labels[name])}
+        renumbered = np.array([*(numbers.get(label, -2) for label in other._labels[name]), -1], np.int32)
+        return not np.array_equal(self._states[name], renumbered[other._states[name]])
 
     def _are_separate(self, parts: list[_Part]) -> bool:
         names = [part.name or DEFAULT_NAME for part in parts]
@@ -196,17 +229,14 @@ class ObjModel:
 
     def _color(self, part: _Part) -> Attribute | None:
         sizes = self._scan.vertex_sizes[slice(*part.vertices)]
-        colored = sizes >= 6
-        if not colored.any():
+        if not (sizes >= 6).any():
             return None
         width = 4 if (sizes == 7).any() else 3
         values = self._scan.vertex_extras[slice(*part.vertices), :width].copy()
+        values[sizes < 6] = 1.0
         if width == 4:
             values[sizes == 6, 3] = 1.0
-        if colored.all():
-            return Attribute("color", "vertex", values)
-        indices = np.where(colored, np.cumsum(colored) - 1, -1).astype(np.int32)
-        return Attribute("color", "vertex", values[colored], indices=indices)
+        return Attribute("color", "vertex", values)
 
     def _normals(self, indices: Int32Array, connectivity: Connectivity) -> Attribute | None:
         normals = self._scan.normals
@@ -234,6 +264,12 @@ class ObjModel:
         scan = self._scan
         lines = ~self._is_face
         notices = []
+        uncolored = 0
+        for part in self._parts if self._is_separate else [self._whole]:
+            colored = int(np.count_nonzero(scan.vertex_sizes[slice(*part.vertices)] >= 6))
+            uncolored += part.vertices[1] - part.vertices[0] - colored if colored else 0
+        if uncolored:
+            notices.append(f"{uncolored} of {scan.vertex_count} vertices have no colour: they are white")
         if (scan.vertex_sizes == 4).any():
             notices.append("the weight of vertices (the fourth number of v) is not kept")
         if (scan.corners[np.repeat(lines, scan.element_sizes), 1] >= 0).any():

@@ -1,7 +1,7 @@
 """OBJ sequences: one Wavefront OBJ file a frame, read in parallel.
 
 Frames of the same faces, lines and UV indices are a run. Names, UVs, colours and hard edges are those of its first
-frame; of every other one positions are read, and names may differ, as exporters number them.
+frame; of every other one positions are read, and what else differs is told once.
 
 OBJ has no time. Our writer starts each file with a comment that says when it is, so that irregular times and the
 frame rate come back; other readers skip it.
@@ -22,7 +22,7 @@ import numpy as np
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_files import FrameFiles, find_frames
-from pdecodec.formats.base.frame_meshes import KeptPositions, runs_of_frames
+from pdecodec.formats.base.frame_meshes import FrameChanges, KeptPositions, runs_of_frames
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel
@@ -47,6 +47,13 @@ LONGEST_COMMENT = 128
 _COMMENT = re.compile(rb"# time ([-+.\deE]{1,30}) s at ([-+.\deE]{1,30}) frames per second\r?\n")
 
 
+_VERTEX_ENDS, _TEXTURES, _LIBRARIES = 1, 2, 4
+"""Data that the core compares, as bits: what follows positions, texture vertices, mtllib."""
+
+
+_BITS = {"vertex colours": _VERTEX_ENDS, "UVs": _TEXTURES, "names of mtllib": _LIBRARIES}
+
+
 def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None) -> MeshSequence:
     """Open an OBJ file, frame pattern or folder: every frame is read once, to learn where faces change.
 
@@ -68,14 +75,17 @@ def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None
     files = find_frames(path, ".obj")
     timing = _timing(files, fps)
     frames = _ObjFrames(files.paths, threads)
-    return runs_of_frames(frames.run_starts(), timing, lambda first, own: ObjSequence(frames, first, own))
+    starts, (times, rate, notices) = frames.run_starts(), timing
+    told = (*notices, *frames.changes.notices(len(starts)))
+    return runs_of_frames(starts, (times, rate, told), lambda first, own: ObjSequence(frames, first, own))
 
 
 class _ObjFrames:
     """Files of frames, how many are read at a time, and positions that were read to compare them."""
 
     def __init__(self, paths: Sequence[Path], threads: int | None) -> None:
-        self.paths, self._kept = paths, KeptPositions()
+        self.paths, self._kept, self.changes = paths, KeptPositions(), FrameChanges()
+        self._opened: dict[int, _Structure] = {}
         with read_errors(paths[0]):
             is_large = paths[0].stat().st_size >= PARALLEL_BYTES
         self.threads = threads or (min(MOST_THREADS, os.cpu_count() or 1) if is_large else 1)
@@ -90,8 +100,11 @@ class _ObjFrames:
                 if structure is None:
                     text = read_text(self.paths[frame], frame)
                     try:
-                        structure, at_once = _Structure(text, scan(text)), 1
+                        structure, at_once = _Structure(text), 1
+                        if not self._opened:
+                            self._opened[frame] = structure
                         starts.append((frame, structure.vertices))
+                        self.changes.note_lines(structure.model.notices)
                         self._kept.keep(frame, structure.positions)
                     except NoVerticesError:
                         if len(self.paths) == 1:
@@ -100,25 +113,34 @@ class _ObjFrames:
                     frame += 1
                     continue
                 batch = range(frame, min(frame + at_once, len(self.paths)))
-                for index, points in zip(batch, pool.map(partial(self._compared, structure), batch), strict=True):
+                compared = pool.map(partial(self._compared, structure), batch)
+                for index, (points, model) in zip(batch, compared, strict=True):
                     if points is None:
                         structure = None
                         break
+                    if model is not None:
+                        structure.note_changes(model, index, self.changes)
                     self._kept.keep(index, points)
                     frame += 1
                 at_once = min(2 * at_once, 2 * self.threads)
         return starts
 
-    def _compared(self, structure: _Structure, frame: int) -> Float32Array | None:
-        """Positions of a frame, none where they cannot be read; None where its faces are others."""
+    def structure(self, first: int) -> _Structure:
+        """What must not change in the run that begins with a frame; that of the first run is kept."""
+        return self._opened.get(first) or _Structure(read_text(self.paths[first], first))
+
+    def _compared(self, structure: _Structure, frame: int) -> tuple[Float32Array | None, ObjModel | None]:
+        """Positions of a frame, none where they cannot be read, and its model where other data may have changed.
+
+        None for positions where its faces are others.
+        """
         points = np.empty((structure.vertices, 3), np.float32)
         try:
-            structure.read_positions(self.paths[frame], frame, points)
+            return points, structure.read_positions(self.paths[frame], frame, points, compare=True)
         except (_ChangedError, NoVerticesError):
-            return None
+            return None, None
         except InputError:
-            return points[:0]
-        return points
+            return points[:0], None
 
     def read(self, structure: _Structure, frame: int, points: Float32Array) -> None:
         """Read a frame's positions into `points`, (vertices, 3) float32; errors as of `structure`."""
@@ -139,13 +161,10 @@ class ObjSequence(MeshSequence):
 
     def __init__(self, frames: _ObjFrames, first: int, timing: Timing) -> None:
         self._frames, self._first = frames, first
-        text = read_text(frames.paths[first], first)
-        scanned = scan(text)
-        model = ObjModel(text, scanned)
-        self.times, self.fps, notices = timing
+        self._structure = frames.structure(first)
+        model = self._structure.model
+        self.times, self.fps, self.notices = timing
         self.objects, self.metadata = model.objects, model.metadata
-        self.notices = notices + model.notices
-        self._structure = _Structure(text, scanned)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -171,9 +190,11 @@ class _ChangedError(InputError):
 class _Structure:
     """What must not change from frame to frame, as bytes to compare quickly and as indices to compare well."""
 
-    def __init__(self, text: ObjText, first: ObjScan) -> None:
-        self._lines, self._first = ObjStructure(text.data), first
-        self.vertices: int = first.vertex_count
+    def __init__(self, text: ObjText) -> None:
+        self._lines, self._first = ObjStructure(text.data), scan(text)
+        self.vertices: int = self._first.vertex_count
+        self.model = ObjModel(text, self._first)
+        self._unchanged = _VERTEX_ENDS | _TEXTURES | _LIBRARIES
 
     @property
     def positions(self) -> Float32Array:
@@ -181,8 +202,20 @@ class _Structure:
         found: Float32Array = self._first.positions
         return found
 
-    def read_positions(self, path: Path, frame: int, points: Float32Array) -> None:
+    def note_changes(self, model: ObjModel, frame: int, changes: FrameChanges) -> None:
+        """Note what else differs in a frame; data that are known to change are not compared again."""
+        changes.note_lines(model.notices)
+        for kind, is_in_first in self.model.changes_to(model):
+            changes.note(frame, kind, is_in_first=is_in_first)
+            self._unchanged &= ~_BITS.get(kind, 0)
+
+    def read_positions(self, path: Path, frame: int, points: Float32Array, *, compare: bool = False) -> ObjModel | None:
         """Read a frame's positions into `points`, (vertices, 3) float32.
+
+        Returns
+        -------
+        ObjModel or None
+            Of the frame, where its other data may have changed and `compare` asks for it.
 
         Raises
         ------
@@ -190,17 +223,19 @@ class _Structure:
             If the file is unusable or its connectivity is another one.
         """
         text = read_text(path, frame)
-        unread = self._lines.read_positions(text.data, points)
-        if unread is not None:
+        found = self._lines.read_positions(text.data, points)
+        if found is not None:
+            unread, changed = found
             text.read_rest(unread, points)
-            return
+            return ObjModel(text, scan(text)) if compare and changed & self._unchanged else None
         # A frame that is written differently: find out whether it is different.
         other = scan(text)
-        ObjModel(text, other)  # refuses statements that carry geometry
+        model = ObjModel(text, other)  # refuses statements that carry geometry
         difference = self._difference(other)
         if difference:
             raise _ChangedError(f"{difference}; the file changed while it was read", path=path, frame=frame)
         points[:] = other.positions
+        return model
 
     def _difference(self, other: ObjScan) -> str | None:
         first = self._first

@@ -17,7 +17,15 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import COLOR, UV, indexed_rows, left_out, uv_sets, vertex_color
+from pdecodec.formats.base.attribute_roles import (
+    COLOR,
+    UV,
+    indexed_rows,
+    left_out,
+    uv_sets,
+    vertex_color,
+    white_for_none,
+)
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
@@ -47,7 +55,7 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
         lost = left_out(run, "OBJ", _is_written, metadata=("mtllib",))
         names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
-        notices.update(dict.fromkeys((*lost, *names, *_without_names(run))))
+        notices.update(dict.fromkeys((*lost, *names, *_without_names(run), *white_for_none(run))))
         return _FrameText(run, output.rate, first).of_frame
 
     write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
@@ -129,7 +137,7 @@ class _FrameText:
         parts = [time_comment(self._times[frame], self._rate), self._head]
         for item in self._objects:
             own = points[item.vertices]
-            parts += (item.before, _vertex_text(own, item.color), item.normal_text(own), item.after)
+            parts += (item.before, rows_text(np.hstack([own, item.color]), "v"), item.normal_text(own), item.after)
         return b"".join(parts)
 
 
@@ -153,7 +161,7 @@ class _ObjectText:
         # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
-        self.color = _color_rows(vertex_color(item))
+        self.color = _color_rows(vertex_color(item), item.vertex_count)
         # Smoothing groups are statements of their own.
         self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)
@@ -186,19 +194,6 @@ def normals_text(rows: NormalRows, points: Float32Array) -> bytes:
     return rows_text(np.round(rows.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0), "vn")
 
 
-def _vertex_text(points: Float32Array, color: Float32Array | None) -> bytes:
-    """``v`` lines of finite points, and of colours (vertices, 3 or 4), of which NaN rows are none."""
-    if color is None:
-        return rows_text(points, "v")
-    colored = np.isfinite(color[:, 0])
-    if colored.all():
-        return rows_text(np.hstack([points, color]), "v")
-    return b"".join(
-        rows_text(np.concatenate([point, shade])[None] if has else point[None], "v")
-        for point, shade, has in zip(points, color, colored.tolist(), strict=True)
-    )
-
-
 def rows_text(rows: Float32Array, word: str) -> bytes:
     """Lines of a word and finite numbers, (rows, columns); all of nine digits where that is not enough for one."""
     text = _core.write_rows(np.ascontiguousarray(rows), word)
@@ -207,16 +202,13 @@ def rows_text(rows: Float32Array, word: str) -> bytes:
     return text
 
 
-def _color_rows(color: Attribute | None) -> Float32Array | None:
-    """Colours by vertex, NaN in every channel for none."""
+def _color_rows(color: Attribute | None, vertices: int) -> Float32Array:
+    """Colours by vertex, white for none or one that is not finite; without columns where there are none."""
     if color is None:
-        return None
+        return np.zeros((vertices, 0), np.float32)
     values, indices, _ = indexed_rows(color)
     rows: Float32Array = values if indices is None else values[indices]
-    has = np.isfinite(rows).all(axis=1, keepdims=True)
-    if color.indices is not None:
-        has &= color.indices[:, None] >= 0
-    return np.where(has, rows, np.float32(np.nan))
+    return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.float32(1))
 
 
 def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, Int64Array | None, int]:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdecodec.formats import open_sequence
-from pdecodec.mesh.sequence import Attribute, MeshSequence
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
+from tests.support.mesh_cases import connectivity_of
 
 KEPT = "(first at frame 1): the first frame's are kept"
 RED, GREEN = "255 0 0", "0 255 0"
@@ -244,3 +245,154 @@ def test_what_stl_files_lose_is_named(tmp_path: Path) -> None:
     (tmp_path / "binary.stl").write_bytes(data)
     with open_sequence(tmp_path / "binary.stl") as binary:
         assert binary.notices == ("not kept: attribute bytes of facets",)
+
+
+CORNERS = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+
+
+def obj(*colors: str, more: str = "f 1 2 3 4\n") -> str:
+    """Text of an OBJ file of four vertices, what follows the position of each, and other statements."""
+    ends = (*colors, "", "", "", "")[:4]
+    return "".join(f"v {corner} {end}\n" for corner, end in zip(CORNERS, ends, strict=True)) + more
+
+
+UV = "vt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "notices"),
+    [
+        (
+            obj("", "0 0 1", "", "1 .6 .3"),
+            [[1, 1, 1], [0, 0, 1], [1, 1, 1], [1, 0.6, 0.3]],
+            ("2 of 4 vertices have no colour: they are white",),
+        ),
+        (
+            obj("1 0 0 .5", "", "0 0 1", "0 0 1"),
+            [[1, 0, 0, 0.5], [1, 1, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1]],
+            ("1 of 4 vertices have no colour: they are white",),
+        ),
+        (obj("0 1 0", more=""), [[0, 1, 0], *[[1, 1, 1]] * 3], ("3 of 4 vertices have no colour: they are white",)),
+        (
+            obj("0 1 0", ".5"),
+            [[0, 1, 0], *[[1, 1, 1]] * 3],
+            (
+                "3 of 4 vertices have no colour: they are white",
+                "the weight of vertices (the fourth number of v) is not kept",
+            ),
+        ),
+        (obj(*["1 0 0"] * 4), [[1, 0, 0]] * 4, ()),
+        (obj(), None, ()),
+    ],
+    ids=["some", "alpha", "points", "beside weights", "all", "none"],
+)
+@pytest.mark.parametrize("target", ["x.usda", "x.abc", "x.glb", "y.ply", "y.obj", "x.vtu"])
+def test_vertices_without_a_colour_are_white_in_every_format(
+    tmp_path: Path, text: str, values: list[list[float]] | None, notices: tuple[str, ...], target: str
+) -> None:
+    with read(tmp_path, text, extension="obj") as sequence:
+        found = attributes(sequence).get("color")
+        assert (None if found is None else np.round(found.values, 6).tolist()) == (
+            None if values is None else np.round(np.float32(values), 6).tolist()
+        )
+        assert sequence.notices == notices
+        lost = write_sequence(sequence, tmp_path / target)
+        assert not [notice for notice in lost if "color" in notice or "white" in notice]
+        if values is None or target == "x.vtu":  # whose colours are not read
+            return
+    with open_sequence(tmp_path / target) as again:
+        back = attributes(again)["color"]
+        rows = back.values if back.indices is None else back.values[back.indices]
+        if back.domain == "corner":  # of glTF
+            rows = rows[np.argsort(again.connectivity.face_indices)]
+        if back.values.dtype == np.uint8:
+            rows = rows / 255
+        assert np.abs(rows - np.float32(values)[:, : rows.shape[1]]).max() < 1 / 500
+
+
+def test_objects_without_colours_beside_others_are_white_in_one_mesh(tmp_path: Path) -> None:
+    text = "o a\nv 0 0 0 1 0 0\no b\nv 0 0 1\n"
+    with read(tmp_path, text, extension="obj") as sequence:
+        assert sequence.notices == ()
+        lost = write_sequence(sequence, tmp_path / "y.ply")
+    assert "objects without colours are white" in lost
+    with open_sequence(tmp_path / "y.ply") as again:
+        assert attributes(again)["color"].values.tolist() == [[255, 0, 0], [255, 255, 255]]
+
+
+@pytest.mark.parametrize("target", ["y.ply", "y.obj"])
+def test_colours_of_some_vertices_of_other_sources_are_white_elsewhere(tmp_path: Path, target: str) -> None:
+    color = Attribute("color", "vertex", np.eye(1, 3, dtype=np.float32), np.array([0, -1, -1], np.int32))
+    item = MeshObject("mesh", connectivity_of(3, [[0, 1, 2]]), (color,))
+    assert "vertices without a colour are white" in write_sequence(
+        ArraySequence(np.eye(3)[None], objects=[item]), tmp_path / target
+    )
+    with open_sequence(tmp_path / target) as again:
+        assert (attributes(again)["color"].values > 0).tolist() == [[True, False, False], [True] * 3, [True] * 3]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "notices"),
+    [
+        (obj(*["1 0 0"] * 4), obj(*["0 1 0"] * 4), (f"vertex colours change from frame to frame {KEPT}",)),
+        (
+            obj(*["1 0 0"] * 4, more=UV),
+            obj(*["0 1 0"] * 4, more=UV.replace("vt 1 1", "vt 2 1")),
+            (f"UVs change from frame to frame {KEPT}", f"vertex colours change from frame to frame {KEPT}"),
+        ),
+        (
+            obj(*["1 0 0"] * 4, more=""),
+            obj(*["0 1 0"] * 4, more=""),
+            (f"vertex colours change from frame to frame {KEPT}",),
+        ),
+        (
+            obj(),
+            obj(*["0 1 0"] * 4),
+            ("vertex colours are not in the first frame (first at frame 1): they are not kept",),
+        ),
+        (
+            obj(more="g a\nusemtl x\ns 1\nf 1 2 3\n"),
+            obj(more="g b\nusemtl y\ns 2\nf 1 2 3\n"),
+            tuple(f"{kind} change from frame to frame {KEPT}" for kind in ("groups", "materials", "smoothing groups")),
+        ),
+        (
+            obj(more="usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n"),
+            obj(more="usemtl a\nf 1 2 3\nf 1 3 4\n"),
+            (f"materials change from frame to frame {KEPT}",),
+        ),
+        ("o a\n" + obj(), "o b\n" + obj(), (f"objects change from frame to frame {KEPT}",)),
+        ("mtllib a.mtl\n" + obj(), "mtllib b.mtl\n" + obj(), (f"names of mtllib change from frame to frame {KEPT}",)),
+        (
+            obj(),
+            obj(more="vn 0 0 1\nf 1//1 2//1 3//1 4//1\n"),
+            ("normals are not in the first frame (first at frame 1): they are not kept",),
+        ),
+        (obj(), obj(more="vp 1 2\nf 1 2 3 4\n"), ("statements not kept: vp",)),
+        (obj(*["1 0 0"] * 4), obj(*["1.0 0.0 0e3"] * 4), ()),
+        (obj(more="g a\nf 1 2 3\ng b\nf 1 3 4\n"), obj(more="g  a\nf 1 2 3\ng  b\nf 1 3 4\n"), ()),
+        (obj(more=UV), obj(more="vt 0 0\nvt 1 0\nvt 1. 1\nf 1/1 2/2 3/3\n").replace("\n", "\r\n"), ()),
+    ],
+    ids=["colours", "UVs too", "points", "new colours", "names", "one material", "objects", "mtllib", "normals", "vp",
+         "numbers otherwise", "names otherwise", "UVs otherwise"],
+)  # fmt: skip
+def test_what_changes_in_obj_is_told_once(tmp_path: Path, first: str, second: str, notices: tuple[str, ...]) -> None:
+    with read(tmp_path, first, second, second, first, extension="obj") as sequence:
+        assert sequence.notices == notices
+        assert sequence.frame_count == 4
+    with read(tmp_path, first, first, first, first, extension="obj") as still:
+        assert still.notices == ()
+
+
+def test_obj_runs_keep_their_own_colours_and_later_files_name_what_they_lose(tmp_path: Path) -> None:
+    texts = (
+        obj(*["1 0 0"] * 4),
+        obj(*["0 1 0"] * 4, more="vp 1 2\nf 1 2 3\n"),
+        obj(*["0 0 1"] * 4, more="vp 1 2\nf 1 2 3\n"),
+    )
+    with read(tmp_path, *texts, extension="obj") as sequence:
+        assert [run.objects[0].attributes[0].values[0].tolist() for run in sequence.runs] == [[1, 0, 0], [0, 1, 0]]
+        assert sequence.notices == (
+            "statements not kept: vp",
+            "vertex colours change from frame to frame (first at frame 2): "
+            "those of the first frame of each run are kept",
+        )

@@ -46,7 +46,6 @@ FILES = {
     "three-number uv": f"o a\n{THREE}vt 0 0 1\nvt .25 1 .125\nf 1/1 2/2 3/1\n",
     "hard edges": f"o a\n{THREE}v 0 0 1\nvn 1 0 0\nvn 0 1 0\nf 1//1 2//1 3//1\nf 3//2 2//2 4//2\n",
     "colours": "o a\nv 0 0 0 1 0 .5\nv 1 0 0 0 0 0\n",
-    "colours here and there": "o a\nv 0 0 0 1 0 .5\nv 1 0 0\nv 2 0 0 .1 .2 .3\n",
     "alpha": "o a\nv 0 0 0 1 0 .5 .25\n",
     "names of faces": f"mtllib m.mtl\no a b\n{THREE}f 1 2 3\ng left arm\nusemtl red\ns 3\n"
     "f 1 2 3\ng right\nf 1 2 3\ng\nusemtl\ns off\nf 1 2 3\ng left arm\nf 3 2 1\n",

@@ -46,12 +46,12 @@ using Positions = nb::ndarray<float, nb::shape<-1, 3>, nb::c_contig, nb::device:
 nb::object py_read_positions(const ObjStructure &structure, const nb::bytes &text, const Positions &positions) {
     const std::span<const u8> lines = lines_of(text);
     std::vector<UnreadNumber> unread;
-    bool is_same;
+    std::optional<u32> changed;
     {
         nb::gil_scoped_release release;
-        is_same = structure.read_positions(lines, {positions.data(), positions.size()}, unread);
+        changed = structure.read_positions(lines, {positions.data(), positions.size()}, unread);
     }
-    return is_same ? unread_rows(unread) : nb::none();
+    return changed ? nb::object(nb::make_tuple(unread_rows(unread), *changed)) : nb::none();
 }
 
 nb::object py_write_rows(const nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu> &rows,
@@ -107,8 +107,8 @@ void bind_text(nb::module_ &module) {
     nb::class_<ObjStructure>(module, "ObjStructure", "What must be the same in every frame of OBJ files.")
         .def("__init__", &new_structure, nb::arg("text"))
         .def("read_positions", &py_read_positions, nb::arg("text"), nb::arg("positions").noconvert(),
-             "Fill positions, (vertices, 3) float32, of another frame; numbers that are left to read, or None where it "
-             "differs.");
+             "Fill positions, (vertices, 3) float32, of another frame; numbers that are left to read, and which data "
+             "differ as bits: ends of v lines, vt lines, mtllib. None where the structure differs.");
     module.def("write_rows", &py_write_rows, nb::arg("rows"), nb::arg("word"),
                "Lines of a word and a row's numbers, (rows, columns) float32; None where nine digits are too few.");
 }
