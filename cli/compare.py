@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices, say_rounding
-from pdecodec.cli.options import FRACTION, fps_option, json_option, within_limits
+from pdecodec.cli.options import fps_option, fraction, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ TIME_TOLERANCE = 1e-6
 @click.argument("reference", metavar="A")
 @click.argument("other", metavar="B")
 @click.option(
-    "--tolerance", type=FRACTION, metavar="X|P%", help="Fail above this maximum error, relative to the diagonal."
+    "--tolerance", type=fraction, metavar="X|P%", help="Fail above this maximum error, relative to the diagonal."
 )
 @click.option("--max-error", type=float, metavar="X", help="Fail above this maximum error in scene units.")
 @click.option("--at-frames", is_flag=True, help="Evaluate B, a .pdeanim, at the times of A's frames.")

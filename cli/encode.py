@@ -10,10 +10,10 @@ import click
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
 from pdecodec.cli.jobs import SAMPLES, Job, for_each_job, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
-    FRACTION,
     bytes_of,
     decode_limits,
     effort_option,
+    fraction,
     input_options,
     json_option,
     loudness_options,
@@ -37,7 +37,7 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 @job_options
 @click.option(
     "--tolerance",
-    type=FRACTION,
+    type=fraction,
     metavar="X|P%",
     help="Largest vertex distance allowed, as a fraction of the diagonal of frame 0's bounding box, or in percent of "
     "it. Default 0.001 (0.1%); none under --profile paper.",
@@ -45,7 +45,7 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 @click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
 @click.option(
     "--rms",
-    type=FRACTION,
+    type=fraction,
     metavar="X|P%",
     help="Root mean square vertex distance allowed, as a fraction of the same diagonal, instead of --tolerance; "
     "encodes several times.",

@@ -56,20 +56,13 @@ def parse_share(context: click.Context, parameter: click.Parameter, value: str |
     return float(found[1]) / 100.0
 
 
-class Fraction(click.ParamType):
-    """A number, or a percentage as text: ``0.001`` and ``0.1%`` are the same."""
+def fraction(text: str) -> float:
+    """Type of an option: a number or a percentage, ``0.001`` or ``0.1%``."""
+    try:
+        return float(text.strip()[:-1]) / 100.0 if text.strip().endswith("%") else float(text)
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a number such as 0.001, or a percentage such as 0.1%") from error
 
-    name = "fraction"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        text = str(value).strip()
-        try:
-            return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
-        except ValueError:
-            self.fail(f"{value!r} is not a number such as 0.001, or a percentage such as 0.1%", param, ctx)
-
-
-FRACTION = Fraction()
 
 output_option = click.option(
     "-o", "--output", required=True, metavar="OUT", help="File, folder or pattern to write; format by extension."

@@ -10,10 +10,10 @@ import click
 
 from pdecodec.cli.console import print_json, progress_bar, put, say, say_notices, visible
 from pdecodec.cli.options import (
-    FRACTION,
     check_growth,
     effort_option,
     fps_option,
+    fraction,
     growth_options,
     json_option,
     page_option,
@@ -35,7 +35,7 @@ NAMED_PROFILES = ("auto", "paper")
 @click.option(
     "--tolerance",
     "tolerances",
-    type=FRACTION,
+    type=fraction,
     multiple=True,
     metavar="X|P%",
     help="Measure at this tolerance; may be given repeatedly.  [default: 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]",

@@ -244,6 +244,20 @@ class InputError(PdecodecError):
     exit_code = 3
     default_code = ErrorCode.INVALID_INPUT
 
+    def __new__(cls, message: str = "", **fields: Any) -> Self:
+        if cls is InputError and fields.get("code") == ErrorCode.FILE_MISSING:
+            return MissingFileError.__new__(MissingFileError, message, **fields)  # type: ignore[return-value]
+        return super().__new__(cls, message)
+
+
+class MissingFileError(InputError, FileNotFoundError):
+    """A file, folder or address that does not exist: what :class:`InputError` becomes with code "file-missing"."""
+
+    default_code = ErrorCode.FILE_MISSING
+    errno = errno.ENOENT
+    filename = property(lambda self: self.path)
+    strerror = property(lambda self: self.message)
+
 
 class CorruptFileError(PdecodecError):
     """A `.pdeanim` file that is damaged, truncated or not one at all."""

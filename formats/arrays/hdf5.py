@@ -331,6 +331,8 @@ def _file_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterat
     """Turn what h5py raises on damage into one line."""
     try:
         yield
+    except InputError:
+        raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, MemoryError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(

@@ -57,12 +57,12 @@ class XdmfSequence(MeshSequence):
         try:
             with naming_file(path):
                 self._open(Grids(document, self._items), fps, displacement)
-        except _DAMAGE as error:
-            self.close()
-            raise damaged(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
         except InputError:
             self.close()
             raise
+        except _DAMAGE as error:
+            self.close()
+            raise damaged(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
 
     def _open(self, grids: Grids, fps: float | None, displacement: str | None) -> None:
         timeline = grids.timeline(displacement)
@@ -175,6 +175,8 @@ class XdmfSequence(MeshSequence):
         for frame in range(start, stop):
             try:
                 self._read_frame(frame, found[frame - start])
+            except InputError:
+                raise
             except _DAMAGE as error:
                 raise InputError(
                     f"this frame cannot be read ({error})", code="unreadable", path=self._path, frame=frame

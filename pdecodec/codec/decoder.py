@@ -72,6 +72,7 @@ class Animation(MeshSequence):
         self._source, self._limits, self._run = source, limits, run
         self._owns_source = run is None
         self._core = core or open_core(source, limits)
+        self._file_bytes = self._core.file_bytes
         self._first_frame = 0 if run is None else self._core.runs[run].first
         self.times, self.fps = self._core.times, self._core.fps
         self.jumps = tuple(self._core.jumps)
@@ -130,6 +131,13 @@ class Animation(MeshSequence):
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
         found = self._remarks.get("metadata", {})
         return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, {self._file_bytes:,} bytes>"
+
+    @property
+    def _object_count(self) -> int:
+        return len(self._vertex_counts)
 
     def close(self) -> None:
         self._core.close()

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from numbers import Integral, Real
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
@@ -215,6 +215,21 @@ class EncodeSettings:
         if "paper" in found:
             found["paper"] = PaperSettings(**_known(PaperSettings, found["paper"]))
         return cls(**found)
+
+
+class EncodeOptions(TypedDict, total=False):
+    """Fields of :class:`EncodeSettings` as keywords."""
+
+    tolerance: float | None
+    max_error: float | None
+    profile: Profile
+    effort: EffortName
+    group_frames: int | None
+    max_memory: int | None
+    uv_tolerance: float | None
+    order: Order
+    why: bool
+    paper: PaperSettings
 
 
 def check_one_target(settings: EncodeSettings, *, rms: float | None, size: int | None) -> None:

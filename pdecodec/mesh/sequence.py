@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import zip_longest
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -96,16 +97,19 @@ class Connectivity:
             )
 
     @classmethod
-    def from_padded(cls, vertex_count: int, faces: ArrayLike) -> Connectivity:
+    def from_padded(cls, vertex_count: int, faces: ArrayLike | Sequence[Sequence[int]]) -> Connectivity:
         """From a rectangular index array padded with -1; rows of one or two vertices become lines.
 
         Parameters
         ----------
         vertex_count : int
-        faces : (rows, width) integer
-            Vertex indices, each row padded with -1 at its end.
+        faces : (rows, width) integer, or a sequence of sequences of them
+            Vertex indices, each row padded with -1 at its end. Sequences may have different lengths.
         """
-        padded = np.asarray(faces)
+        try:
+            padded = np.asarray(faces)
+        except ValueError:  # lengths differ
+            padded = np.array([*zip_longest(*faces, fillvalue=-1)]).T  # type: ignore[misc]  # no number
         if padded.size == 0:
             return cls(vertex_count)
         if padded.ndim != 2 or padded.dtype.kind not in "iu":
@@ -280,6 +284,19 @@ class MeshSequence(ABC):
             If ``0 <= start <= stop <= frame_count`` does not hold.
         """
 
+    def __repr__(self) -> str:
+        runs = len(self.runs)
+        what = f"{runs:,} runs" if runs > 1 else f"{self._object_count:,} object{'s' * (self._object_count != 1)}"
+        vertices = (
+            f"{'at most ' * (runs > 1)}{self.most_vertices:,} {'vertex' if self.most_vertices == 1 else 'vertices'}"
+        )
+        frames = f"{self.frame_count:,} frame{'s' * (self.frame_count != 1)}"
+        return f"<{type(self).__name__}: {what}, {vertices}, {frames}, {float(self.times[-1] - self.times[0]):.4g} s>"
+
+    @property
+    def _object_count(self) -> int:
+        return len(self.objects)
+
     def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
         """Let go of open files. Nothing to do by default."""
 
@@ -381,7 +398,9 @@ class ArraySequence(MeshSequence):
     points : (frames, vertices, 3) array [scene units]
         Taken as float32 (other types are rounded).
     objects : sequence of MeshObject, optional
-        Objects whose vertices, one after the other, are `points`. Default: one object of points alone.
+        Objects whose vertices, one after the other, are `points`. Default: one object, of `faces`.
+    faces : (faces, 3) or (faces, 4) integer, or a sequence of sequences of vertex indices, optional
+        Polygons of the one object; shorter rows of an array end in -1. Default: points alone.
     times : (frames,) array [s], optional
         Strictly increasing. Default: frames at `fps` from 0.
     fps : float, optional
@@ -398,6 +417,7 @@ class ArraySequence(MeshSequence):
         points: ArrayLike,
         *,
         objects: Sequence[MeshObject] | None = None,
+        faces: ArrayLike | Sequence[Sequence[int]] | None = None,
         times: ArrayLike | None = None,
         fps: float | None = None,
         metadata: Mapping[str, str] | None = None,
@@ -410,7 +430,10 @@ class ArraySequence(MeshSequence):
             self.points: Float32Array = to_float32(array)
         self._rounding = rounding.largest
         frames, vertices = array.shape[:2]
-        self.objects = tuple(objects) if objects else (MeshObject("mesh", Connectivity(vertices)),)
+        if objects and faces is not None:
+            raise InputError("objects have faces of their own; give either objects or faces")
+        polygons = Connectivity(vertices) if faces is None else Connectivity.from_padded(vertices, faces)
+        self.objects = tuple(objects) if objects else (MeshObject("mesh", polygons),)
         if self.vertex_count != vertices:
             raise InputError(f"objects have {self.vertex_count} vertices, points have {vertices}")
         self.times, self.fps = check_times(frames, times, fps)

@@ -30,6 +30,7 @@ from pdecodec.errors import (
     InputError,
     LimitError,
     MissingExtraError,
+    MissingFileError,
     PdecodecError,
     SettingsError,
     damaged,
@@ -49,7 +50,10 @@ _NO_ANSWER = (EOFError, OSError, ValueError, OverflowError, MemoryError)
 _FAILURE = "failure of the call"
 """Name of the array that holds a failure, as JSON, where no pickles are taken."""
 
-_LEAVES = {one.__name__: one for one in (SettingsError, InputError, CorruptFileError, LimitError, MissingExtraError)}
+_LEAVES = {
+    one.__name__: one
+    for one in (SettingsError, InputError, MissingFileError, CorruptFileError, LimitError, MissingExtraError)
+}
 """Errors that come back where no pickles are taken."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import pickle
 import re
 from pathlib import Path
@@ -10,8 +11,10 @@ from pathlib import Path
 import click
 import pytest
 
+import pdecodec
 from pdecodec import errors
-from pdecodec.cli.main import COMMANDS, pdecodec
+from pdecodec.cli.main import COMMANDS
+from pdecodec.cli.main import pdecodec as commands
 from pdecodec.errors import ErrorCode, InputError, LimitError, Notice, PdecodecError, SettingsError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -19,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def options_of(name: str) -> set[str]:
     """Long options of a command."""
-    command = pdecodec.get_command(click.Context(pdecodec), name)
+    command = commands.get_command(click.Context(commands), name)
     assert command is not None
     return {option for parameter in command.params for option in parameter.opts if option.startswith("--")} | {"--help"}
 
@@ -70,6 +73,17 @@ def test_errors_survive_pickling_with_all_they_carry(kind: type[PdecodecError]) 
     moved = error.placed("is odder", path=Path("c.obj"), frame=4)
     assert (moved.path, moved.frame, moved.object, moved.code) == ("c.obj", 4, "b", "not-finite")
     assert (error.path, error.frame, error.message) == ("a.obj", 3, "is odd")
+
+
+def test_a_missing_file_is_what_python_calls_it(tmp_path: Path) -> None:
+    place = tmp_path / "none.pdeanim"
+    for read in (pdecodec.open, pdecodec.open_sequence, pdecodec.encode, pdecodec.check_file):
+        with pytest.raises(FileNotFoundError) as caught:
+            read(place)
+        error = caught.value
+        assert isinstance(error, InputError)
+        assert (error.errno, error.filename, error.code) == (errno.ENOENT, str(place), "file-missing")
+    assert not isinstance(InputError("is odd"), OSError)
 
 
 def test_a_line_says_where_what_and_what_to_set() -> None:

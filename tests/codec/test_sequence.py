@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdecodec import encode, open_animation
+from pdecodec import encode, encode_to_size, open_animation, open_sequence, write_sequence
 from pdecodec.errors import InputError
+from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.selection import FrameSelection, ObjectSelection
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from pdecodec.mesh.times import check_times
@@ -229,3 +230,57 @@ def test_evenly_chosen_frames_keep_the_rate_of_the_source_over_their_step(frames
     times = (np.arange(20) / 60).astype(np.float32).astype(np.float64)
     source = ArraySequence(np.zeros((20, 1, 3), np.float32), times=times, fps=60.0)
     assert FrameSelection(source, frames).fps == fps
+
+
+def test_faces_are_an_array_or_a_list_for_each_polygon() -> None:
+    points = np.random.default_rng(3).random((2, 6, 3))
+    for faces, counts in (
+        (np.array([[0, 1, 2], [3, 4, 5]], np.uint16), [3, 3]),
+        (np.array([[0, 1, 2, 3], [3, 4, 5, -1]]), [4, 3]),
+        ([[0, 1, 2], [0, 1, 2, 3, 4], (3, 4, 5, 0)], [3, 5, 4]),
+        ([], []),
+    ):
+        sequence = ArraySequence(points, faces=faces)
+        assert sequence.connectivity.face_counts.tolist() == counts
+        assert sequence.connectivity.face_indices.tolist() == [one for row in faces for one in row if one >= 0]
+    for faces, message in (
+        ([[0, 1, 2], [0, 1, 2, 9]], "face 1 refers to vertex 9, but there are 6"),
+        ([[0.5, 1, 2], [0, 1, 2, 3]], "two-dimensional integer array"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ArraySequence(points, faces=faces)
+    with pytest.raises(InputError, match="give either objects or faces"):
+        ArraySequence(points, objects=[MeshObject("a", Connectivity(6))], faces=[[0, 1, 2]])
+
+
+def test_an_array_and_a_path_are_encoded_as_the_sequence_that_they_are(tmp_path: Path) -> None:
+    points = np.cumsum(np.random.default_rng(3).random((6, 20, 3)), axis=0)
+    expected = encode(ArraySequence(points)).data
+    write_sequence(ArraySequence(points), tmp_path / "a.npz")
+    assert encode(points).data == encode(points.tolist()).data == expected
+    for path in (tmp_path / "a.npz", str(tmp_path / "a.npz")):
+        with open_sequence(path) as opened:
+            assert encode(path, tolerance=1e-2).data == encode(opened, tolerance=1e-2).data
+    encode_to_size(tmp_path / "a.npz", 2000, tmp_path / "a.pdeanim")
+    assert encode(tmp_path / "a.pdeanim", rms=0.01).frames == 6
+    with pytest.raises(
+        InputError, match=r"points must be numbers of shape \(frames, vertices, 3\), not float64 \(6, 60\)"
+    ):
+        encode(points.reshape(6, 60))
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        encode(tmp_path / "b.npz")
+
+
+def test_a_sequence_says_what_it_holds(tmp_path: Path) -> None:
+    sequence = moving(5, 4)
+    assert repr(sequence) == "<ArraySequence: 1 object, 4 vertices, 5 frames, 0.1667 s>"
+    report = encode(sequence, tmp_path / "a.pdeanim")
+    with open_animation(tmp_path / "a.pdeanim") as animation:
+        said = f"<Animation: 1 object, 4 vertices, 5 frames, 0.1667 s, {report.file_bytes:,} bytes>"
+        assert repr(animation) == said
+    assert repr(animation) == said  # closed
+    changing = ChangingSequence([moving(2, 1200, times=[0, 1]), moving(1, 3, times=[2])])
+    data = encode(changing).data
+    assert data is not None
+    with open_animation(data) as animation:
+        assert repr(animation).endswith(f": 2 runs, at most 1,200 vertices, 3 frames, 2 s, {len(data):,} bytes>")

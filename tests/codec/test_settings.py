@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import pdecodec
 from pdecodec import ArraySequence, EncodeSettings, PaperSettings, SettingsError, encode
 from pdecodec.codec.sections.closed_form import MAX_RATE
-from pdecodec.codec.settings import DEFAULT_TOLERANCE, MAX_SEGMENT_FRAMES, EffortName
+from pdecodec.codec.settings import DEFAULT_TOLERANCE, MAX_SEGMENT_FRAMES, EffortName, EncodeOptions
 
 RATES = st.none() | st.floats(1e-300, MAX_RATE)
 PAPER = st.builds(
@@ -39,6 +39,10 @@ def test_settings_and_what_was_changed_come_back_equal_from_json(
     wanted = EncodeSettings(**profile, **bound, effort=effort)
     for values in (wanted.to_json(), wanted.changed()):
         assert EncodeSettings.from_json(json.loads(json.dumps(values))) == wanted
+
+
+def test_editors_complete_every_setting() -> None:
+    assert get_type_hints(EncodeOptions) == get_type_hints(EncodeSettings)
 
 
 def test_numbers_of_other_libraries_become_pythons_own_and_are_recorded() -> None:

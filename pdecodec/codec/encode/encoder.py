@@ -13,23 +13,28 @@ import os
 from dataclasses import fields, replace
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Unpack
+
+from numpy.typing import ArrayLike
 
 from pdecodec.codec.encode.profiles import make_encoder
 from pdecodec.codec.encode.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.encode.run_encoder import encode_runs
-from pdecodec.codec.settings import EncodeSettings
+from pdecodec.codec.settings import EncodeOptions, EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
-from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.sequence import ArraySequence, MeshSequence, Progress
 from pdecodec.system.storage import is_address, remote_output
 from pdecodec.system.whole_output import check_writable, whole_file
 
+Source = MeshSequence | ArrayLike | str | os.PathLike[str]
+"""What is encoded: a sequence, an array of positions, or the path of a file that is opened and closed."""
+
 
 def encode(
-    sequence: MeshSequence,
+    sequence: Source,
     path: str | os.PathLike[str] | None = None,
     settings: EncodeSettings | None = None,
     *,
@@ -37,9 +42,9 @@ def encode(
     size: int | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
-    **options: Any,
+    **options: Unpack[EncodeOptions],
 ) -> EncodeReport:
-    """Encode a mesh sequence.
+    """Encode a mesh sequence, an array of positions, or a file.
 
     Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, or `size`. For the last two the
     tolerance is searched (:mod:`pdecodec.codec.encode.rate_control`): the coarsest whose mean error is no larger, the
@@ -48,11 +53,12 @@ def encode(
 
     Parameters
     ----------
-    sequence : MeshSequence
-        Read once from front to back, after a look at a few windows of it; under `rms` and `size` once for every encode
-        of the search. Of a :class:`pdecodec.ChangingSequence` one run is read and encoded after the other; tolerances
-        are of the diagonal of its first frame. Bounds count from the float32 positions that it gives: how far those are
-        from its own, `rounding` of the report says.
+    sequence : MeshSequence, (frames, vertices, 3) array [scene units], or path
+        An array is one object of points at 24 frames a second (:class:`pdecodec.ArraySequence` takes faces and times),
+        a path what :func:`pdecodec.open_sequence` opens. Read once from front to back, after a look at a few windows of
+        it; under `rms` and `size` once for every encode of the search. Of a :class:`pdecodec.ChangingSequence` one run
+        is read and encoded after the other; tolerances are of the diagonal of its first frame. Bounds count from the
+        float32 positions that it gives: how far those are from its own, `rounding` of the report says.
     path : path-like, optional
         The `.pdeanim` file, or its address; it appears whole or not at all. Without one its bytes are in the report.
     settings : EncodeSettings, optional
@@ -86,6 +92,9 @@ def encode(
             )
     chosen = replace(settings or EncodeSettings(), **options)
     limit = rate_limit(chosen, rms=rms, size=size)
+    if not isinstance(sequence, MeshSequence):
+        with _opened(sequence) as opened:
+            return encode(opened, path, chosen, rms=rms, size=size, overwrite=overwrite, progress=progress)
     if path is not None and is_address(path):
         with remote_output(str(path), overwrite=overwrite) as local:
             report = encode(sequence, local, chosen, rms=rms, size=size, progress=progress)
@@ -108,6 +117,14 @@ def encode(
     return replace(report, path=target, data=None)
 
 
+def _opened(source: ArrayLike | str | os.PathLike[str]) -> MeshSequence:
+    if isinstance(source, str | os.PathLike):
+        from pdecodec.formats import open_sequence  # formats build on the codec
+
+        return open_sequence(source)
+    return ArraySequence(source)
+
+
 def _encode(
     sequence: MeshSequence,
     settings: EncodeSettings,
@@ -126,11 +143,11 @@ def _encode(
 
 
 def encode_to_size(
-    sequence: MeshSequence,
+    sequence: Source,
     size: int,
     path: str | os.PathLike[str] | None = None,
     settings: EncodeSettings | None = None,
-    **options: Any,
+    **options: Unpack[EncodeOptions],
 ) -> EncodeReport:
     """Encode at the finest tolerance whose file is no larger than `size` [bytes]: :func:`encode` with ``size=``."""
     check_positive("size", size, Integral, "whole number of bytes")
@@ -138,11 +155,11 @@ def encode_to_size(
 
 
 def encode_to_rms(
-    sequence: MeshSequence,
+    sequence: Source,
     rms: float,
     path: str | os.PathLike[str] | None = None,
     settings: EncodeSettings | None = None,
-    **options: Any,
+    **options: Unpack[EncodeOptions],
 ) -> EncodeReport:
     """Encode at the coarsest tolerance whose mean error is no larger than `rms`: :func:`encode` with ``rms=``."""
     check_positive("rms", rms, Real, "number")
