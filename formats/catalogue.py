@@ -179,10 +179,10 @@ BUILT_IN = (
         writer="pdecodec.formats.vtk.writer:write_vtu",
         holds_runs=True,
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids; what "
-        "is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
-        loses="names of objects (numbers stay, as point data), other attributes (named when read), times (frames are "
-        "numbered)",
+        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids, "
+        "times (field data TimeValue, where every file has it); what is not read otherwise VTK reads (pip install "
+        "'pdecodec[vtk]')",
+        loses="names of objects (numbers stay, as point data), other attributes (named when read)",
     ),
     Format(
         name="vtp",
@@ -192,8 +192,9 @@ BUILT_IN = (
         options=("displacement",),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, points; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
-        loses="data of points and cells (named), times (frames are numbered)",
+        keeps="faces, lines, points, times (field data TimeValue); what is not read otherwise VTK reads (pip install "
+        "'pdecodec[vtk]')",
+        loses="data of points and cells (named)",
     ),
     Format(
         name="vtk",

@@ -234,15 +234,16 @@ def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fp
 
 
 def sequence_of_files(
-    files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]
+    files: Sequence[Sequence[Path]], timing: Timing | Callable[[], Timing], read: Callable[[Path], MeshFile]
 ) -> MeshSequence:
     """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
 
     Every file is read once to learn whether it does, and what else changes; positions are kept while they fit in a
-    block.
+    block. A function gives the timing when all files were read.
     """
     meshes = FrameMeshes(files, read)
-    starts, (times, fps, notices) = meshes.run_starts(), timing
+    starts = meshes.run_starts()
+    times, fps, notices = timing() if callable(timing) else timing
     told = (*notices, *meshes.changes.notices(len(starts)))
     return runs_of_frames(starts, (times, fps, told), lambda first, own: FrameSequence(meshes, first, own))
 

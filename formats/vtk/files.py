@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +54,14 @@ def open_frame_files(path: Path, *, fps: float | None, displacement: str | None 
     if path.is_dir():
         suffixes = {file.suffix.lower() for file in path.iterdir()}
         suffix = next(one for one in (*_READERS, *PARTS) if one in suffixes)
-    files = find_frames(path, suffix)
-    return _sequence([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), displacement)
+    found = find_frames(path, suffix)
+    files = [[file] for file in found.paths]
+
+    def timing(reader: GridReader) -> Timing:
+        times = reader.times(files)
+        return timing_of_numbers(found.numbers, fps) if times is None else timing_of_stored(np.array(times), fps)
+
+    return _sequence(files, timing, displacement)
 
 
 def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
@@ -67,19 +73,23 @@ def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) 
         If it is damaged, steps have one time, or the first file cannot be used.
     """
     times, files = read_pvd(path)
-    return _sequence(files, timing_of_stored(np.array(times), fps), displacement)
+    timing = timing_of_stored(np.array(times), fps)
+    return _sequence(files, lambda reader: timing, displacement)
 
 
 def open_series(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
     """Open a ParaView file series; frames of one without times are counted at `fps`. Errors as of :func:`open_pvd`."""
     times, files = read_series(path)
     timing = timing_of_numbers(range(len(files)), fps) if times is None else timing_of_stored(np.array(times), fps)
-    return _sequence(files, timing, displacement)
+    return _sequence(files, lambda reader: timing, displacement)
 
 
-def _sequence(files: Sequence[Sequence[Path]], timing: Timing, displacement: str | None) -> MeshSequence:
+def _sequence(
+    files: Sequence[Sequence[Path]], timing: Callable[[GridReader], Timing], displacement: str | None
+) -> MeshSequence:
+    """Return the sequence of files of frames; their times are asked for when all files were read."""
     reader = GridReader(read_grid, displacement)
-    sequence = sequence_of_files(files, timing, reader)
+    sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
     return sequence
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,9 @@ from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, not_kept_data
 from pdecodec.mesh.arrays import Int64Array
+
+TIME = "TimeValue"
+"""Field data of VTK that are the time of a data set."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class GridFile:
         Names of all data.
     added : (vertices, components) array or None
         The vectors that were asked for.
+    time : float or None
+        Time that the file tells of itself [s].
     """
 
     mesh: MeshFile
@@ -38,6 +45,7 @@ class GridFile:
     point_data: tuple[str, ...] = ()
     cell_data: tuple[str, ...] = ()
     added: NDArray[np.generic] | None = field(default=None, compare=False)
+    time: float | None = None
 
 
 Read = Callable[[Path, str | None], GridFile]
@@ -90,6 +98,7 @@ def joined_grids(grids: Sequence[GridFile]) -> GridFile:
         tuple(dict.fromkeys(name for grid in grids for name in grid.point_data)),
         tuple(dict.fromkeys(name for grid in grids for name in grid.cell_data)),
         np.concatenate(found) if len(found) == len(filled) else None,
+        next((grid.time for grid in grids if grid.time is not None), None),
     )
 
 
@@ -112,6 +121,7 @@ class GridReader:
         self._point_data: dict[str, None] = {}
         self._cell_data: dict[str, None] = {}
         self._geometry: dict[Path, bytes] = {}
+        self._times: dict[Path, float | None] = {}
 
     def __call__(self, path: Path) -> MeshFile:
         """Return the mesh of a file, moved by the vectors that are chosen from the first one."""
@@ -125,6 +135,7 @@ class GridReader:
                 grid = self._read(path, self._chosen)
         if path not in self._geometry:
             self._geometry[path] = hashlib.blake2b(np.ascontiguousarray(grid.mesh.points).tobytes()).digest()
+        self._times[path] = grid.time
         self._point_data.update(dict.fromkeys(grid.point_data))
         self._cell_data.update(dict.fromkeys(grid.cell_data))
         if self._chosen is None or not len(grid.mesh.points):
@@ -132,6 +143,13 @@ class GridReader:
         if grid.added is None:
             raise InputError(f"has no vectors {self._chosen!r} on its points", code="object-missing", path=path)
         return replace(grid.mesh, points=moved(grid.mesh.points, grid.added, self._chosen, path))
+
+    def times(self, frames: Sequence[Sequence[Path]]) -> list[float] | None:
+        """Return the times [s] that files of frames tell of themselves; None unless all do, and they increase."""
+        found = [self._times.get(files[0]) for files in frames]
+        times = [time for time in found if time is not None and math.isfinite(time)]
+        is_whole = len(times) == len(frames) > 1 and all(a < b for a, b in pairwise(times))
+        return times if is_whole else None
 
     def notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
         """Return lines about files of frames that were read: what moves the mesh, and which data are not kept."""

@@ -19,7 +19,7 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_meshes import MeshFile, strip_triangles
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
-from pdecodec.formats.vtk.grid_files import GridFile, Read, gathered, is_vectors
+from pdecodec.formats.vtk.grid_files import TIME, GridFile, Read, gathered, is_vectors
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 from pdecodec.system.workers import Worker
@@ -72,7 +72,8 @@ def _read_in_worker(path: Path, wanted: str | None) -> GridFile:
     attributes = (node_attribute(found["node"]),) if "node" in found else ()
     mesh = MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
     vectors, point_data, cell_data = (tuple(map(str, found[name])) for name in ("vectors", "point_data", "cell_data"))
-    return GridFile(mesh, vectors, point_data, cell_data, found.get("added"))
+    time = float(found["time"][0]) if "time" in found else None
+    return GridFile(mesh, vectors, point_data, cell_data, found.get("added"), time)
 
 
 def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
@@ -85,6 +86,8 @@ def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
     arrays |= {one.name: one.values for one in mesh.attributes}
     if grid.added is not None:
         arrays["added"] = grid.added
+    if grid.time is not None:
+        arrays["time"] = np.array([grid.time])
     names = {name: np.array(getattr(grid, name), np.str_) for name in ("vectors", "point_data", "cell_data")}
     return {**arrays, **names, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
 
@@ -127,6 +130,8 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
             f"VTK finds no points with cells in it ({kind}); check or export it again", code="no-vertices", path=path
         )
     nodes, gather = data.GetNumberOfPoints(), None
+    stored = data.GetFieldData().GetArray(TIME)
+    time = stored.GetTuple1(0) if stored is not None and stored.GetNumberOfValues() == 1 else None
     _check_cells(data, path)
     point_data, cell_data = (
         [str(fields.GetArrayName(index)) for index in range(fields.GetNumberOfArrays())]
@@ -173,7 +178,7 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
             gather = None
     connectivity = Connectivity(len(points), *faces, *lines)
     mesh = MeshFile(points, connectivity, attributes, left_out_notice(gather, nodes))
-    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added)
+    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added, time)
 
 
 def _check_cells(data: Any, path: Path) -> None:

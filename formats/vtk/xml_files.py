@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_meshes import MeshFile
 from pdecodec.formats.vtk.cells import Cells
-from pdecodec.formats.vtk.grid_files import GridFile, grid_of_cells, is_vectors, joined_grids
+from pdecodec.formats.vtk.grid_files import TIME, GridFile, grid_of_cells, is_vectors, joined_grids
 from pdecodec.mesh.sequence import Connectivity
 
 _CELLS = {
@@ -86,7 +87,14 @@ class XmlFile:
             raise InputError(
                 "holds triangle strips; cut them into triangles first", code="unsupported-feature", path=path
             )
-        self.grid = joined_grids([self._grid(piece) for piece in pieces])
+        self.grid = replace(joined_grids([self._grid(piece) for piece in pieces]), time=self._time(root))
+
+    def _time(self, root: ElementTree.Element) -> float | None:
+        """Return the time of the data set, which VTK keeps in its field data; None where there is none."""
+        found = (one for one in root.findall(f"./{self._kind}/FieldData/DataArray") if one.get("Name") == TIME)
+        array = next(found, None)
+        values = np.zeros(0) if array is None else self._array(array)
+        return float(values[0]) if values.size == 1 else None
 
     def _grid(self, piece: ElementTree.Element) -> GridFile:
         data, cell_data = (piece.findall(f"{kind}/DataArray") for kind in ("PointData", "CellData"))

@@ -223,6 +223,34 @@ def test_solids_are_moved_on_their_surface(tmp_path: Path) -> None:
             assert np.array_equal(read.read_frames(0, 1)[0], points[1:] * 3)
 
 
+TIME_VALUE = (
+    '<FieldData><DataArray type="Float64" Name="TimeValue" NumberOfTuples="1" format="ascii">{}</DataArray></FieldData>'
+)
+
+
+@pytest.mark.parametrize(
+    ("stored", "expected"),
+    [
+        ([0.5, 0.75, 2.0], [0.5, 0.75, 2.0]),
+        ([0.5, None, 2.0], [0.0, 0.1, 0.2]),
+        ([0.5, 0.5, 2.0], [0.0, 0.1, 0.2]),
+        (["nan", 0.5, 2.0], [0.0, 0.1, 0.2]),
+    ],
+)
+def test_times_that_vtu_files_tell_of_themselves_are_theirs(
+    tmp_path: Path, stored: list[object], expected: list[float]
+) -> None:
+    for frame, time in enumerate(stored):
+        write_vtk(tmp_path / f"x{frame}.vtu", float(frame))
+        text, grid = (tmp_path / f"x{frame}.vtu").read_text(), "<UnstructuredGrid>"
+        if time is not None:
+            (tmp_path / f"x{frame}.vtu").write_text(text.replace(grid, grid + TIME_VALUE.format(time)))
+    with open_sequence(tmp_path / "x#.vtu", fps=10) as read:
+        assert np.allclose(read.times, expected)
+        kept = "the file stores its times, they are kept; 10 frames per second is only the nominal rate"
+        assert (kept in read.notices) == (expected[0] == 0.5)
+
+
 def pvtu(path: Path, pieces: Sequence[str], kind: str = "PUnstructuredGrid") -> None:
     rows = "".join(f'<Piece Source="{piece}"/>' for piece in pieces)
     path.write_text(f'<VTKFile type="{kind}"><{kind} GhostLevel="0"><PPoints/>{rows}</{kind}></VTKFile>')
