@@ -52,11 +52,12 @@ class Job:
 
     def with_frames(self, sequence: MeshSequence, *, dry_run: bool) -> Job:
         """Return the job with a folder of frames for its output, made, where a file of its format cannot hold them."""
-        from pdecodec.formats.base.companions import frame_extensions
         from pdecodec.formats.base.frame_files import FOLDER_PADDING
+        from pdecodec.formats.base.registry import known_extensions
 
         path = Path(self.output)
-        fits = sequence.frame_count == 1 or path.suffix.lower() not in frame_extensions()
+        of_one_frame = known_extensions(lambda entry: entry.frame_per_file and entry.writes)
+        fits = sequence.frame_count == 1 or path.suffix.lower() not in of_one_frame
         if fits or not self.in_folder or is_address(self.output):
             return self
         path = path.with_suffix("") / f"{path.stem}.{FOLDER_PADDING}{path.suffix}"

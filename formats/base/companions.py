@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pdecodec.errors import InputError, MissingExtraError
-from pdecodec.formats.base.frame_files import find_frames, frames_there, is_frame_pattern, is_input_pattern
+from pdecodec.formats.base.frame_files import find_frames, frames_there, has_frames, is_input_pattern
 from pdecodec.formats.base.registry import format_of_extension, known_extensions, load
 from pdecodec.system.storage import is_address
 
@@ -41,7 +41,7 @@ def input_files(source: str) -> tuple[Path, ...]:
 def check_there(source: str) -> None:
     """Raise InputError where a path is no file, no folder and no pattern of frames that are there."""
     path = Path(source)
-    if is_address(source) or path.exists() or (is_input_pattern(path) and frames_there(path)):
+    if is_address(source) or path.exists() or (is_input_pattern(path) and has_frames(path)):
         return
     raise InputError("there is no such file; check the name", code="file-missing", path=path)
 
@@ -51,7 +51,7 @@ def output_files(output: str) -> list[Path]:
     path = Path(output)
     if path.is_dir():
         return sorted(file for file in path.iterdir() if file.suffix.lower() in frame_extensions())
-    if is_frame_pattern(path):
+    if is_input_pattern(path):
         return frames_there(path)
     entry = format_of_extension(path)
     beside: list[Path] = []

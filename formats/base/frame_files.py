@@ -84,8 +84,7 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
         sequence = _only_sequence(sequences_in(path.parent, extension, frames_there(path)), path)
         return _checked(sequence, path, wanted=None)
     pattern = parse_pattern(path)
-    numbered = _numbered(path.parent, pattern)
-    readings = [(found, numbers) for name, numbers in _splits(path) if (found := _of_name(numbered, name, pattern))]
+    readings = _readings(path, pattern)
     for found, numbers in readings:
         pattern.setFrameRange(numbers)
         if set(pattern.frameSet() or ()) <= set(found[0].frameSet()):
@@ -93,6 +92,19 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     sequence = _only_sequence(readings[0][0] if readings else [], path)
     pattern.setFrameRange(readings[0][1])
     return _checked(sequence, path, wanted=pattern.frameSet())
+
+
+def has_frames(path: Path) -> bool:
+    """Whether there are frames that :func:`is_input_pattern` stands for."""
+    if "*" in path.name:
+        return bool(frames_there(path))
+    return path.parent.is_dir() and bool(_readings(path, parse_pattern(path)))
+
+
+def _readings(path: Path, pattern: Any) -> list[tuple[list[Any], str]]:
+    """Return the sequences that are there for each way to read a pattern, and the range of numbers of that way."""
+    numbered = _numbered(path.parent, pattern)
+    return [(found, numbers) for name, numbers in _splits(path) if (found := _of_name(numbered, name, pattern))]
 
 
 def frames_there(pattern: Path) -> list[Path]:

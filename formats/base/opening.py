@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec.errors import InputError, SettingsError, naming_file
-from pdecodec.formats.base.frame_files import other_frames
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
 from pdecodec.formats.base.registry import (
     Output,
     Reader,
@@ -215,6 +215,8 @@ def write_sequence(
     check_path(where)
     _check_fps(fps)
     entry = format_to_write(path)
+    if entry.frame_per_file and "*" in where.name:
+        where = where.with_name(where.name.replace("*", FOLDER_PADDING))
     writer: Writer = load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
         users = titles_of(lambda other: other.holds_velocities)

@@ -431,6 +431,10 @@ def test_what_a_shell_lists_is_as_the_pattern_in_quotes(clips: Path, capsys: Cap
     assert run(["batch", "clips/a.npz", "clips/below/b.h5", "-o", "out"]) == 0
     assert sorted(path.name for path in Path("out").rglob("*.pdeanim")) == ["a.pdeanim", "b.pdeanim"]
     assert run(["batch", "-o", "out"]) == 2
+    for number, path in enumerate(sorted(clips.glob("walk/*.obj"))):
+        path.rename(clips / f"s-{number + 1}.obj")
+    assert run(["batch", *sorted(map(str, clips.glob("s-*.obj"))), "-o", "hyphens"]) == 0
+    assert os.path.exists("hyphens/s.pdeanim")
 
 
 def test_a_dry_run_writes_nothing_and_parts_make_the_whole(clips: Path, capsys: Capture) -> None:

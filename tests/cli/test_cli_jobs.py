@@ -125,6 +125,10 @@ def test_one_frame_of_several_says_that_there_are_others(clip: ArraySequence, ca
     assert run(["convert", "walk.*.obj", "-o", "out/", "--to", "npz"]) == 0
     assert os.listdir("out") == ["walk.npz"]
     assert "numbered alike" not in capsys.readouterr().err
+    assert run(["convert", "walk.*.obj", "copy.*.ply"]) == 0
+    assert len(list(Path().glob("copy.00[0-9][0-9].ply"))) == 20
+    assert run(["convert", "walk.*.obj", "copy.*.ply"]) == 3
+    assert "copy.0000.ply: exists already" in capsys.readouterr().err
     assert run(["info", "run.*.obj"]) == 3
     assert "run.*.obj: no frame matches" in capsys.readouterr().err
 
