@@ -11,6 +11,7 @@
 ``smoothing``          face                 int32, OBJ's smoothing groups
 ``point``              vertex               uint8, 1 where a vertex of an object with faces or lines is drawn as a point
 ``normal_group``       corner               see :mod:`pdecodec.formats.base.normals`
+``shared_normal``      vertex               see :mod:`pdecodec.formats.base.normals`
 ``subdivision``        object               one of `labels`: the scheme of a subdivision surface
 ``curve_basis``        object               one of `labels`: what the points of its lines control, ``cubic bspline``
 ``curve_wrap``         object               one of `labels`: ``periodic`` where lines close

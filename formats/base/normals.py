@@ -2,7 +2,9 @@
 
 The attribute ``normal_group`` of domain ``corner``, int32, numbers the normals of each vertex from 0 in the order of
 their first corners. A vertex whose corners all have number 0 is smooth. The attribute is absent where the source had no
-normals; OBJ's smoothing groups say the same then. Normals themselves are not kept: they are computed anew from the
+normals; OBJ's smoothing groups say the same then. The attribute ``shared_normal`` of domain ``vertex``, int32, has one
+number from 1 for vertices at one place that share a normal though formats cut them apart, and 0 for others. Normals
+themselves are not kept: they are computed anew from the
 positions of each frame.
 """
 
@@ -17,7 +19,7 @@ from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
 
-NORMAL_GROUP, SMOOTHING = "normal_group", "smoothing"
+NORMAL_GROUP, SHARED_NORMAL, SMOOTHING = "normal_group", "shared_normal", "smoothing"
 
 SAME_NORMAL = 1e-3
 """Largest difference of the coordinates of two unit normals that are one: a twentieth of a degree shows no edge."""
@@ -47,20 +49,53 @@ def normal_group(connectivity: Connectivity, keys: NDArray[np.number] | None, to
         Largest difference of keys that are the same.
     """
     corners = connectivity.face_indices
-    groups = np.zeros(corners.size, np.int32)
-    if keys is not None:
-        rows = np.nan_to_num(np.asarray(keys, np.float64).reshape(corners.size, -1))
-        left = np.argsort(corners, kind="stable")
-        number = 0
-        while left.size:
-            # Of each vertex, the corners whose normal is that of the first corner left.
-            starts = np.flatnonzero(np.diff(corners[left], prepend=-1))
-            leaders = np.repeat(left[starts], np.diff(starts, append=left.size))
-            same = np.abs(rows[left] - rows[leaders]).max(axis=1) <= tolerance
-            groups[left[same]] = number
-            left = left[~same]
-            number += 1
+    groups = np.zeros(corners.size, np.int32) if keys is None else _numbered(corners, keys, tolerance)
     return Attribute(NORMAL_GROUP, "corner", groups)
+
+
+def _numbered(owners: NDArray[np.integer], keys: NDArray[np.number], tolerance: float) -> Int32Array:
+    """Number the rows of each owner, (n,) integers from 0: equal numbers where keys, (n,) or (n, k), are the same."""
+    numbers = np.zeros(owners.size, np.int32)
+    rows = np.nan_to_num(np.asarray(keys, np.float64).reshape(owners.size, -1))
+    left = np.argsort(owners, kind="stable")
+    number = 0
+    while left.size:
+        # Of each owner, the rows whose key is that of the first row left.
+        starts = np.flatnonzero(np.diff(owners[left], prepend=-1))
+        leaders = np.repeat(left[starts], np.diff(starts, append=left.size))
+        same = np.abs(rows[left] - rows[leaders]).max(axis=1) <= tolerance
+        numbers[left[same]] = number
+        left = left[~same]
+        number += 1
+    return numbers
+
+
+def shared_normals(places: NDArray[np.number], normals: NDArray[np.floating]) -> Attribute | None:
+    """Return the attribute of vertices that are at one place and share a normal; None where no two do.
+
+    Parameters
+    ----------
+    places : (vertices, k) array
+        Positions, and whatever else vertices have in common that stay together.
+    normals : (vertices, 3) array
+        NaN for a vertex without a normal.
+    """
+    # Adding 0 makes one number of the two zeros.
+    order = np.lexsort((places + 0.0).T)
+    ordered = places[order]
+    owners = np.empty(order.size, np.int64)
+    owners[order] = np.cumsum((ordered != np.roll(ordered, 1, axis=0)).any(axis=1))
+    numbers = _numbered(owners, _unit(normals.astype(np.float64).T).T, SAME_NORMAL).astype(np.int64)
+    keys = owners * (int(numbers.max(initial=0)) + 1) + numbers
+    _, first, which, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    is_shared = (counts > 1) & ~np.isnan(normals[first]).any(axis=1)
+    if not is_shared.any():
+        return None
+    ranks = np.zeros(first.size, np.int32)
+    ranks[is_shared] = 1 + np.argsort(np.argsort(first[is_shared]))
+    values: Int32Array = ranks[which.reshape(-1)]
+    values[np.isnan(normals).any(axis=1)] = 0
+    return Attribute(SHARED_NORMAL, "vertex", values)
 
 
 def read_normal_group(
@@ -95,6 +130,8 @@ def read_normal_group(
 class NormalRows:
     """Normals of a mesh as rows: one for each vertex in order, then one for each further group of corners there.
 
+    Vertices that share a number from 1 in `shared`, (vertices,), have rows of one normal.
+
     Attributes
     ----------
     groups, corner_rows : (corners,) int32
@@ -106,7 +143,9 @@ class NormalRows:
         Whether every face is a triangle that shares no normal with another.
     """
 
-    def __init__(self, connectivity: Connectivity, groups: NDArray[np.integer]) -> None:
+    def __init__(
+        self, connectivity: Connectivity, groups: NDArray[np.integer], shared: NDArray[np.integer] | None = None
+    ) -> None:
         corners, counts = connectivity.face_indices.astype(np.int64), connectivity.face_counts
         self.groups: Int32Array = normal_group(connectivity, groups).values
         split = self.groups > 0
@@ -117,15 +156,21 @@ class NormalRows:
         self.corner_rows: Int32Array = rows.astype(np.int32)
         self.count = connectivity.vertex_count + pairs.size
         self.is_smooth = not split.any()
-        self.are_of_flat_triangles = bool((counts == 3).all()) and np.unique(rows).size == corners.size
+        self._leaders = np.arange(self.count)
+        if shared is not None:
+            tied = np.flatnonzero(shared > 0)
+            _, first, which = np.unique(shared[tied], return_index=True, return_inverse=True)
+            self._leaders[tied] = tied[first[which.reshape(-1)]]
+        self._summed = self._leaders[rows]
+        self.are_of_flat_triangles = bool((counts == 3).all()) and np.unique(self._summed).size == corners.size
         self._corners, self._counts = corners, counts
         self._starts = np.cumsum(counts, dtype=np.int64) - counts
         places = np.arange(corners.size)
         self._next, self._previous = places + 1, places - 1
         self._next[self._starts + counts - 1] = self._starts
         self._previous[self._starts] = self._starts + counts - 1
-        self._by_row = np.argsort(rows, kind="stable")
-        self._used, self._row_starts = np.unique(rows[self._by_row], return_index=True)
+        self._by_row = np.argsort(self._summed, kind="stable")
+        self._used, self._row_starts = np.unique(self._summed[self._by_row], return_index=True)
 
     def of(self, points: Float32Array) -> Float32Array:
         """(frames, rows, 3) float32: unit normals at positions (frames, vertices, 3)."""
@@ -151,7 +196,7 @@ class NormalRows:
         is_even = np.maximum.reduceat(off, self._starts) < SAME_DIRECTION
         found = np.zeros(self.count, bool)
         found[self.corner_rows[np.repeat(is_even, self._counts)]] = True
-        return found & (np.bincount(self.corner_rows, minlength=self.count) > 1)
+        return found & (np.bincount(self._summed, minlength=self.count)[self._leaders] > 1)
 
     def least_flattened(self, points: Float32Array) -> int:
         """The frame of (frames, vertices, 3) in which no face is flattened most, beside the largest that it is."""
@@ -181,7 +226,7 @@ class NormalRows:
         parts = np.repeat(_unit(areas), self._counts, axis=-1) * angles
         sums = np.zeros((3, len(points), self.count))
         sums[..., self._used] = np.add.reduceat(parts[..., self._by_row], self._row_starts, axis=-1)
-        return np.ascontiguousarray(_unit(sums, _NOWHERE).transpose(1, 2, 0), np.float32)
+        return np.ascontiguousarray(_unit(sums, _NOWHERE).transpose(1, 2, 0)[:, self._leaders], np.float32)
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
@@ -199,7 +244,8 @@ def normal_rows(item: MeshObject) -> NormalRows | None:
     """Rows of an object's normals, by its hard edges or its smoothing groups; None where its source had neither."""
     found = group_attribute(item)
     if found is not None:
-        return NormalRows(item.connectivity, expanded(found))
+        shared = shared_attribute(item)
+        return NormalRows(item.connectivity, expanded(found), None if shared is None else expanded(shared))
     smoothing = next((one for one in item.attributes if one.name == SMOOTHING and one.domain == "face"), None)
     if smoothing is None or smoothing.values.ndim != 1 or not item.connectivity.face_count:
         return None
@@ -256,6 +302,14 @@ def group_attribute(item: MeshObject) -> Attribute | None:
             and one.values.dtype.kind in "iu"
         ):
             return one if item.connectivity.face_count else None
+    return None
+
+
+def shared_attribute(item: MeshObject) -> Attribute | None:
+    """The attribute that says which vertices share a normal."""
+    for one in item.attributes if group_attribute(item) is not None else ():
+        if one.name == SHARED_NORMAL and one.domain == "vertex" and one.values.ndim == 1:
+            return one if one.values.dtype.kind in "iu" else None
     return None
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, POINT, UV, face_groups, role_name
 from pdecodec.formats.base.frame_meshes import strip_triangles
-from pdecodec.formats.base.normals import normal_group
+from pdecodec.formats.base.normals import SHARED_NORMAL, normal_group, shared_normals
 from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf.file import (
     LINE_LOOP,
@@ -233,6 +233,8 @@ class _Reader:
                     of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
                     keys = np.where(has[connectivity.face_indices], 0, of_corner)
                     found.append(normal_group(connectivity, None if has.all() else keys))
+                    if (shared := normals_shared_by(self._blocks, self._sources)) is not None:
+                        found.append(shared)
                 continue
             parts = [self._read(source, name) for source in self._sources if name in source.accessors]
             width = max(part.shape[1] for part in parts)
@@ -317,6 +319,8 @@ class _Reader:
         has_normals = "NORMAL" in there or "normalGroups" in own
         if has_normals and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
+            if "sharedNormals" in own:
+                attributes.append(Attribute(SHARED_NORMAL, "vertex", array("sharedNormals")))
         attributes += _points(connectivity, drawn)
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
         left_out = tuple(self._left_out)
@@ -331,6 +335,27 @@ class _Reader:
             rows,
             self._morphed,
         )
+
+
+def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Attribute | None:
+    """Which vertices of blocks share a normal: those at one place that also move alike; a source for each block."""
+    weights = [block.weights for block in blocks if block.weights is not None]
+    width = max((one.shape[1] for one in weights), default=0)
+    places, normals = [], []
+    for block, source in zip(blocks, sources, strict=True):
+        count = len(block.positions)
+        columns = np.zeros((count, 4 + 2 * width))
+        columns[:, :3] = block.positions
+        for number, target in enumerate(block.targets):
+            # A number by which displacements differ if they do.
+            columns[:, 3] += (target * np.cos([number + 1, number + 1.4, number + 1.8])).sum(axis=1)
+        if block.joints is not None and block.weights is not None:
+            columns[:, 4 : 4 + block.joints.shape[1]] = np.where(block.weights > 0, block.joints, -1)
+            columns[:, 4 + width : 4 + width + block.weights.shape[1]] = block.weights
+        places.append(columns)
+        has = "NORMAL" in source.accessors
+        normals.append(source.read("NORMAL").astype(np.float64) if has else np.full((count, 3), np.nan))
+    return shared_normals(np.concatenate(places), np.concatenate(normals))
 
 
 def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]]) -> list[Attribute]:

@@ -19,7 +19,7 @@ from pdecodec.formats.base.attribute_roles import (
     is_role,
     uv_sets,
 )
-from pdecodec.formats.base.normals import NormalRows, group_attribute
+from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_attribute
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, noted_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
@@ -34,7 +34,7 @@ MOST_TARGETS_OF_PARTS = 2048
 def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
     """Whether a mesh has a place for an attribute."""
     if (attribute.name == MATERIAL and attribute.domain == "face" and attribute.labels) or (
-        attribute is group_attribute(item)
+        attribute is group_attribute(item) or attribute is shared_attribute(item)
     ):
         return True
     held = (*uv_sets(item), *(color for color, _ in _held_colors(item)), *_groups_of(item), *_points_of(item))
@@ -184,6 +184,8 @@ class _MeshWriter:
             self.notes["normals"] = "added"
         elif not rows.is_smooth or motion.normals is None:
             self.notes["normalGroups"] = noted_integers(rows.groups)
+        if (shared := shared_attribute(self._item)) is not None:
+            self.notes["sharedNormals"] = noted_integers(expanded(shared))
 
     def _parts(self, morphs: int) -> Iterator[tuple[int, NDArray[Any] | None, str | None, Sequence[str]]]:
         """Primitives: how and which rows are drawn, name of the material, sets of faces."""

@@ -27,19 +27,16 @@ from pdecodec.formats.gltf.animation import Nodes, Pose
 from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import TRIANGLES
-from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows
+from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 _MIRROR = np.array([-1, 1, 1], np.float32)
 """Scale of a node at the root whose mesh stood under a transform that mirrors: its faces stay as they are stored."""
-
-_SAME_NORMALS = 256
-"""Parts of a unit in which coordinates of normals are compared: rows at one place with one normal are one vertex."""
 
 _FLATTEST = 1e6
 """Ratio of the scales of a transform from which on it flattens, and what is under it goes to the root instead."""
@@ -197,13 +194,12 @@ class _Onto(GltfScene):
         stored = [PrimitiveRows(self._original.file, one) for one in entry["primitives"]]
         sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
         sources[mesh.corner_rows] = mesh.connectivity.face_indices
-        rows = _rows_of(mesh, stored, sources)
-        motion = motion_of(points, thirds, rows)
+        motion = motion_of(points[:, sources], None if thirds is None else thirds[:, sources], _rows_of(mesh, stored))
         whole: dict[int, tuple[dict[str, int], list[dict[str, int]]]] = {}
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
             if start not in whole:
-                whole[start] = self._put(motion, sources, slice(start, start + count))
+                whole[start] = self._put(motion, slice(start, start + count))
             geometry, targets = whole[start]
             if DRACO in primitive.get("extensions", {}):
                 self._unpack(primitive, old, count)
@@ -228,11 +224,11 @@ class _Onto(GltfScene):
             return number, motion
         return self._builder.add("meshes", entry), motion
 
-    def _put(self, motion: Motion, sources: Int64Array, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
+    def _put(self, motion: Motion, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
         """Accessors of positions and normals of some rows at rest, and of what targets add."""
-        add, rows = self._builder.floats, sources[own]
-        attributes = {"POSITION": add(motion.rest[rows], target=VERTEX_DATA, bounds=True)}
-        targets = [{"POSITION": add(shape[rows], target=VERTEX_DATA, bounds=True)} for shape in motion.targets]
+        add = self._builder.floats
+        attributes = {"POSITION": add(motion.rest[own], target=VERTEX_DATA, bounds=True)}
+        targets = [{"POSITION": add(shape[own], target=VERTEX_DATA, bounds=True)} for shape in motion.targets]
         if motion.normals is not None and motion.normal_targets is not None:
             attributes["NORMAL"] = add(motion.normals[own], target=VERTEX_DATA)
             for target, shape in zip(targets, motion.normal_targets, strict=True):
@@ -251,30 +247,13 @@ class _Onto(GltfScene):
                 primitive["attributes"][name] = self._builder.floats(old.read(name), target=VERTEX_DATA)
 
 
-class _Welded(NormalRows):
-    """Normals of the rows of a mesh, which was cut at seams: rows at one place with one normal keep one normal."""
-
-    def __init__(self, mesh: GltfMesh, sources: Int64Array, keys: Float32Array) -> None:
-        _, first, welded = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-        self._row_of, self._vertices = welded.reshape(-1), sources[first]
-        corners = self._row_of[mesh.corner_rows].astype(np.int32)
-        connectivity = Connectivity(first.size, mesh.connectivity.face_counts, corners)
-        super().__init__(connectivity, np.zeros(corners.size, np.int32))
-        self.count = sources.size
-
-    def of(self, points: Float32Array) -> Float32Array:
-        return super().of(points[:, self._vertices])[:, self._row_of]
-
-
-def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows], sources: Int64Array) -> _Welded | None:
-    """The normals that a mesh has; None where it has none."""
+def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows]) -> NormalRows | None:
+    """Normals of the rows of a mesh, which was cut at seams; None where it has none."""
     if not mesh.connectivity.face_count or not any("NORMAL" in one.accessors for one in stored):
         return None
-    keys = np.zeros((sources.size, 6), np.float32)
-    for one, start in zip(stored, mesh.starts, strict=True):
-        positions = one.read("POSITION").astype(np.float32).reshape(-1, 3)
-        own = slice(start, start + len(positions))
-        keys[own, :3] = positions
-        if "NORMAL" in one.accessors:
-            keys[own, 3:] = np.rint(one.read("NORMAL").astype(np.float32) * _SAME_NORMALS)
-    return _Welded(mesh, sources, keys)
+    count = sum(len(block.positions) for block in mesh.blocks)
+    sources = dict(zip(mesh.starts, stored, strict=True))
+    shared = normals_shared_by(mesh.blocks, [sources[start] for start in sorted(sources)])
+    connectivity = Connectivity(count, mesh.connectivity.face_counts, mesh.corner_rows)
+    groups = np.zeros(mesh.corner_rows.size, np.int32)
+    return NormalRows(connectivity, groups, None if shared is None else shared.values)

@@ -76,10 +76,8 @@ _PART: dict[str, Any] = {"bufferView": INDEX, "byteOffset": COUNT, "componentTyp
 _BYTES: dict[str, Any] = {"buffer": INDEX, "byteOffset": COUNT, "byteLength": COUNT, "byteStride": COUNT}
 _NOTED_MESH: dict[str, Any] = {
     "vertices": COUNT,
-    **dict.fromkeys(
-        ("of", "faceCounts", "faceIndices", "lineCounts", "lineIndices", "cornerRows", "faceMaterials", "normalGroups"),
-        _text,
-    ),
+    **dict.fromkeys(("of", "faceCounts", "faceIndices", "lineCounts", "lineIndices", "cornerRows"), _text),
+    **dict.fromkeys(("faceMaterials", "normalGroups", "sharedNormals"), _text),
     "uvs": {EACH: {"accessor": _text, "indices": _text, "rows": COUNT}},
     "colors": {EACH: {"accessor": _text, "domain": _text}},
     "groups": {EACH: {"faces": _text, "labels": [_text]}},

@@ -428,7 +428,7 @@ class Scene:
 
     def animate(self, node: int, path: str, times: Any, values: Any, interpolation: str = "LINEAR") -> None:
         entry = self.builder.root.setdefault("animations", [{"channels": [], "samplers": []}])[-1]
-        keys, output = self.builder.floats(times), self.builder.floats(values)
+        keys, output = self.builder.floats(times, bounds=True), self.builder.floats(values)
         entry["samplers"].append({"input": keys, "output": output, "interpolation": interpolation})
         entry["channels"].append({"sampler": len(entry["samplers"]) - 1, "target": {"node": node, "path": path}})
 

@@ -10,7 +10,7 @@ import pytest
 
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.opening import open_animation
-from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf.file import LINE_LOOP, LINE_STRIP, LINES, POINTS, TRIANGLES, read_gltf
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
 from tests.formats.test_gltf import TRIANGLE, Scene, few_functions, triangle
@@ -150,8 +150,6 @@ def test_reported_samples_at_negative_times_are_a_valid_file(shared_data: Path, 
 
 
 def test_motion_onto_a_file_that_starts_late_keeps_its_place_among_other_animations(tmp_path: Path) -> None:
-    from pdecodec.formats import write_onto
-
     clip = moved(np.arange(1001, 1006) / 24)
     write_sequence(clip, tmp_path / "x.glb")
     before = read_gltf(tmp_path / "x.glb")
@@ -395,3 +393,117 @@ def test_everything_in_files_of_other_tools_is_named_or_kept(shared_data: Path) 
         assert [one for one in missing if one != "TANGENT" or "tangents" not in told] == [], path.name
         used = {one.get("material") for mesh in root["meshes"] for one in mesh["primitives"]} - {None}
         assert len(materials) <= len(used) <= len(materials) + ("lines and points" in told), path.name
+
+
+def roof(kind: str) -> Scene:
+    """Two squares that meet at a ridge, where they are cut apart: two primitives, or one; a target bends them."""
+    made = Scene()
+    floats, integers = made.builder.floats, made.builder.integers
+    left = np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 1], [-1, 1, 0]], np.float32)
+    right = np.array([[0, 0, 1], [1, 0, 0], [1, 1, 0], [0, 1, 1]], np.float32)
+    up = np.repeat([[0, 0, 1.0]], 4, axis=0)
+    edges = [np.array([[-1, 0, 1]] * 4) / np.sqrt(2), np.array([[1, 0, 1]] * 4) / np.sqrt(2)]
+    normals = edges if kind == "hard edge" else [up, up]
+    bends = [np.zeros((4, 3)), np.array([[0, 0, 0], [0, 0, -3], [0, 0, -3], [0, 0, 0]])]
+    if kind == "opens":
+        bends[1][0] = bends[1][3] = [2, 0, 0]
+    primitives: list[dict[str, Any]] = []
+    corners = [0, 1, 2, 0, 2, 3]
+    for points, directions, bend in zip((left, right), normals, bends, strict=True):
+        attributes = {"POSITION": floats(points, bounds=True), "NORMAL": floats(directions)}
+        if kind == "rounded normals":
+            attributes["NORMAL"] = made.builder.fractions(directions, "<i1")
+        if kind == "no normals":
+            del attributes["NORMAL"]
+        target = {"POSITION": floats(bend, bounds=True)}
+        primitives.append({"attributes": attributes, "indices": integers(corners), "targets": [target]})
+    if kind == "one primitive":
+        attributes = {"POSITION": floats(np.concatenate([left, right]), bounds=True), "NORMAL": floats([*up, *up])}
+        target = {"POSITION": floats(np.concatenate(bends), bounds=True)}
+        attributes["TEXCOORD_0"] = floats(np.arange(16).reshape(8, 2) / 16)
+        indices = integers([*corners, *(corner + 4 for corner in corners)])
+        primitives = [{"attributes": attributes, "indices": indices, "targets": [target]}]
+    mesh = made.builder.add("meshes", {"primitives": primitives, "weights": [0]})
+    made.animate(made.builder.add("nodes", {"mesh": mesh}), "weights", [0, 0.25], [0, 1])
+    return made
+
+
+def seam_angles(path: Path) -> list[float]:
+    """Angles [degrees] between the normals of the two sides of the roof's ridge, of each end at rest and bent."""
+    file = read_gltf(path)
+    primitives = file.root["meshes"][0]["primitives"]
+    found: list[np.ndarray[Any, Any]] = []
+    for weight in (0.0, 1.0):
+        rows: dict[int, np.ndarray[Any, Any]] = {}
+        for one in primitives:
+            index = one["attributes"]["NORMAL"]
+            rest = file.accessor(index).astype(float)
+            rows[index] = rest + weight * sum(
+                file.accessor(target["NORMAL"]).astype(float) for target in one["targets"]
+            )
+        found.append(np.concatenate(list(rows.values())))
+    pairs = [(one[a], one[b]) for one in found for a, b in ((1, 4), (2, 7))]
+    return [float(np.degrees(np.arccos(np.clip(a @ b / np.sqrt(a @ a * (b @ b)), -1, 1)))) for a, b in pairs]
+
+
+@pytest.mark.parametrize("way", ["glb", "pdeanim", "free order", "usda", "onto"])
+@pytest.mark.parametrize(
+    ("kind", "shares"),
+    [("primitives", True), ("one primitive", True), ("rounded normals", True), ("hard edge", False), ("opens", False)],
+)
+def test_vertices_that_share_a_normal_where_a_file_cuts_them_share_one_in_every_frame(
+    tmp_path: Path, kind: str, shares: bool, way: str
+) -> None:
+    source = roof(kind).save(tmp_path / "x.glb")
+    between = source
+    if way in ("pdeanim", "free order"):
+        between = tmp_path / "x.pdeanim"
+        encode(open_sequence(source), between, max_error=1e-5, order="free" if way == "free order" else "keep")
+    elif way == "usda":
+        pytest.importorskip("pxr")
+        between = tmp_path / "x.usda"
+        write_sequence(open_sequence(source), between)
+    with open_sequence(between) as read:
+        if way == "onto":
+            write_onto(read, source, tmp_path / "y.glb")
+        else:
+            write_sequence(read, tmp_path / "y.glb")
+    if way == "free order":
+        with open_sequence(tmp_path / "y.glb") as read:
+            attributes = [one for one in read.objects[0].attributes if one.name == "shared_normal"]
+            points = read.read_frames(0, 1)[0]
+        numbers = attributes[0].values if attributes else np.zeros(8, np.int32)
+        assert [np.ptp(points[numbers == k], axis=0).max() < 1e-4 for k in (1, 2)] == [True, True] if shares else True
+        assert sorted(numbers.tolist()) == ([0, 0, 0, 0, 1, 1, 2, 2] if shares else [0] * 8)
+        return
+    angles = seam_angles(tmp_path / "y.glb")
+    assert (max(angles) < 0.2) == shares
+    assert_valid(tmp_path / "y.glb")
+
+
+def test_faces_without_normals_share_none(tmp_path: Path) -> None:
+    with open_sequence(roof("no normals").save(tmp_path / "x.glb")) as read:
+        assert "shared_normal" not in [one.name for one in read.objects[0].attributes]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["interop/gltf/CesiumMan.glb", "files/gltf/Fox.glb", "files/gltf/robot.glb"])
+def test_seams_of_real_files_keep_one_normal(shared_data: Path, tmp_path: Path, name: str) -> None:
+    with open_sequence(shared_data / name, fps=5) as read:
+        write_sequence(read, tmp_path / "x.glb")
+        item = read.objects[0]
+    (before, after) = (
+        read_gltf(path).root["meshes"][0]["primitives"][0] for path in (shared_data / name, tmp_path / "x.glb")
+    )
+    source, written = read_gltf(shared_data / name), read_gltf(tmp_path / "x.glb")
+    if "NORMAL" not in before["attributes"]:
+        assert item.connectivity.face_count
+        return
+    places, stored = (source.accessor(before["attributes"][key]) for key in ("POSITION", "NORMAL"))
+    found = written.accessor(after["attributes"]["NORMAL"]).astype(float)[: len(places)]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    _, number = np.unique(np.column_stack([places, np.rint(stored * 2000)]), axis=0, return_inverse=True)
+    order = np.argsort(number.reshape(-1), kind="stable")
+    same = np.diff(number.reshape(-1)[order]) == 0
+    cosines = (found[order][1:] * found[order][:-1]).sum(axis=1)[same]
+    assert np.degrees(np.arccos(np.clip(cosines.min(initial=1), -1, 1))) < 0.5
