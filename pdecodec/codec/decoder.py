@@ -66,14 +66,20 @@ class Animation(MeshSequence):
     """
 
     def __init__(
-        self, source: Source, limits: DecodeLimits, *, core: _core.Animation | None = None, run: int | None = None
+        self,
+        source: Source,
+        limits: DecodeLimits,
+        *,
+        core: _core.Animation | None = None,
+        run: int | None = None,
+        first_frame: int = 0,
     ) -> None:
         self.path, self.notices = source.name, ()
         self._source, self._limits, self._run = source, limits, run
         self._owns_source = run is None
         self._core = core or open_core(source, limits)
         self._file_bytes = self._core.file_bytes
-        self._first_frame = 0 if run is None else self._core.runs[run].first
+        self._first_frame = first_frame
         self.times, self.fps = self._core.times, self._core.fps
         self.jumps = tuple(self._core.jumps)
         self._describe()
@@ -431,6 +437,8 @@ def _reopened(kind: type[Animation], path: str | bytes, limits: DecodeLimits, ru
     """Return an animation that was pickled; one of a run owns its file."""
     source = open_source(path)
     core = open_core(source, limits)
-    animation = kind(source, limits, core=core if run is None else core.open_run(run), run=run)
+    if run is None:
+        return kind(source, limits, core=core)
+    animation = kind(source, limits, core=core.open_run(run), run=run, first_frame=core.runs[run].first)
     animation._owns_source = True
     return animation

@@ -66,6 +66,7 @@ class ChangingAnimation(ChangingSequence, Animation):
 
     def _describe(self) -> None:
         runs = self._core.runs
+        self._first_frames = [run.first for run in runs]
         self._take_runs(
             OpenedRuns(self._open_run, len(runs)),
             [run.frames for run in runs],
@@ -75,7 +76,7 @@ class ChangingAnimation(ChangingSequence, Animation):
     def _open_run(self, number: int) -> Animation:
         with self._naming_the_file():
             core = self._core.open_run(number)
-        return Animation(self._source, self._limits, core=core, run=number)
+        return Animation(self._source, self._limits, core=core, run=number, first_frame=self._first_frames[number])
 
     def _run_of(self, times: Float64Array) -> Animation:
         run = self.runs[one_run_of(self, times)]
