@@ -252,9 +252,10 @@ BUILT_IN = (
         writer="pdecodec.formats.obj.ply_stl_off:write_ply",
         holds_runs=True,
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs of vertices and of corners, colours of "
-        "faces, edges as lines and strips are read",
-        loses="names of objects, UVs, lines, other attributes and elements (named), times (frames are numbered)",
+        keeps="faces, main UV set (of vertices, or of corners as lists of faces), colours of vertices and of faces (8 "
+        "bits), normals of smooth meshes; edges as lines and strips are read",
+        loses="names of objects, which corners share a UV, lines, other attributes and elements (named), times (frames "
+        "are numbered)",
     ),
     Format(
         name="stl",

@@ -25,13 +25,13 @@ colours.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
 
 UV, COLOR, GROUP, MATERIAL, ID, POINT = "uv", "color", "group", "material", "id", "point"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
@@ -164,29 +164,29 @@ def reversed_corners(counts: Int32Array) -> Int64Array:
     return np.repeat(starts + ends - 1, counts) - np.arange(int(ends[-1]) if ends.size else 0)
 
 
-def vertex_color(item: MeshObject) -> Attribute | None:
-    """The main colours of an object's vertices."""
-    return next((one for one in colors(item) if one.domain == "vertex"), None)
+def main_color(item: MeshObject, domain: AttributeDomain = "vertex") -> Attribute | None:
+    """The main colours of an object's vertices, faces or corners."""
+    return next((one for one in colors(item) if one.domain == domain), None)
 
 
-def joined_colors(sequence: MeshSequence) -> Float32Array | None:
-    """(vertices, 3 or 4) float32: colours of the vertices of all objects, white for none; None without any colours."""
-    if all(vertex_color(item) is None for item in sequence.objects):
-        return None
-    rows = np.ones((sequence.vertex_count, 4), np.float32)
-    width = 3
-    for item, place in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
-        color = vertex_color(item)
+def joined_colors(sequence: MeshSequence, domain: Literal["vertex", "face"] = "vertex") -> Float32Array | None:
+    """(vertices or faces, 3 or 4) float32: colours of all objects, white for none; None without any colours."""
+    found = [main_color(item, domain) for item in sequence.objects]
+    width = max((color.values.shape[1] for color in found if color is not None), default=0)
+    parts = []
+    for item, color in zip(sequence.objects, found, strict=True):
+        count = item.vertex_count if domain == "vertex" else item.connectivity.face_count
+        rows = np.ones((count, width), np.float32)
         if color is not None:
             values, indices, _ = indexed_rows(color)
-            rows[place, : values.shape[1]] = values if indices is None else values[indices]
-            width = max(width, values.shape[1])
-    return rows[:, :width]
+            rows[:, : values.shape[1]] = values if indices is None else values[indices]
+        parts.append(rows)
+    return np.concatenate(parts) if width else None
 
 
 def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
     """A line where colours that are written as white stand for none."""
-    found = [color.indices for item in sequence.objects if (color := vertex_color(item)) is not None]
+    found = [color.indices for item in sequence.objects if (color := main_color(item)) is not None]
     has_gaps = any(indices is not None and (indices < 0).any() for indices in found)
     return ("vertices without a colour are white",) if has_gaps else ()
 
@@ -218,14 +218,14 @@ def lost_by_joining(
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
         notices = (f"{title} has no names: objects are one {joined}",)
-    if colors is not None and any(vertex_color(item) is None for item in sequence.objects):
+    if colors is not None and any(main_color(item) is None for item in sequence.objects):
         notices += ("objects without colours are white",)
     if colors is not None:
         notices += white_for_none(sequence)
     return notices + left_out(
         sequence,
         title,
-        lambda item, one: (colors is not None and one is vertex_color(item)) or held(item, one),
+        lambda item, one: (colors is not None and one is main_color(item)) or held(item, one),
     )
 
 

@@ -153,7 +153,8 @@ class ObjModel:
         if not is_same_attribute(mine, others):
             yield "vertex colours", mine is not None
         used = self._scan.corners[:, 1]
-        if not np.array_equal(*(scan.textures[used[used >= 0]] for scan in (self._scan, other._scan)), equal_nan=True):
+        used = used[used >= 0]
+        if not np.array_equal(self._scan.textures[used], other._scan.textures[used], equal_nan=True):
             yield "UVs", True
         has_normals = [bool((scan.corners[:, 2] >= 0).any()) for scan in (self._scan, other._scan)]
         if has_normals[0] != has_normals[1]:

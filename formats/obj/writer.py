@@ -22,8 +22,8 @@ from pdecodec.formats.base.attribute_roles import (
     UV,
     indexed_rows,
     left_out,
+    main_color,
     uv_sets,
-    vertex_color,
     white_for_none,
 )
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
@@ -98,13 +98,13 @@ def check_finite(points: Float32Array, frame: int) -> None:
 def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
         return True
-    return any(attribute is one for one in (*uv_sets(item)[:1], vertex_color(item), group_attribute(item)))
+    return any(attribute is one for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item)))
 
 
 def _without_names(sequence: MeshSequence) -> Iterator[str]:
     """Lines about UV sets and colours that are written as the main ones."""
     for item in sequence.objects:
-        for one, name in ((next(iter(uv_sets(item)), None), UV), (vertex_color(item), COLOR)):
+        for one, name in ((next(iter(uv_sets(item)), None), UV), (main_color(item), COLOR)):
             if one is not None and one.name != name:
                 yield f"{one.name!r} is written as {name!r}: OBJ has one, and no name for it"
 
@@ -161,7 +161,7 @@ class _ObjectText:
         # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
-        self.color = _color_rows(vertex_color(item), item.vertex_count)
+        self.color = _color_rows(main_color(item), item.vertex_count)
         # Smoothing groups are statements of their own.
         self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)

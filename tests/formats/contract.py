@@ -251,6 +251,7 @@ _OBJ = (
     *("group", "material", "material partly", "smoothing"),
 )
 _COLORS = ("color", "color alpha", "color bytes")
+_PLY = (*_COLORS, "uv own", "uv shared")
 _OF_TWO = tuple(name for name in SHAPES if name not in ("lines that share", "faces and lines"))
 """Of formats that tell lines from faces by their number of vertices."""
 
@@ -278,7 +279,7 @@ CONTRACT = (
     _ONE(file="x.e", write=_write_exodus, written=False, shapes=tuple(one for one in _OF_TWO if one != "polygons")),
     _ONE(file="x.vtu.series", write=_write_series, written=False, runs=True),
     _COUNTED(file="x.####.vtu"),
-    _COUNTED(file="x.####.ply", shapes=("vertex", "points", *FACES), attributes=_COLORS, attribute_error=1 / 509),
+    _COUNTED(file="x.####.ply", shapes=("vertex", "points", *FACES), attributes=_PLY, attribute_error=1 / 509),
     _READ(file="x.####.vtp", write=_write_vtp),
     _READ(file="x.####.pvtu", write=_write_pvtu),
     _READ(file="x.####.vtk", write=_write_vtk, shapes=_OF_TWO[2:]),

@@ -396,3 +396,66 @@ def test_obj_runs_keep_their_own_colours_and_later_files_name_what_they_lose(tmp
             "vertex colours change from frame to frame (first at frame 2): "
             "those of the first frame of each run are kept",
         )
+
+
+UVS = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.25, 0], [2, 3]], np.float32)
+FACES = [[0, 1, 2, 3], [2, 1, 4]]
+CORNER_BY_CORNER = "UVs (uv) are written corner by corner: PLY has no indices of them"
+
+
+@pytest.mark.parametrize(
+    ("attribute", "rows", "told"),
+    [
+        (Attribute("uv", "corner", UVS), UVS, []),
+        (Attribute("uv", "corner", UVS[:5], np.array([0, 1, 2, 3, 2, 1, 4], np.int32)), UVS[[0, 1, 2, 3, 2, 1, 4]], []),
+        (
+            Attribute("uv:two", "corner", UVS[:2], np.array([0, 1, 0, 1, 1, 0, 0], np.int32)),
+            UVS[[0, 1, 0, 1, 1, 0, 0]],
+            [CORNER_BY_CORNER, "'uv:two' is written as 'uv': PLY has one, and no name for it"],
+        ),
+        (
+            Attribute("uv", "corner", UVS, np.array([0, 1, 2, 3, -1, 5, 6], np.int32)),
+            np.vstack([UVS[:4], np.full((3, 2), np.nan)]),
+            [CORNER_BY_CORNER],
+        ),
+        (Attribute("color", "face", np.eye(2, 4, dtype=np.float32)), np.eye(2, 4), []),
+        (
+            Attribute("color:paint", "face", np.array([[255, 0, 9], [1, 2, 3]], np.uint8)),
+            np.array([[255, 0, 9], [1, 2, 3]]) / 255,
+            ["'color:paint' is written as 'color': PLY has one, and no name for it"],
+        ),
+    ],
+    ids=["corners", "vertices", "second name", "a corner without", "face colours", "named face colours"],
+)
+def test_uvs_and_face_colours_are_written_to_ply(
+    tmp_path: Path, attribute: Attribute, rows: np.ndarray, told: list[str]
+) -> None:
+    item = MeshObject("mesh", connectivity_of(5, FACES), (attribute,))
+    lost = write_sequence(ArraySequence(np.eye(5, 3)[None], objects=[item]), tmp_path / "y.ply")
+    assert [notice for notice in lost if notice != "PLY has no times: frames are numbered"] == told
+    with open_sequence(tmp_path / "y.ply") as again:
+        (found,) = again.objects[0].attributes
+        back = found.values / 255 if found.values.dtype == np.uint8 else found.values
+        if found.indices is not None:
+            back = np.where(found.indices[:, None] < 0, np.nan, back[found.indices])
+        assert (found.name, found.domain) == (attribute.name.partition(":")[0], attribute.domain)
+        assert again.connectivity.face_indices.tolist() == [corner for face in FACES for corner in face]
+        np.testing.assert_allclose(back, rows[:, : back.shape[1]], atol=1 / 500)
+
+
+def test_ply_of_large_faces_and_of_objects_without_uvs_comes_back(tmp_path: Path) -> None:
+    ring = Attribute("uv", "corner", np.random.default_rng(2).random((200, 2)).astype(np.float32))
+    ends = Attribute("color", "face", np.array([[1, 0, 0]], np.float32))
+    items = [
+        MeshObject("ring", connectivity_of(100, [list(range(100)), list(range(99, -1, -1))]), (ring,)),
+        MeshObject("end", connectivity_of(3, [[0, 1, 2]]), (ends,)),
+    ]
+    points = np.random.default_rng(3).random((2, 103, 3)).astype(np.float32)
+    write_sequence(ArraySequence(points, objects=items), tmp_path / "y.#.ply")
+    with open_sequence(tmp_path / "y.#.ply", fps=24) as again:
+        found = attributes(again)
+        assert np.array_equal(again.read_frames(0, 2), points)
+        assert np.array_equal(found["uv"].values, ring.values)
+        assert found["uv"].indices is not None
+        assert found["uv"].indices.tolist() == [*range(200), -1, -1, -1]
+        assert found["color"].values.tolist() == [[255, 255, 255]] * 2 + [[255, 0, 0]]
