@@ -98,6 +98,7 @@ class ObjModel:
         marks: list[tuple[str | None, int, int]] = [(None, 0, 0)]
         self.metadata: dict[str, str] = {}
         left_out: dict[str, None] = {}
+        libraries: dict[str, None] = {}
         for offset, vertices, elements in scan.others.tolist():
             word, argument = _statement(text, offset)
             match word:
@@ -111,9 +112,11 @@ class ObjModel:
                 case "s":
                     states["smoothing"].change(elements, _smoothing_group(text, offset, argument))
                 case "mtllib":
-                    self.metadata["mtllib"] = argument
+                    libraries[argument] = None
                 case _:
                     left_out[word] = None
+        if libraries:
+            self.metadata["mtllib"] = " ".join(libraries)
         marks.append((None, scan.vertex_count, scan.element_sizes.size))
         self._states = {name: state.per_element(scan.element_sizes.size) for name, state in states.items()}
         self._labels = {name: tuple(state.labels) for name, state in states.items()}
@@ -271,6 +274,10 @@ class ObjModel:
             uncolored += part.vertices[1] - part.vertices[0] - colored if colored else 0
         if uncolored:
             notices.append(f"{uncolored} of {scan.vertex_count} vertices have no colour: they are white")
+        # Texture vertices and normals that nothing refers to.
+        for word, count, column in (("vt", scan.texture_count, 1), ("vn", len(scan.normals), 2)):
+            if count and not (scan.corners[:, column] >= 0).any():
+                left_out = {word: None, **dict.fromkeys(left_out)}
         if (scan.vertex_sizes == 4).any():
             notices.append("the weight of vertices (the fourth number of v) is not kept")
         if (scan.corners[np.repeat(lines, scan.element_sizes), 1] >= 0).any():

@@ -383,6 +383,13 @@ def test_what_changes_in_obj_is_told_once(tmp_path: Path, first: str, second: st
         assert still.notices == ()
 
 
+def test_every_library_of_materials_of_an_obj_file_is_kept(tmp_path: Path) -> None:
+    with read(
+        tmp_path, "mtllib a.mtl\nmtllib b.mtl\n" + obj(more="mtllib a.mtl\nf 1 2 3\n"), extension="obj"
+    ) as sequence:
+        assert sequence.metadata == {"mtllib": "a.mtl b.mtl"}
+
+
 def test_obj_runs_keep_their_own_colours_and_later_files_name_what_they_lose(tmp_path: Path) -> None:
     texts = (
         obj(*["1 0 0"] * 4),

@@ -180,7 +180,8 @@ def test_the_only_name_after_the_vertices_names_the_object_in_utf8_or_latin_1(tm
         ("vt 0 0\nl 1/1 2/1 3/1\n", "texture vertices of lines (l v/vt) are not kept"),
         ("v 1 2 3 0.5\n", "the weight of vertices (the fourth number of v) is not kept"),
         ("g hair\nl 1 2\n", "groups and materials of lines and points are not kept"),
-        ("vn 0 0 1\nlod 3\nvp 1 2\nlod 4\nf 1 2 3\n", "statements not kept: lod, vp"),
+        ("vn 0 0 1\nlod 3\nvp 1 2\nlod 4\nf 1 2 3\n", "statements not kept: vn, lod, vp"),
+        ("vt 0 0\nf 1 2 3\n", "statements not kept: vt"),
     ],
 )
 def test_what_is_not_kept_is_told(tmp_path: Path, text: str, notice: str):
