@@ -24,6 +24,12 @@ FLOAT32_ROUNDING = 2.0**-23
 FRAME_SLACK = 1e-3
 """Share of a frame by which times in files are rounded: that near, a key stands on a frame."""
 
+SLOWEST_KEYS = 12.0
+"""Rate [1/s] below which keys that are evenly apart are poses to pass between, not frames."""
+
+FASTEST_SPARSE_KEYS = 60.0
+"""Rate [1/s] above which most frames must have a key: keys of two rates may stand on frames of a third by chance."""
+
 Timing = tuple[Float64Array, float, tuple[str, ...]]
 """Times [s], nominal frame rate [1/s], and notices about them."""
 
@@ -64,6 +70,26 @@ def regular_rate(times: Float64Array, fps: float) -> float | None:
     for rate in (fps, round_rate(1.0 / spacing), 1.0 / spacing):
         if (np.abs(times[0] + np.arange(times.size) / rate - times) <= SAME_TIME / 10).all():
             return float(rate)
+    return None
+
+
+def rate_of_keys(keys: Float64Array) -> float | None:
+    """Return the rate [1/s] whose frames, from the first key on, all keys stand on; None where they show none.
+
+    Parameters
+    ----------
+    keys : (n,) float64 [s]
+        Increasing. The two nearest are one, two or three frames apart.
+    """
+    span = float(keys[-1] - keys[0])
+    for apart in (1, 2, 3) if keys.size > 1 else ():
+        rate = round(apart * span / float(np.diff(keys).min())) / span
+        if rate < SLOWEST_KEYS * apart or (rate > FASTEST_SPARSE_KEYS and keys.size < rate * span / 2):
+            continue
+        for meant in (float(round(rate)), round(rate * 1.001) / 1.001, rate):
+            frames = (keys - keys[0]) * meant
+            if (np.abs(frames - np.rint(frames)) <= FRAME_SLACK + FLOAT32_ROUNDING * keys[-1] * meant).all():
+                return meant
     return None
 
 

@@ -27,6 +27,7 @@ from pdecodec.formats.base.times import (
     Timing,
     frames_at_rate,
     merged_times,
+    rate_of_keys,
     rate_or_default,
     snapped_times,
 )
@@ -68,9 +69,9 @@ class GltfSequence(SceneSequence):
     ----------
     path : pathlib.Path
     fps : float or None
-        Frames per second to take; 24 and a notice where neither caller nor file says.
+        Frames per second to take; that of the keys, else 24 and a notice, where neither caller nor file says.
     clip : str, optional
-        Name of the animation; the first by default.
+        Name of the animation; the first that lasts by default.
     transforms : {"bake", "keep"}
         What becomes of nodes above meshes that have no skin.
 
@@ -166,7 +167,7 @@ def _skinned(points: Float64Array, joints: Int64Array, weights: Float64Array, sk
 
 def _timing(clip: Clip | None, fps: float | None) -> Timing:
     keys = [] if clip is None else clip.key_times
-    rate, notices = rate_or_default(None, fps)
+    rate, notices = rate_or_default(rate_of_keys(merged_times(keys)) if keys and fps is None else None, fps)
     if clip is None or not keys:
         return np.zeros(1), rate, ()
     noted = clip.extras.get("fps")
@@ -194,12 +195,20 @@ def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tu
         raise InputError(f"has no animation {name!r}; there is {there}", code="object-missing")
     if not entries:
         return None, 0, ()
-    index = 0 if name is None else names.index(name)
+    index = _first_that_lasts(file, len(entries)) if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
-        text = f"has {len(names)} animations, {', '.join(names)}; {names[0]!r} is taken"
+        text = f"has {len(names)} animations, {', '.join(names)}; {names[index]!r} is taken"
         notices = (Notice(text, setting="clip", purpose="to take another"),)
     return read_clip(file, index), index, notices
+
+
+def _first_that_lasts(file: GltfFile, count: int) -> int:
+    """The first animation that lasts; the first one where none does."""
+    for index in range(count):
+        if any(times[-1] > times[0] for times in read_clip(file, index).key_times):
+            return index
+    return 0
 
 
 def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:

@@ -507,3 +507,67 @@ def test_seams_of_real_files_keep_one_normal(shared_data: Path, tmp_path: Path, 
     same = np.diff(number.reshape(-1)[order]) == 0
     cosines = (found[order][1:] * found[order][:-1]).sum(axis=1)[same]
     assert np.degrees(np.arccos(np.clip(cosines.min(initial=1), -1, 1))) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("keys", "rate", "frames"),
+    [
+        ([np.arange(31) / 30], 30, 31),
+        ([np.arange(97) / 48], 48, 97),
+        ([np.arange(50) * 1001 / 30000], 30000 / 1001, 50),
+        ([np.array([0, 2, 5, 10]) / 30], 30, 11),
+        ([1 + np.arange(120) / 120], 120, 120),
+        ([np.arange(400) / 24, [0, 399 / 24]], 24, 400),
+        ([np.round(np.arange(26) / 25, 4)], 25, 26),
+        ([[0, 1]], None, 25),
+        ([[0, 0.5, 1, 1.5]], None, 37),
+        ([np.array([0, 0.04, 0.0951, 0.1333])], None, 5),
+        ([np.arange(31) / 30, [0, 0.51]], None, 25),
+    ],
+    ids=[
+        "30",
+        "48",
+        "29.97",
+        "sparse 30",
+        "120 from 1 s",
+        "24",
+        "rounded 25",
+        "two keys",
+        "poses",
+        "uneven",
+        "two rates",
+    ],
+)
+def test_a_rate_that_all_keys_show_is_the_rate(
+    tmp_path: Path, keys: list[Any], rate: float | None, frames: int
+) -> None:
+    made, node = triangle()
+    for path, times in zip(("translation", "scale"), keys, strict=False):
+        made.animate(node, path, times, np.arange(3 * len(times)).reshape(-1, 3))
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert read.fps == pytest.approx(24 if rate is None else rate, rel=1e-9)
+        assert read.frame_count == frames
+        assert any("assumed" in line for line in read.notices) == (rate is None)
+        if rate is not None:
+            nearest = np.abs(read.times[:, None] - np.asarray(keys[0])).min(axis=0)
+            assert nearest.max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("spans", "taken"),
+    [([0, 1], 1), ([None, 0, 2], 2), ([1, 2], 0), ([0, 0], 0), ([0, 3, 1], 1), ([None, None], 0)],
+)
+def test_an_animation_that_lasts_is_taken_before_one_that_does_not(
+    tmp_path: Path, spans: list[float | None], taken: int
+) -> None:
+    made, node = triangle()
+    for number, span in enumerate(spans):
+        made.builder.root.setdefault("animations", []).append({"name": f"a{number}", "channels": [], "samplers": []})
+        if span is not None:
+            keys = [0, span] if span else [0]
+            made.animate(node, "translation", keys, [[0, 0, 0], [1, 0, 0]][: len(keys)])
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert read.times[-1] == pytest.approx(spans[taken] or 0)
+        assert any(f"'a{taken}' is taken" in line for line in read.notices)
+    with open_sequence(tmp_path / "x.glb", clip="a0") as read:
+        assert read.times[-1] == pytest.approx(spans[0] or 0)
