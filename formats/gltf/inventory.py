@@ -29,6 +29,9 @@ _DEFAULTS: Mapping[str, Any] = {
 }
 """Properties of a material that does not say them."""
 
+_INNER = {"meshes": ("primitives",), "animations": ("channels", "samplers")}
+"""Lists of objects inside those of a list of the root."""
+
 _NOTED = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
 """Keys of extras that our writer leaves, by the list that they are in."""
 
@@ -67,7 +70,7 @@ def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Co
     unused = [_name(one, "mesh", k) for k, one in meshes if not any(map(nodes.is_shown, users.get(k, ())))]
     if unused:
         yield f"meshes {listed(unused)}, which the scene does not show"
-    used = {one.get("material") for mesh in file.listed("meshes") for one in mesh["primitives"]}
+    used = {one.get("material") for mesh in file.listed("meshes") for one in mesh.get("primitives", ())}
     unused = [_name(one, "material", k) for k, one in enumerate(file.listed("materials")) if k not in used]
     if unused:
         yield f"materials {listed(unused)}, which no mesh has"
@@ -111,7 +114,7 @@ def _holders(root: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]
     for kind, entries in root.items():
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
-                inner = [one for key in ("primitives", "channels", "samplers") for one in entry.get(key, ())]
+                inner = [one for key in _INNER.get(kind, ()) for one in entry.get(key, ())]
                 targets = [one["target"] for one in inner if "target" in one]
                 yield from ((kind, one) for one in (entry, *inner, *targets))
 

@@ -69,7 +69,7 @@ class GltfMesh:
 
 def default_weights(mesh: Mapping[str, Any]) -> Float64Array:
     """Weights (targets,) of a mesh's morph targets where nothing moves them."""
-    targets = max((len(one.get("targets", [])) for one in mesh["primitives"]), default=0)
+    targets = max((len(one.get("targets", [])) for one in mesh.get("primitives", ())), default=0)
     return np.array(mesh.get("weights", [0.0] * targets), np.float64)
 
 

@@ -263,7 +263,7 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
 
 def _morphs_looks(mesh: Mapping[str, Any]) -> bool:
     """Whether morph targets of a mesh change its colours or UVs."""
-    targets = [target for one in mesh["primitives"] for target in one.get("targets", [])]
+    targets = [target for one in mesh.get("primitives", ()) for target in one.get("targets", [])]
     return any(name.startswith(("COLOR_", "TEXCOORD_")) for target in targets for name in target)
 
 

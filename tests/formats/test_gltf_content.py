@@ -10,6 +10,7 @@ import pytest
 
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.opening import open_animation
+from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf.file import LINE_LOOP, LINE_STRIP, LINES, POINTS, TRIANGLES, read_gltf
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
@@ -571,3 +572,13 @@ def test_an_animation_that_lasts_is_taken_before_one_that_does_not(
         assert any(f"'a{taken}' is taken" in line for line in read.notices)
     with open_sequence(tmp_path / "x.glb", clip="a0") as read:
         assert read.times[-1] == pytest.approx(spans[0] or 0)
+
+
+def test_lists_of_other_shapes_end_in_one_line_or_are_passed_over(tmp_path: Path) -> None:
+    strange = {"channels": 5, "primitives": 1, "samplers": "x"}
+    made = with_entries(materials=[strange], meshes=[{"name": "spare"}], others=[strange, 3])
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert "meshes 'spare', which the scene does not show" in read.notices[0]
+    made.builder.root["nodes"][0]["mesh"] = 1
+    with pytest.raises(InputError, match="mesh 1 is damaged"):
+        open_sequence(made.save(tmp_path / "x.glb"))
