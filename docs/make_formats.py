@@ -30,8 +30,9 @@ CONVENTIONS = """\
 - **Hard edges** are `normal_group`, a number a corner: corners of a vertex with equal numbers share a normal. Normals
   themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
   groups; glTF, which shows faces without normals flat, gets smooth ones otherwise, and none where all faces are flat
-  triangles. glTF cuts vertices at hard edges and UV seams: there they stay apart, each smooth. Formats with a normal a
-  vertex get those of meshes without hard edges.
+  triangles. glTF cuts vertices at hard edges, UV seams and material borders: there they stay apart, and those that
+  shared a normal have one number in `shared_normal` and share it in every frame. Formats with a normal a vertex get
+  those of meshes without hard edges.
 - **Size of glTF.** Where motion is not few functions of time, each frame is a morph target. Positions and normals of
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.
   `--quantize` (KHR_mesh_quantization, which viewers must know) makes it 12: positions of 16 bits, normals of 8, at most
@@ -39,8 +40,10 @@ CONVENTIONS = """\
   time, rounding adds up, to 1.7 degrees in the shared sequences; the command says how much.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
   and so are those of objects to whose positions a transform is applied that mirrors.
-- **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
-  stay irregular. Scenes have a value at any time: glTF's animations are sampled at `--fps`, their last key included;
+- **Time** is in seconds. The frame rate is the file's (in glTF the one that all keys show, from 12 a second), else
+  `--fps`, else 24, and then a line says so. Irregular times stay irregular. glTF's animations are written to start at
+  0 s: another first time is noted there and comes back, and a line says so. Scenes have a value at any time: glTF's
+  animations are sampled at the rate, their last key included;
   Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
   stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
   `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
