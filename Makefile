@@ -163,7 +163,7 @@ $(INSTALLED): pyproject.toml $(CORE) .venv/tools $(COMPILER)
 	touch $(INSTALLED)
 
 $(READY): $(INSTALLED)
-	$(NEEDS) abc usd gltf dev | $(PIP) --requirement /dev/stdin
+	$(NEEDS) abc usd gltf research dev | $(PIP) --requirement /dev/stdin
 	touch $(READY)
 
 clean:

@@ -55,10 +55,10 @@ class Job:
         from pdecodec.formats.base.frame_files import FOLDER_PADDING
         from pdecodec.formats.base.registry import known_extensions
 
+        if not self.in_folder or sequence.frame_count == 1 or is_address(self.output):
+            return self
         path = Path(self.output)
-        of_one_frame = known_extensions(lambda entry: entry.frame_per_file and entry.writes)
-        fits = sequence.frame_count == 1 or path.suffix.lower() not in of_one_frame
-        if fits or not self.in_folder or is_address(self.output):
+        if path.suffix.lower() not in known_extensions(lambda entry: entry.frame_per_file and entry.writes):
             return self
         path = path.with_suffix("") / f"{path.stem}.{FOLDER_PADDING}{path.suffix}"
         if not dry_run:

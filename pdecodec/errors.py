@@ -254,9 +254,10 @@ class MissingFileError(InputError, FileNotFoundError):
     """A file, folder or address that does not exist: what :class:`InputError` becomes with code "file-missing"."""
 
     default_code = ErrorCode.FILE_MISSING
-    errno = errno.ENOENT
-    filename = property(lambda self: self.path)
-    strerror = property(lambda self: self.message)
+
+    def __init__(self, message: str, **fields: Any) -> None:
+        super().__init__(message, **fields)
+        self.errno, self.strerror, self.filename = errno.ENOENT, self.message, self.path
 
 
 class CorruptFileError(PdecodecError):

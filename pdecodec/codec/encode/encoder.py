@@ -119,7 +119,8 @@ def encode(
 
 def _opened(source: ArrayLike | str | os.PathLike[str]) -> MeshSequence:
     if isinstance(source, str | os.PathLike):
-        from pdecodec.formats import open_sequence  # formats build on the codec
+        # The public name: formats build on the codec, which knows none of them.
+        from pdecodec import open_sequence
 
         return open_sequence(source)
     return ArraySequence(source)
