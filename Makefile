@@ -86,7 +86,7 @@ lint: $(READY)
 # mypy needs the folders nested in one package, as they are installed: links stand in for copies.
 types: $(READY)
 	rm -rf build/types
-	$(BIN)/python -c 'import os, pathlib, tomllib; \
+	$(BIN)/python -c 'import pathlib, tomllib; \
 		packages = tomllib.load(open("pyproject.toml", "rb"))["tool"]["scikit-build"]["wheel"]["packages"]; \
 		links = {pathlib.Path("build/types", target, entry.name): entry.resolve() \
 			for target, folder in packages.items() for entry in pathlib.Path(folder).iterdir()}; \
