@@ -17,6 +17,7 @@ from pdecodec.cli.main import run as pdecodec_run
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+START_PAGE = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
 
 INSTALLED_ALREADY = "pip install"
 """Commands that begin so are for readers, not for tests: the package under test is there."""
@@ -44,23 +45,26 @@ def run_commands(page: str) -> None:
             assert pdecodec_run(arguments) == 0, command
 
 
-def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("page", "at_least"), [(README, 8), (START_PAGE, 7)], ids=["README", "docs"])
+def test_the_commands_of_a_page_run_in_order(
+    page: str, at_least: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert README.count("\n$ pdecodec ") >= 8
-    run_commands(README)
+    assert page.count("\n$ pdecodec ") >= at_least
+    run_commands(page)
 
 
-@pytest.mark.parametrize("code", blocks("python"))
-def test_the_python_of_the_readme_runs(code: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("code", blocks("python") + blocks("python", START_PAGE))
+def test_the_python_of_the_readmes_runs(code: str, tmp_path: Path) -> None:
     result = run([sys.executable, "-W", "error", "-c", code], tmp_path)
     assert result.returncode == 0, result.stderr
 
 
 def test_every_link_of_the_documents_leads_to_a_file() -> None:
-    for document in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
-        text = (ROOT / document).read_text(encoding="utf-8")
-        for target in re.findall(r"\]\(([^)#]+)\)", text):
-            assert target.startswith("https://") or (ROOT / target).exists(), f"{document} links to {target}"
+    for document in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/README.md", "docs/glossary.md"):
+        page = ROOT / document
+        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+            assert target.startswith("https://") or (page.parent / target).exists(), f"{document} links to {target}"
 
 
 @pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
