@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.codec.encode.memory import encoding_bytes
+from pdecodec.codec.encoding_memory import encoding_bytes
 from pdecodec.codec.settings import EncodeSettings
 
 AVAILABLE_SHARE = 0.8

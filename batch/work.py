@@ -28,9 +28,9 @@ from pdecodec.batch.records import (
     stamp_of,
     write_record,
 )
-from pdecodec.codec.encode.coded_order import CodedOrderSequence
-from pdecodec.codec.encode.memory import encoding_bytes
+from pdecodec.codec.coded_order import CodedOrderSequence
 from pdecodec.codec.encode.report import EncodeReport, generator
+from pdecodec.codec.encoding_memory import encoding_bytes
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
 from pdecodec.formats.base.choosing import open_clip
 from pdecodec.formats.base.companions import input_files
@@ -335,7 +335,7 @@ def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
 
 
 def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
-    from pdecodec.codec.encode.encoder import encode
+    from pdecodec.codec.encoding import encode
 
     return encode(sequence, path, options.settings, rms=options.rms, size=options.size)
 

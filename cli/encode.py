@@ -139,7 +139,7 @@ def _encode(
     **options: Any,
 ) -> None:
     """Do one job; `options` are fields of the two classes of settings and of InputOptions."""
-    from pdecodec.codec.encode.encoder import encode as encode_sequence
+    from pdecodec.codec.encoding import encode as encode_sequence
     from pdecodec.codec.settings import EncodeSettings, PaperSettings
     from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files

@@ -89,7 +89,7 @@ def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
     kept = from_json(sequence.info().get("alternatives"))
     if kept:
         return kept
-    from pdecodec.codec.encode.stored_choices import alternatives_of
+    from pdecodec.codec.stored_choices import alternatives_of
 
     say("note: the file does not keep what else was tried; found out from what it decodes to, so about")
     return alternatives_of(sequence)

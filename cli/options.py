@@ -218,7 +218,7 @@ def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
 def rigid_bound(source: MeshSequence, scale: float) -> float:
     """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
-    from pdecodec.codec.encode.stored_choices import bound_of
+    from pdecodec.codec.stored_choices import bound_of
 
     if not isinstance(source, Animation) or len(source.runs) > 1:
         raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")

@@ -4,7 +4,7 @@ A mesh sequence goes in, its motion is fitted with closed-form solutions of a dy
 Mathematics 12, 3175), a compact `.pdeanim` file comes out, and meshes at any time come back from it.
 
 The public names are listed in `__init__.pyi`. Each is imported when it is first used, so that ``import pdecodec`` stays
-light. Begin with `codec/encode/encoder.py` (from a sequence to a file) and `codec/opening.py` (from a file to
+light. Begin with `codec/encoding.py` (from a sequence to a file) and `codec/opening.py` (from a file to
 positions). `mesh/` has what goes in and comes out, `codec/` the file format, `simulate/` scenes to try it on, `system/`
 files and threads.
 """

@@ -6,10 +6,10 @@ from pdecodec.codec.checking import check_file as check_file
 from pdecodec.codec.decoder import Animation as Animation
 from pdecodec.codec.editing import cut_animation as cut_animation
 from pdecodec.codec.editing import join_animations as join_animations
-from pdecodec.codec.encode.encoder import encode as encode
-from pdecodec.codec.encode.encoder import encode_to_rms as encode_to_rms
-from pdecodec.codec.encode.encoder import encode_to_size as encode_to_size
 from pdecodec.codec.encode.report import EncodeReport as EncodeReport
+from pdecodec.codec.encoding import encode as encode
+from pdecodec.codec.encoding import encode_to_rms as encode_to_rms
+from pdecodec.codec.encoding import encode_to_size as encode_to_size
 from pdecodec.codec.mending import Finding as Finding
 from pdecodec.codec.opening import open_animation as open  # noqa: F401 - a public name
 from pdecodec.codec.opening import open_animation as open_animation

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import SECTION_TITLES, EncodeReport
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.resampling import LinearInterpolation, SampledAnimation
 from pdecodec.codec.settings import EncodeSettings

@@ -59,7 +59,7 @@ def _rope() -> ArraySequence:
 
 def bench_codec() -> Iterator[Measurement]:
     """Encode throughput, decode against `np.copyto`, one frame at a random time."""
-    from pdecodec.codec.encode.encoder import encode
+    from pdecodec.codec.encoding import encode
     from pdecodec.codec.opening import open_animation
     from pdecodec.codec.settings import EncodeSettings
 

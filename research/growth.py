@@ -94,7 +94,7 @@ def measure(frames: int, side: int, group_frames: int) -> Size:
     """One size, in this process."""
     import resource  # which not every system has
 
-    from pdecodec.codec.encode.encoder import encode
+    from pdecodec.codec.encoding import encode
 
     clip = TimedClip(frames, side, side)
     first: list[float] = []

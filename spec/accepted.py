@@ -24,11 +24,11 @@ from pdecodec import (
     encode,
 )
 from pdecodec._core import Residuals
-from pdecodec.codec.encode import auto_profile as autoprofile
-from pdecodec.codec.encode import model_choice as modelchoice
-from pdecodec.codec.encode.displacements import TimeFunctions
-from pdecodec.codec.encode.effort import EFFORTS
-from pdecodec.codec.encode.group_fit import GroupFitter
+from pdecodec.codec.encode import pipeline as autoprofile
+from pdecodec.codec.encode import search as modelchoice
+from pdecodec.codec.encode.fit import GroupFitter
+from pdecodec.codec.encode.temporal import TimeFunctions
+from pdecodec.codec.encode.tuning import EFFORTS
 from pdecodec.codec.sections.residuals import encode_residuals
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.arrays import Float64Array

@@ -18,18 +18,18 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from pdecodec.codec.appending import AppendingEncoder
 from pdecodec.codec.container import CHUNK_SECTIONS, SECTION_KINDS, Section, Spool, stored_sections, write_container
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.appending import AppendingEncoder
-from pdecodec.codec.encode.jumps import jumps_across, shifted
 from pdecodec.codec.encode.report import generator
-from pdecodec.codec.encode.stored_choices import bound_of
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
 from pdecodec.codec.settings import EffortName
+from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.jumps import jumps_across, shifted
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.mesh.times import SHORTEST_TIME_STEP

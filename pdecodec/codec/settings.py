@@ -121,7 +121,7 @@ class EncodeSettings:
         "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
         segment of time.
     effort : {"fast", "default", "best"}
-        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.codec.encode.effort.EFFORTS`).
+        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.codec.encode.tuning.EFFORTS`).
     group_frames : int or None
         Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
         file, or read of one that is far away, is whole groups: short ones cost bytes.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.arrays import Float32Array, Float64Array

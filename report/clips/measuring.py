@@ -18,7 +18,7 @@ import numpy as np
 
 from pdecodec.codec.container import CONSTANT_SECTIONS
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName, Profile
 from pdecodec.errors import InputError

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import Question
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.report.charts.figure import Figure, Table

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float32Array, Float64Array

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pdecodec.codec.container import CONSTANT_SECTIONS
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float64Array

@@ -25,7 +25,7 @@ from pdecodec.batch.memory import MemoryBudget, available_memory
 from pdecodec.batch.records import STATE_FOLDER
 from pdecodec.batch.work import failure, make_clip, memory_of
 from pdecodec.cli.main import run
-from pdecodec.codec.encode.memory import encoding_bytes
+from pdecodec.codec.encoding_memory import encoding_bytes
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import write_sequence
@@ -364,7 +364,7 @@ def test_clips_whose_faces_change_are_coded_and_verified(
     # An encoder that loses a run is found out.
     encode = pdecodec.encode
     with monkeypatch.context() as patch:
-        patch.setattr("pdecodec.codec.encode.encoder.encode", lambda _, *given, **more: encode(runs[0], *given, **more))
+        patch.setattr("pdecodec.codec.encoding.encode", lambda _, *given, **more: encode(runs[0], *given, **more))
         [clip] = clips_of("clips/fluid.pvd")
         result = do_clip(clip, Work(folder="lost", verify=True))
     assert "decodes to other faces than its source has" in result.message
@@ -381,7 +381,7 @@ def test_what_fails_is_named_by_its_clip_however_little_is_said(
     def full(sequence: object, path: Path, *_: object, **__: object) -> None:
         raise InputError("cannot be written (No space left on device)", path=path)
 
-    monkeypatch.setattr("pdecodec.codec.encode.encoder.encode", full)
+    monkeypatch.setattr("pdecodec.codec.encoding.encode", full)
     result = do_clip(clip, Work(folder="out"))
     assert result.message == f"{Path('out/a.pdeanim')}: cannot be written (No space left on device)"
     assert not list(Path("out").rglob("*.pdeanim"))

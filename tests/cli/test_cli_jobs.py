@@ -13,7 +13,7 @@ import pytest
 
 from pdecodec.cli.console import byte_size
 from pdecodec.cli.main import COMMANDS, run
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.selection import select
 from pdecodec.mesh.sequence import ArraySequence, MeshObject

@@ -12,7 +12,7 @@ import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, InputError
 from pdecodec.cli.main import run
 from pdecodec.codec.encode.report import EncodeReport, Question, from_json, to_json
-from pdecodec.codec.encode.stored_choices import alternatives_of
+from pdecodec.codec.stored_choices import alternatives_of
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.report.clips.why import alternatives_figure

@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.effort import EFFORTS
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encode.tuning import EFFORTS
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
@@ -160,8 +160,8 @@ def test_little_effort_takes_little_more_bits_of_small_clips(make: Callable[[], 
 
 def test_groups_that_are_heavy_are_encoded_nearly_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = size_of(waving_sheet, 1e-3, "fast")
-    monkeypatch.setattr("pdecodec.codec.encode.group_fit.HEAVY", 0)
-    monkeypatch.setattr("pdecodec.codec.encode.quantisation.BLOCK_BYTES", 0)
+    monkeypatch.setattr("pdecodec.codec.encode.fit.HEAVY", 0)
+    monkeypatch.setattr("pdecodec.codec.encode.quantise.BLOCK_BYTES", 0)
     report = encode(waving_sheet(), tolerance=1e-3, effort="fast")
     assert report.bound is not None
     assert report.max_error <= report.bound

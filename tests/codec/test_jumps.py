@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence
 from pdecodec.codec.editing import cut_animation, join_animations
-from pdecodec.codec.encode.jumps import JumpFinder, jumps_of_steps
 from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.jumps import JumpFinder, jumps_of_steps
 
 Points = Float64Array
 BOUND = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.principal import (
+from pdecodec.codec.encode.temporal import (
     eigen,
     orthonormal,
     principal_axes,

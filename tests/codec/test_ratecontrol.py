@@ -24,7 +24,7 @@ from pdecodec import (
     encode_to_size,
     open_animation,
 )
-from pdecodec.codec.encode.rate_control import CLOSE, COARSEST, FINEST, MOST_ENCODES, search_tolerance
+from pdecodec.codec.rate_control import CLOSE, COARSEST, FINEST, MOST_ENCODES, search_tolerance
 from pdecodec.mesh.metrics import measure_distortion
 from tests.support.mesh_cases import grid
 

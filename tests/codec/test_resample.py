@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.resampling import LinearInterpolation, SampledAnimation
 from pdecodec.codec.settings import EncodeSettings

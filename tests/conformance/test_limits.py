@@ -11,7 +11,7 @@ import pytest
 
 import pdecodec
 from pdecodec.cli.main import run
-from pdecodec.codec.encode.memory import encoding_bytes, memory_plan
+from pdecodec.codec.encoding_memory import encoding_bytes, memory_plan
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.codec.source import usual_limits
 

@@ -10,7 +10,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence

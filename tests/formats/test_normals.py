@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import reversed_corners

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdecodec.cli.main import run
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_onto, write_sequence

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pdecodec.cli.main import run
-from pdecodec.codec.encode.encoder import encode
-from pdecodec.codec.encode.stored_choices import bound_of
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
+from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.rigid_motion import rigid_matrices, rigid_parts

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.scene_space import place

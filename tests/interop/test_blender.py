@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.formats import write_sequence
 from tests.formats.test_gltf import even_at_first, few_functions

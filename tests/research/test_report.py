@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pdecodec.cli.main import pdecodec, run
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.sections.bytestream import FieldReader
 from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence, write_sequence

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from pdecodec.cli.main import pdecodec
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import ArraySequence, MeshObject

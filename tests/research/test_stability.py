@@ -13,7 +13,7 @@ from PIL import Image
 
 from pdecodec.cli.main import pdecodec
 from pdecodec.cli.research import SECTIONS as NAMED_SECTIONS
-from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError

@@ -2,9 +2,9 @@
 
 One choice at a time is changed, all else stays as it was chosen; steps of coefficients are searched again for each.
 Costs of what is chosen for a group are of the first one; of what is chosen for all of them together, of the first
-frames, which the encoder looked at. On meshes of more than :data:`pdecodec.codec.encode.group_fit.SMALL_MESH`
+frames, which the encoder looked at. On meshes of more than :data:`pdecodec.codec.encode.fit.SMALL_MESH`
 vertices they are estimates from some elements, as the encoder compares by them too
-(:mod:`pdecodec.codec.encode.estimate`).
+(:mod:`pdecodec.codec.encode.cost`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdecodec.codec.encode.displacements import ORIGINS, TIME_FUNCTIONS
-from pdecodec.codec.encode.group_choice import BITS_OF_A_GROUP, SHORTEST_PART, GroupSearch, candidates
-from pdecodec.codec.encode.group_fit import GroupChoice, GroupFitter
-from pdecodec.codec.encode.model_choice import reference_steps
+from pdecodec.codec.encode.fit import GroupChoice, GroupFitter
 from pdecodec.codec.encode.report import Alternative, Question
+from pdecodec.codec.encode.search import BITS_OF_A_GROUP, SHORTEST_PART, GroupSearch, candidates, reference_steps
+from pdecodec.codec.encode.temporal import ORIGINS, TIME_FUNCTIONS
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
@@ -74,7 +73,7 @@ class GroupAlternatives:
     functions : int
         Of a patch at most.
     bound, unit, residual_step : float [scene units]
-        As :class:`pdecodec.codec.encode.group_fit.GroupFitter` takes them.
+        As :class:`pdecodec.codec.encode.fit.GroupFitter` takes them.
     """
 
     def __init__(

@@ -1,10 +1,10 @@
 """The encoder: a mesh sequence in, a `.pdeanim` file out, a group of frames in memory at a time.
 
 The way of a position: frame 0 becomes the reference frame on a grid (REST); each group of frames is fitted with
-functions of time and of space, which the profile chooses (:mod:`pdecodec.codec.encode.auto_profile`,
-:mod:`pdecodec.codec.encode.paper_profile`); its coefficients are quantised and coded (TIME, COEF), and what then misses
-the bound gets a residual (CORR): all of that is :mod:`pdecodec.codec.encode.group_fit`.
-:mod:`pdecodec.codec.encode.group_encoder` goes from group to group and gathers the sections.
+functions of time and of space, which the profile chooses (:mod:`pdecodec.codec.encode.pipeline`,
+:mod:`pdecodec.codec.encode.paper`); its coefficients are quantised and coded (TIME, COEF), and what then misses
+the bound gets a residual (CORR): all of that is :mod:`pdecodec.codec.encode.fit`.
+:mod:`pdecodec.codec.encode.pipeline` goes from group to group and gathers the sections.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ from typing import Unpack
 
 from numpy.typing import ArrayLike
 
-from pdecodec.codec.encode.profiles import make_encoder
-from pdecodec.codec.encode.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.encode.report import EncodeReport
-from pdecodec.codec.encode.run_encoder import encode_runs
+from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
+from pdecodec.codec.run_encoder import encode_runs, make_encoder
 from pdecodec.codec.settings import EncodeOptions, EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
@@ -47,7 +46,7 @@ def encode(
     """Encode a mesh sequence, an array of positions, or a file.
 
     Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, or `size`. For the last two the
-    tolerance is searched (:mod:`pdecodec.codec.encode.rate_control`): the coarsest whose mean error is no larger, the
+    tolerance is searched (:mod:`pdecodec.codec.rate_control`): the coarsest whose mean error is no larger, the
     finest whose file is no larger. It has four digits and is in the file's settings: an encode with it gives the same
     bytes.
 

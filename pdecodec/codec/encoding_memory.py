@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdecodec.codec.encode.effort import EFFORTS, Effort
-from pdecodec.codec.encode.group_fit import HEAVY
+from pdecodec.codec.encode.fit import HEAVY
+from pdecodec.codec.encode.tuning import EFFORTS, Effort
 from pdecodec.codec.sections.space_basis import MOST_FUNCTIONS
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError

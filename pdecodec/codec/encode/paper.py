@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.encode.displacements import FARTHEST_STEPS
-from pdecodec.codec.encode.group_encoder import FINEST_STEP, Encoder
-from pdecodec.codec.encode.group_fit import EncodedGroup, FittedGroup, GroupFitter
-from pdecodec.codec.encode.principal import product
-from pdecodec.codec.encode.quantisation import QUARTERS, quantise
+from pdecodec.codec.encode.fit import EncodedGroup, FittedGroup, GroupFitter
+from pdecodec.codec.encode.pipeline import FINEST_STEP, Encoder
+from pdecodec.codec.encode.quantise import QUARTERS, quantise
+from pdecodec.codec.encode.temporal import FARTHEST_STEPS, product
 from pdecodec.codec.sections.bytestream import LARGEST
 from pdecodec.codec.sections.closed_form import SPACE_FUNCTIONS, TIME_FUNCTIONS, ClosedForm
 from pdecodec.codec.sections.groups import GroupEntry

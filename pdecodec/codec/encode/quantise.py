@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.codec.encode.displacements import TimeFunctions
+from pdecodec.codec.encode.temporal import TimeFunctions
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import in_shares, thread_count

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.auto_profile import AutoEncoder, EncodedPart
-from pdecodec.codec.encode.group_fit import EncodedGroup, GroupChoice
-from pdecodec.codec.encode.quantisation import grid_index
-from pdecodec.codec.encode.stored_choices import bound_of
+from pdecodec.codec.encode.fit import EncodedGroup, GroupChoice
+from pdecodec.codec.encode.pipeline import AutoEncoder, EncodedPart
+from pdecodec.codec.encode.quantise import grid_index
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.residuals import LAST_BINADE
 from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.codec.settings import EffortName, EncodeSettings
+from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import MeshSequence, Progress
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from pdecodec.codec.encode.quantisation import DEAD_ZONE, DeadZone
+from pdecodec.codec.encode.quantise import DEAD_ZONE, DeadZone
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.codec.settings import EffortName
 
@@ -21,7 +21,7 @@ class Effort:
     space_bases : tuple of (kind, points)
         Kinds and sizes of patches; the first is taken where nothing moves.
     more_of_small : tuple of (kind, points)
-        For small meshes (`pdecodec.codec.encode.group_fit.SMALL_MESH`).
+        For small meshes (`pdecodec.codec.encode.fit.SMALL_MESH`).
     larger_must_save : float
         Share of the coefficients' bits that larger patches than the first must save on large meshes: making their
         functions takes every reader the square of their number.

@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.encode.displacements import Displacements, Sight, TimeFunctions, time_basis_of
-from pdecodec.codec.encode.group_fit import GroupChoice, GroupFitter
-from pdecodec.codec.encode.quantisation import axes_of, cosines_needed, grid_step, needed_functions, quantise_sparsely
+from pdecodec.codec.encode.fit import GroupChoice, GroupFitter
+from pdecodec.codec.encode.quantise import axes_of, cosines_needed, grid_step, needed_functions, quantise_sparsely
+from pdecodec.codec.encode.temporal import Displacements, Sight, TimeFunctions, time_basis_of
 from pdecodec.codec.sections.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.codec.sections.residuals import residual_ways
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis

@@ -8,11 +8,11 @@ import numpy as np
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.alternatives import GroupAlternatives
-from pdecodec.codec.encode.group_fit import GroupChoice
-from pdecodec.codec.encode.memory import memory_plan
-from pdecodec.codec.encode.profiles import COMPARED_FRAMES, compare_profiles
-from pdecodec.codec.encode.quantisation import grid_index
+from pdecodec.codec.encode.fit import GroupChoice
+from pdecodec.codec.encode.quantise import grid_index
 from pdecodec.codec.encode.report import GENERATOR, Question
+from pdecodec.codec.encoding_memory import memory_plan
+from pdecodec.codec.run_encoder import COMPARED_FRAMES, compare_profiles
 from pdecodec.codec.sections.residuals import LAST_BINADE, SAFETY
 from pdecodec.codec.settings import SMALLEST_BOUND, EncodeSettings
 from pdecodec.errors import InputError, SettingsError
