@@ -2,5 +2,6 @@
 
 Begin with ``reader.py`` and ``writer.py``. ``shapes.py`` finds what can be read of a stage: meshes, curves, points,
 implicit shapes as polygons (``implicit.py``), instances (``instances.py``); ``skinning.py`` deforms them.
-``attributes.py`` has what prims carry beside points, in and out. ``onto.py`` puts motion onto a stage that is there.
+``attributes.py`` reads what prims carry beside points, ``attributes_writer.py`` writes it; ``metadata.py`` has names
+of prims and what stages say of time and space. ``onto.py`` puts motion onto a stage that is there.
 """

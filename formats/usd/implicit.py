@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pxr import Usd
 
 from pdecodec.formats.base.normals import normal_group
-from pdecodec.formats.usd.attributes import spline_codes
+from pdecodec.formats.usd.values import spline_codes
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 

@@ -21,8 +21,10 @@ from pdecodec.formats.base.normals import NormalRows, normal_rows
 from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import codes_of
-from pdecodec.formats.usd.attributes import NORMALS, SAMPLED, int_array
+from pdecodec.formats.usd.attributes import NORMALS
+from pdecodec.formats.usd.attributes_writer import int_array
 from pdecodec.formats.usd.implicit import Implicit
+from pdecodec.formats.usd.metadata import SAMPLED
 from pdecodec.formats.usd.reader import UsdSequence
 from pdecodec.formats.usd.writer import layer_file, packed, stage_folder, vectors
 from pdecodec.mesh.arrays import Float32Array, Float64Array

@@ -20,7 +20,6 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
-from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.base.times import (
     Timing,
     codes_of,
@@ -30,7 +29,7 @@ from pdecodec.formats.base.times import (
     snapped_times,
     without_gaps,
 )
-from pdecodec.formats.usd.attributes import METADATA, SAMPLED
+from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
@@ -63,8 +62,8 @@ def open_usd(
         shapes = scan.shapes(stage)
         notices = scan.refusals.notices(shapes)
         codes, timing = _timing(stage, shapes, fps)
-        metadata = _metadata(stage)
-    times, rate, time_notices = timing
+        times, rate, time_notices = timing
+        metadata = read_metadata(stage, times, _codes_per_second(stage, fps))
     facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
     def open_run(first: int, own: Timing) -> MeshSequence:
@@ -215,17 +214,6 @@ def _open_stage(path: Path) -> Any:
         # USD keeps files that are open: this one may have been written again since.
         known.Reload()
     return Usd.Stage.Open(str(path))
-
-
-def _metadata(stage: Any) -> dict[str, str]:
-    data = stage.GetRootLayer().customLayerData
-    stored = data.get(METADATA, {})
-    metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
-    if stage.HasAuthoredMetadata("upAxis"):
-        metadata[UP_AXIS] = str(UsdGeom.GetStageUpAxis(stage))
-    if stage.HasAuthoredMetadata("metersPerUnit"):
-        metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
-    return metadata
 
 
 def layer_files(path: Path) -> Iterator[Path]:

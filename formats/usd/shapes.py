@@ -24,10 +24,12 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.scene_space import mirrors
-from pdecodec.formats.usd.attributes import OWN, object_name, read_extras, spline_codes, value_at
+from pdecodec.formats.usd.attributes import read_extras
 from pdecodec.formats.usd.implicit import Implicit, read_implicit
 from pdecodec.formats.usd.instances import Instancer, open_instancer
+from pdecodec.formats.usd.metadata import OWN, object_name
 from pdecodec.formats.usd.skinning import Skinning, find_skinning
+from pdecodec.formats.usd.values import spline_codes, value_at
 from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,20 @@ from pdecodec.formats.base.scene_writing import (
     write_shapes,
 )
 from pdecodec.formats.base.times import codes_of
-from pdecodec.formats.usd.attributes import ADDED, METADATA, NAME, NORMALS, SAMPLED, ExtrasWriter, int_array, valid_name
+from pdecodec.formats.usd.attributes import NORMALS
+from pdecodec.formats.usd.attributes_writer import ExtrasWriter, int_array
+from pdecodec.formats.usd.metadata import (
+    ADDED,
+    METADATA,
+    NAME,
+    SAMPLED,
+    TIME_CODE_RATE,
+    TIME_RANGE,
+    object_name,
+    time_code_rate,
+    time_range,
+    valid_name,
+)
 from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
@@ -96,11 +108,14 @@ class _Stage:
         self.notices: list[str] = []
         keys = shape_keys(sequence)
         paths, _ = tree_paths([key.name for key in keys], valid_name)
-        self._describe([key.name for key in keys], paths)
+        self._rate = time_code_rate(sequence.metadata.get(TIME_CODE_RATE), output.rate)
+        self._describe(paths)
         changes = len(sequence.runs) > 1
+        prims = [stage.GetPrimAtPath(self._make_path(key, steps)) for key, steps in zip(keys, paths, strict=True)]
+        # Names that USD cannot hold come back, from the prims' custom data; those with a number behind them do not.
+        self.notices += renamed((key.name, object_name(prim)) for key, prim in zip(keys, prims, strict=True))
         self._shapes = {
-            key: _PrimWriter(stage.GetPrimAtPath(self._make_path(key, steps)), key, output.rate, changes=changes)
-            for key, steps in zip(keys, paths, strict=True)
+            key: _PrimWriter(prim, key, self._rate, changes=changes) for key, prim in zip(keys, prims, strict=True)
         }
 
     def write(self) -> tuple[str, ...]:
@@ -109,14 +124,15 @@ class _Stage:
         told = dict.fromkeys(notice for shape in self._shapes.values() for notice in shape.notices)
         return (*self.notices, *told)
 
-    def _describe(self, names: Sequence[str], paths: Sequence[tuple[str, ...]]) -> None:
+    def _describe(self, paths: Sequence[tuple[str, ...]]) -> None:
         sequence, stage = self._sequence, self._stage
-        codes = codes_of(sequence.times, self._output.rate)
-        stage.SetTimeCodesPerSecond(self._output.rate)
+        lasts = time_range(sequence.metadata.get(TIME_RANGE), sequence.times)
+        first, last = codes_of(np.array(lasts), self._rate).tolist()
+        stage.SetTimeCodesPerSecond(self._rate)
         stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
         stage.SetFramesPerSecond(self._output.rate)
-        stage.SetStartTimeCode(float(codes[0]))
-        stage.SetEndTimeCode(float(codes[-1]))
+        stage.SetStartTimeCode(first)
+        stage.SetEndTimeCode(last)
         axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
         if axis == "X":
             text = "USD has no up axis X: none is written, programs take it as Y"
@@ -134,20 +150,12 @@ class _Stage:
             self.notices.append(Notice(text, setting="unit", value="m", purpose="to say it"))
         layer = stage.GetRootLayer()
         data = dict(layer.customLayerData)
-        known = {UP_AXIS} if axis in ("Y", "Z") else set()
+        known = {TIME_RANGE, TIME_CODE_RATE} | ({UP_AXIS} if axis in ("Y", "Z") else set())
         known |= {UNIT} if metres is not None else set()
         rest = {key: text for key, text in sequence.metadata.items() if key not in known}
         if rest:
             data[METADATA] = rest
         layer.customLayerData = data
-        # Names that USD cannot hold come back, from the prims' custom data; those with a number behind them do not.
-        back = (
-            "/".join(
-                mine if mine and valid_name(mine) == step else step for mine, step in zip_longest(steps_of(name), path)
-            )
-            for name, path in zip(names, paths, strict=True)
-        )
-        self.notices += renamed(zip(names, back, strict=True))
         roots = {steps[0] for steps in paths}
         self._root = Sdf.Path.absoluteRootPath
         if len(roots) > 1:
@@ -167,7 +175,7 @@ class _Stage:
             if not prim:
                 kind = _SCHEMAS[key.kind] if last else UsdGeom.Xform
                 prim = kind.Define(self._stage, path).GetPrim()
-                if index < len(names) and valid_name(names[index]) == step != names[index]:
+                if index < len(names) and valid_name(names[index]) != names[index]:
                     prim.SetCustomDataByKey(NAME, names[index])
                     prim.SetDisplayName(names[index])
             if index == 0 and not self._stage.HasDefaultPrim():

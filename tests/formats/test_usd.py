@@ -22,7 +22,7 @@ pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdeco
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 
-from pdecodec.formats.usd.attributes import NAME
+from pdecodec.formats.usd.metadata import NAME
 
 
 def test_an_axis_and_a_unit_are_authored_where_they_are_known_alone(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec import InputError
-from pdecodec.formats import open_sequence
+from pdecodec import ArraySequence, InputError, encode
+from pdecodec.formats import open_sequence, write_sequence
 
 pytest.importorskip("pxr", reason="OpenUSD is not installed here (pip install 'pdecodec[usd]')")
 
@@ -146,3 +146,44 @@ def test_a_subset_that_changes_is_said_to(tmp_path: Path) -> None:
     lines = ('uniform token elementType = "face"', "int[] indices.timeSamples = { 0: [], 10: [0] }")
     with open_sequence(stage(tmp_path / "x.usda", moving(prim("GeomSubset", "burnt", *lines)))) as read:
         assert any("subset burnt" in notice for notice in read.notices)
+
+
+LONG = "startTimeCode = -5\nendTimeCode = 200\nframesPerSecond = 24\ntimeCodesPerSecond = 48"
+
+
+def says(path: Path) -> tuple[float, ...]:
+    from pxr import Usd
+
+    opened = Usd.Stage.Open(str(path))
+    rates = opened.GetFramesPerSecond(), opened.GetTimeCodesPerSecond()
+    return opened.GetStartTimeCode(), opened.GetEndTimeCode(), *rates
+
+
+@pytest.mark.parametrize(
+    ("lasts", "expected"),
+    [
+        (LONG, (-5, 200, 24, 48)),
+        ("startTimeCode = 3\nendTimeCode = 4\n" + RATES, (3, 4, 24, 24)),
+        ("startTimeCode = 9\nendTimeCode = 4\n" + RATES, (0, 10, 24, 24)),
+        ("startTimeCode = 0\nendTimeCode = inf\n" + RATES, (0, 10, 24, 24)),
+        ("startTimeCode = -24\n" + RATES, (-24, 10, 24, 24)),
+        (RATES, (0, 10, 24, 24)),
+    ],
+)
+def test_the_range_and_rates_of_a_stage_come_back_through_a_pdeanim(
+    lasts: str, expected: tuple[float, ...], tmp_path: Path
+) -> None:
+    encode(stage(tmp_path / "x.usda", moving(), lasts), tmp_path / "x.pdeanim", tolerance=1e-3)
+    with open_sequence(tmp_path / "x.pdeanim") as read:
+        write_sequence(read, tmp_path / "y.usdc")
+    assert says(tmp_path / "y.usdc") == expected
+    with open_sequence(tmp_path / "y.usdc") as again:
+        assert np.allclose(again.times * expected[3], [0, 10])
+
+
+def test_frames_that_are_cut_off_take_the_range_of_the_stage_with_them(tmp_path: Path) -> None:
+    with open_sequence(stage(tmp_path / "x.usda", moving(), LONG)) as read:
+        points = read.read_frames(1, 2)
+        clip = ArraySequence(points, objects=read.objects, times=read.times[1:], fps=24, metadata=read.metadata)
+        write_sequence(clip, tmp_path / "y.usda")
+    assert says(tmp_path / "y.usda") == (10, 10, 24, 48)

@@ -1,0 +1,207 @@
+"""Write what a USD prim carries beside points: primvars, face subsets and materials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, UsdGeom, UsdShade, Vt
+
+from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_sets, is_by_vertex, source_name
+from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
+from pdecodec.formats.usd.metadata import NAME, OWN, valid_name
+from pdecodec.mesh.sequence import Connectivity, MeshObject
+
+_INTERPOLATIONS = {"vertex": "vertex", "face": "uniform", "corner": "faceVarying", "object": "constant"}
+
+_TYPES = {
+    ("f", 4, 1): (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray),
+    ("f", 4, 2): (Sdf.ValueTypeNames.Float2Array, Vt.Vec2fArray),
+    ("f", 4, 3): (Sdf.ValueTypeNames.Float3Array, Vt.Vec3fArray),
+    ("f", 4, 4): (Sdf.ValueTypeNames.Float4Array, Vt.Vec4fArray),
+    ("f", 8, 1): (Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray),
+    ("f", 8, 2): (Sdf.ValueTypeNames.Double2Array, Vt.Vec2dArray),
+    ("f", 8, 3): (Sdf.ValueTypeNames.Double3Array, Vt.Vec3dArray),
+    ("f", 8, 4): (Sdf.ValueTypeNames.Double4Array, Vt.Vec4dArray),
+    ("i", 4, 1): (Sdf.ValueTypeNames.IntArray, Vt.IntArray),
+    ("i", 4, 2): (Sdf.ValueTypeNames.Int2Array, Vt.Vec2iArray),
+    ("i", 4, 3): (Sdf.ValueTypeNames.Int3Array, Vt.Vec3iArray),
+    ("i", 4, 4): (Sdf.ValueTypeNames.Int4Array, Vt.Vec4iArray),
+    ("i", 8, 1): (Sdf.ValueTypeNames.Int64Array, Vt.Int64Array),
+    ("u", 1, 1): (Sdf.ValueTypeNames.UCharArray, Vt.UCharArray),
+}
+"""USD's types of values: by NumPy kind, bytes, and columns."""
+
+_FAMILIES = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)}
+"""Families of subsets of faces, by what they stand for."""
+
+MATERIALS = "pdecodecMaterials"
+"""What holds the materials of subsets, below the default prim: they come along where that is referenced."""
+
+_ROLE_TYPES = {
+    (COLOR, 3): (Sdf.ValueTypeNames.Color3fArray, Vt.Vec3fArray),
+    (COLOR, 4): (Sdf.ValueTypeNames.Color4fArray, Vt.Vec4fArray),
+    (UV, 2): (Sdf.ValueTypeNames.TexCoord2fArray, Vt.Vec2fArray),
+    (UV, 3): (Sdf.ValueTypeNames.TexCoord3fArray, Vt.Vec3fArray),
+}
+"""Types of colours and UVs, by numbers in a row."""
+
+
+def int_array(values: NDArray[np.integer]) -> Any:
+    """(n,) as Vt.IntArray."""
+    return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
+
+
+class ExtrasWriter:
+    """Writes what an object carries beside points, for one or several runs of frames.
+
+    Parameters
+    ----------
+    prim : Usd.Prim
+    """
+
+    def __init__(self, prim: Any) -> None:
+        self._prim, self._api = prim, UsdGeom.PrimvarsAPI(prim)
+        self._primvars: dict[str, _PrimvarWriter] = {}
+        self._subsets: dict[tuple[str, str], Any] = {}
+        self._own: dict[str, Any] = {}
+        self._overlapping: set[str] = set()
+        self._first: Any = None
+
+    def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str], at: Sequence[Any]) -> list[str]:
+        """Write a run of frames, but for attributes of these names; what had no place.
+
+        `at` are the time codes of its first and last frame, or USD's code for what has no samples: numbers would not
+        stand still between samples of two runs.
+        """
+        self._first = at[0] if self._first is None else self._first
+        put: set[str] = set()
+        if drawn.kind == "mesh":
+            self._write_subsets(item, at[0])
+        notices = write_parameters(item, drawn, "USD", lambda one: self._put_primvar(item, one, at, put), written)
+        for name in self._primvars.keys() - put:
+            self._primvars[name].set(None, None, at[:1])
+        self._write_own(item.connectivity, drawn, at[0])
+        return notices
+
+    def _put_primvar(self, item: MeshObject, one: Parameter, at: Sequence[Any], put: set[str]) -> bool:
+        """Whether there was a type of primvar for it, and no primvar of its name of another kind, or in `put`."""
+        attribute, values, indices = one.attribute, one.values, one.indices
+        name, interpolation = attribute.name, _INTERPOLATIONS[attribute.domain]
+        if one.role == "label":
+            type_name, array_type = Sdf.ValueTypeNames.StringArray, Vt.StringArray
+        else:
+            found = _ROLE_TYPES.get((one.role, one.width)) or _TYPES.get(one.kind)
+            if found is None or attribute.labels:
+                return False
+            type_name, array_type = found
+        if one.role == COLOR:
+            name = source_name(attribute, COLOR, "displayColor" if one.width == 3 else COLOR)
+        elif one.role == UV:
+            name = source_name(attribute, UV, "st")
+            # Interpolation is said once for all runs.
+            if at[0].IsDefault() and is_by_vertex(attribute, item.connectivity):
+                interpolation, indices = "vertex", None
+        name = ":".join(map(valid_name, name.split(":")))
+        known = self._primvars.get(name)
+        if known is None:
+            primvar = self._api.CreatePrimvar(name, type_name, interpolation)
+            known = self._primvars[name] = _PrimvarWriter(primvar, array_type, is_indexed=indices is not None)
+            if self._first != at[0]:
+                known.set(None, None, [self._first])
+        elif name in put or not known.takes(type_name, interpolation):
+            return False
+        known.set(values.reshape(-1) if one.width == 1 else values, indices, at)
+        put.add(name)
+        return True
+
+    def _write_subsets(self, item: MeshObject, at: Any) -> None:
+        members_of = {key: np.zeros(0, np.int32) for key in self._subsets}
+        taken = {subset.GetPrim().GetName() for subset in self._subsets.values()}
+        for role, label, name, members in named_face_sets(item, valid_name):
+            members_of[role, label] = members
+            if (role, label) not in self._subsets:
+                self._subsets[role, label] = subset = self._new_subset(role, label, unlike(name, taken))
+                if self._first != at:
+                    subset.GetIndicesAttr().Set(Vt.IntArray(), self._first)
+        for key, subset in self._subsets.items():
+            subset.GetIndicesAttr().Set(int_array(members_of[key]), at)
+        for role, family in _FAMILIES.items():
+            sizes = [members.size for _, members in face_sets(item, role)]
+            if sum(sizes) > item.connectivity.face_count:
+                self._overlapping.add(role)
+            if sizes:
+                tokens = UsdGeom.Tokens
+                kind = tokens.unrestricted if role in self._overlapping else tokens.nonOverlapping
+                UsdGeom.Subset.SetFamilyType(UsdGeom.Imageable(self._prim), family, kind)
+
+    def _new_subset(self, role: str, label: str, name: str) -> Any:
+        mesh, none = UsdGeom.Imageable(self._prim), Vt.IntArray()
+        subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, UsdGeom.Tokens.face, none, _FAMILIES[role])
+        if name != label:
+            subset.GetPrim().SetCustomDataByKey(NAME, label)
+        if role == MATERIAL:
+            UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(_material(self._prim.GetStage(), label))
+        return subset
+
+    def _write_own(self, connectivity: Connectivity, drawn: Drawn, at: Any) -> None:
+        """What USD's shapes cannot say, in attributes of our own."""
+        arrays = {name: np.zeros(0, np.int32) for name in self._own}
+        if drawn.gather is not None:
+            arrays["vertex"] = drawn.gather
+        if drawn.hidden_lines:
+            arrays |= {"lineCounts": connectivity.line_counts, "lineIndices": connectivity.line_indices}
+        for name, array in arrays.items():
+            if name not in self._own:
+                varies = Sdf.VariabilityUniform if at.IsDefault() else Sdf.VariabilityVarying
+                kind = Sdf.ValueTypeNames.IntArray
+                self._own[name] = self._prim.CreateAttribute(f"{OWN}:{name}", kind, True, varies)
+                if self._first != at:
+                    self._own[name].Set(Vt.IntArray(), self._first)
+            self._own[name].Set(int_array(array), at)
+
+
+def _material(stage: Any, label: str) -> Any:
+    """The material of a name, without a surface: programs know sets of faces by the materials bound to them."""
+    above = UsdGeom.Scope.Define(stage, stage.GetDefaultPrim().GetPath().AppendChild(MATERIALS))
+    others = {}
+    for prim in above.GetPrim().GetChildren():
+        others[prim.GetName()] = str(prim.GetCustomDataByKey(NAME) or prim.GetName())
+        if others[prim.GetName()] == label:
+            return UsdShade.Material(prim)
+    name = unlike(valid_name(label), set(others))
+    found = UsdShade.Material.Define(stage, above.GetPath().AppendChild(name))
+    if name != label:
+        found.GetPrim().SetCustomDataByKey(NAME, label)
+    return found
+
+
+class _PrimvarWriter:
+    """A primvar and the type of its arrays."""
+
+    def __init__(self, primvar: Any, array_type: Any, *, is_indexed: bool) -> None:
+        self._primvar, self._array_type, self._is_indexed = primvar, array_type, is_indexed
+
+    def takes(self, type_name: Any, interpolation: str) -> bool:
+        """Whether it is of this type and for these elements."""
+        return bool(self._primvar.GetTypeName() == type_name and self._primvar.GetInterpolation() == interpolation)
+
+    def set(self, values: NDArray[Any] | None, indices: NDArray[np.integer] | None, at: Sequence[Any]) -> None:
+        """Set it at time codes, with indices or without them as it was made; to nothing without values."""
+        if values is None:
+            array, rows = self._array_type(), Vt.IntArray()
+        else:
+            if indices is not None and not self._is_indexed:
+                # Index -1 is an element that has none.
+                values, indices = np.concatenate([values, np.zeros_like(values[:1])])[indices], None
+            rows = int_array(np.arange(len(values)) if indices is None else indices)
+            is_text = self._array_type is Vt.StringArray
+            array = (
+                Vt.StringArray(values.tolist()) if is_text else self._array_type.FromNumpy(np.ascontiguousarray(values))
+            )
+        for code in at:
+            self._primvar.Set(array, code)
+            if self._is_indexed:
+                self._primvar.SetIndices(rows, code)

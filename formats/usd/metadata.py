@@ -1,0 +1,87 @@
+"""Names of prims and metadata of stages, in and out; and what only we write and read there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, UsdGeom
+
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, unit_text
+from pdecodec.formats.base.times import SAME_TIME
+from pdecodec.mesh.arrays import Float64Array
+
+OWN = "pdecodec"
+"""Namespace of attributes that only we write and read."""
+
+NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
+"""Custom data of a prim: the name it stands for where USD could not hold it; whether the tree did not have it."""
+
+METADATA = f"{OWN}Metadata"
+"""Custom data of a layer: metadata that USD has no place for."""
+
+SAMPLED = f"{OWN}Sampled"
+"""Custom data of a layer: whether every frame is a sample, so that nothing lies between samples."""
+
+TIME_RANGE, TIME_CODE_RATE = "time_range", "time_codes_per_second"
+"""Keys of metadata: a stage's first and last time [s] where frames do not span them, and those of the frames; its time
+codes a second where its frames a second are others."""
+
+
+def valid_name(step: str) -> str:
+    """Return the prim name for a step of a path, as OpenUSD's importers make it.
+
+    A name that begins with a digit gets an underscore before it, and each character that USD does not take becomes one.
+    """
+    found = "".join(one if Sdf.Path.IsValidIdentifier(f"_{one}") else "_" for one in step)
+    return found if Sdf.Path.IsValidIdentifier(found) else f"_{found}"
+
+
+def object_name(prim: Any) -> str:
+    """The path of an object: names from the root, without the leading slash."""
+    steps = []
+    while prim and not prim.IsPseudoRoot():
+        if not prim.GetCustomDataByKey(ADDED):
+            steps.append(str(prim.GetCustomDataByKey(NAME) or prim.GetName()))
+        prim = prim.GetParent()
+    return "/".join(reversed(steps))
+
+
+def read_metadata(stage: Any, times: Float64Array, per_second: float) -> dict[str, str]:
+    """Return the metadata of a stage whose frames stand at `times` [s], of so many time codes a second."""
+    stored = stage.GetRootLayer().customLayerData.get(METADATA, {})
+    metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
+    if stage.HasAuthoredMetadata("upAxis"):
+        metadata[UP_AXIS] = str(UsdGeom.GetStageUpAxis(stage))
+    if stage.HasAuthoredMetadata("metersPerUnit"):
+        metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
+    ends = [float(times[0]), float(times[-1])]
+    authored = [stage.HasAuthoredMetadata(f"{which}TimeCode") for which in ("start", "end")]
+    codes = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    first, last = (code / per_second if said else end for code, said, end in zip(codes, authored, ends, strict=True))
+    if math.isfinite(first) and first <= last < math.inf and np.abs(np.subtract((first, last), ends)).max() > SAME_TIME:
+        metadata[TIME_RANGE] = f"{first!r} {last!r} {ends[0]!r} {ends[1]!r}"
+    if stage.HasAuthoredMetadata("framesPerSecond") and stage.GetFramesPerSecond() != per_second:
+        metadata[TIME_CODE_RATE] = repr(float(per_second))
+    return metadata
+
+
+def time_range(text: str | None, times: Float64Array) -> tuple[float, float]:
+    """Return the first and last time [s] of a stage: those of the metadata, unless frames came or went since."""
+    own = float(times[0]), float(times[-1])
+    try:
+        first, last, *ends = map(float, (text or "").split())
+    except ValueError:
+        return own
+    is_whole = len(ends) == 2 and np.allclose(ends, own, rtol=0, atol=SAME_TIME)
+    return (first, last) if is_whole and math.isfinite(first) and first <= last < math.inf else own
+
+
+def time_code_rate(text: str | None, rate: float) -> float:
+    """Return time codes a second: those of the metadata, else the frame rate."""
+    try:
+        found = float(text or "nan")
+    except ValueError:
+        return rate
+    return found if 0 < found < math.inf else rate

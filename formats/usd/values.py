@@ -1,0 +1,47 @@
+"""Values of USD attributes in time: samples, splines, or neither."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pxr import Ts
+
+
+def value_at(attribute: Any, at: float | None) -> Any:
+    """An attribute's value at a time code; at its first sample, else its default, where that is None."""
+    if at is not None:
+        return attribute.Get(at)
+    codes = attribute.GetTimeSamples()
+    return attribute.Get(codes[0]) if codes else attribute.Get()
+
+
+def changes_with_time(attribute: Any) -> bool:
+    """Whether an attribute has different values at different times: one sample, or equal ones, are a constant."""
+    if attribute.HasSpline():
+        return True
+    codes = attribute.GetTimeSamples()
+    first = attribute.Get(codes[0]) if codes else None
+    return any(not np.array_equal(np.asarray(attribute.Get(code)), np.asarray(first)) for code in codes[1:])
+
+
+def spline_codes(attribute: Any, stage: Any) -> list[float]:
+    """Time codes between which an attribute follows its spline; none where it has no spline.
+
+    Where the spline goes on before its first knot or after its last one, the stage's range counts too.
+    """
+    if not attribute.HasSpline():
+        return []
+    spline = attribute.GetSpline()
+    codes = [float(code) for code in spline.GetKnots()]
+    if spline.HasInnerLoops():
+        loop = spline.GetInnerLoopParams()
+        length = loop.protoEnd - loop.protoStart
+        codes += [loop.protoStart - loop.numPreLoops * length, loop.protoEnd + loop.numPostLoops * length]
+    ends = (
+        (spline.GetPreExtrapolation(), stage.HasAuthoredMetadata("startTimeCode"), stage.GetStartTimeCode()),
+        (spline.GetPostExtrapolation(), stage.HasAuthoredMetadata("endTimeCode"), stage.GetEndTimeCode()),
+    )
+    still = (Ts.ExtrapHeld, Ts.ExtrapValueBlock)
+    codes += [float(code) for outside, is_authored, code in ends if is_authored and outside.mode not in still]
+    return sorted(codes)
