@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,13 +48,14 @@ class Instancer:
         """Attributes along which instances move in no straight line."""
         return [self.arrays.GetOrientationsAttr(), self.arrays.GetScalesAttr()]
 
+    def root(self, instance: int) -> Any:
+        """The root prim of an instance's prototype."""
+        return self.roots[self.prototypes[instance]]
+
     def placed(self, instance: int, prim: Any, cache: Any) -> Float64Array:
-        """(4, 4) from the space of a prim of a prototype to the scene, for points that are rows, at a cache's time."""
-        code = cache.GetTime()
-        above = np.array(cache.GetLocalToWorldTransform(self.prim), np.float64)
-        root = self.roots[self.prototypes[instance]]
-        inner = np.array(cache.ComputeRelativeTransform(prim, root)[0], np.float64)
-        placed: Float64Array = inner @ self._at(code)[instance] @ above
+        """Return (4, 4) from the space of a prim of a prototype to the instancer's, for points that are rows."""
+        inner = np.array(cache.ComputeRelativeTransform(prim, self.root(instance))[0], np.float64)
+        placed: Float64Array = inner @ self._at(cache.GetTime())[instance]
         return placed
 
     def _at(self, code: Any) -> Float64Array:
@@ -70,6 +72,19 @@ class Instancer:
                 )
             self._kept[key] = np.array(found, np.float64).reshape(-1, 4, 4)
         return self._kept[key]
+
+
+def placed_in_scene(instances: Sequence[tuple[Instancer, int]], prim: Any, cache: Any) -> Float64Array:
+    """Return (4, 4) from the space of a prim to the scene's, for points that are rows, at a cache's time.
+
+    `instances` are the instances that the prim is of, each of a prototype that holds the instancer before it.
+    """
+    matrix = np.eye(4)
+    for instancer, instance in instances:
+        matrix = matrix @ instancer.placed(instance, prim, cache)
+        prim = instancer.prim
+    placed: Float64Array = matrix @ np.array(cache.GetLocalToWorldTransform(prim), np.float64)
+    return placed
 
 
 def open_instancer(prim: Any) -> Instancer | str:

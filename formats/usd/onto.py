@@ -121,7 +121,7 @@ class _Over:
         per_second = stage.GetTimeCodesPerSecond()
         codes = codes_of(sequence.times, per_second)
         shapes = [original.shapes[one.index] for one in fits]
-        of_points = [one.name for one in shapes if one.instancer is not None]
+        of_points = [one.name for one in shapes if one.instances]
         if of_points:
             raise InputError(
                 "is an instance of a PointInstancer, where all have one shape",

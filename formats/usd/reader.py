@@ -29,8 +29,10 @@ from pdecodec.formats.base.times import (
     snapped_times,
     without_gaps,
 )
+from pdecodec.formats.usd.instances import placed_in_scene
 from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
+from pdecodec.formats.usd.walk import shapes_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import MeshSequence
@@ -59,7 +61,7 @@ def open_usd(
         stage = _open_stage(path)
         _check_rates(stage)
         scan = ShapeScan(Refusals(skip=skip_unsupported))
-        shapes = scan.shapes(stage)
+        shapes = shapes_of(stage, scan)
         notices = scan.refusals.notices(shapes)
         codes, timing = _timing(stage, shapes, fps)
         times, rate, time_notices = timing
@@ -69,7 +71,7 @@ def open_usd(
     def open_run(first: int, own: Timing) -> MeshSequence:
         with _stage_errors(path):
             again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
-            found = again.shapes(stage) if scan.changes else shapes
+            found = shapes_of(stage, again) if scan.changes else shapes
             return UsdSequence(stage, codes[first : first + own[0].size], facts, found, own, first)
 
     per_second = _codes_per_second(stage, fps)
@@ -93,11 +95,8 @@ class UsdSequence(SceneSequence):
         self._begin(facts, shapes, timing, first_frame)
 
     def _matrices(self, shape: UsdShape, start: int, stop: int) -> Float64Array:
-        instancer, prim = shape.instancer, shape.placed_by
-        if instancer is None:
-            return _placed_at(self._codes[start:stop], lambda cache: cache.GetLocalToWorldTransform(prim))
-        instance = shape.instance
-        return _placed_at(self._codes[start:stop], lambda cache: instancer.placed(instance, prim, cache))
+        instances, prim = shape.instances, shape.placed_by
+        return _placed_at(self._codes[start:stop], lambda cache: placed_in_scene(instances, prim, cache))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with _stage_errors(self._path):

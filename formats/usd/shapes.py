@@ -5,9 +5,7 @@ Faces of left-handed meshes are turned around.
 
 from __future__ import annotations
 
-import dataclasses
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,18 +15,21 @@ from pxr import Usd, UsdGeom
 from pdecodec.formats.base.attribute_roles import (
     CURVE_BASIS,
     CURVE_WRAP,
+    GROUP,
     ID,
+    MATERIAL,
     SUBDIVISION,
     label_attribute,
     reversed_corners,
 )
-from pdecodec.formats.base.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape, fault_of_faces
+from pdecodec.formats.base.normals import NORMAL_GROUP
+from pdecodec.formats.base.scene_reading import Extras, Refusals, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.scene_space import mirrors
 from pdecodec.formats.usd.attributes import read_extras
-from pdecodec.formats.usd.implicit import Implicit, read_implicit
-from pdecodec.formats.usd.instances import Instancer, open_instancer
-from pdecodec.formats.usd.metadata import OWN, object_name
-from pdecodec.formats.usd.skinning import Skinning, find_skinning
+from pdecodec.formats.usd.implicit import Implicit
+from pdecodec.formats.usd.instances import Instancer
+from pdecodec.formats.usd.metadata import OWN
+from pdecodec.formats.usd.skinning import Skinning
 from pdecodec.formats.usd.values import spline_codes, value_at
 from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
@@ -36,8 +37,8 @@ from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
 """USD's names of subdivision schemes, and ours."""
 
-_PURPOSES = ("default", "render")
-"""Purposes of prims that are read; proxies and guides stand beside what they stand for."""
+_OF_SURFACES = (GROUP, MATERIAL, NORMAL_GROUP)
+"""Attributes of the surface of tetrahedra."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -47,8 +48,8 @@ class UsdShape(Shape):
     prim: Any
     points: Any
     skinning: Skinning | None
-    instancer: Instancer | None = None
-    instance: int = 0
+    instances: Sequence[tuple[Instancer, int]] = ()
+    """The instances that it is of, the innermost first."""
     described_at: Sequence[float] = ()
     """Time codes at which its connectivity is sampled, where that changes."""
 
@@ -79,16 +80,14 @@ class UsdShape(Shape):
         )
         if self.skinning is not None:
             (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
-        prim = self.placed_by
-        if self.instancer is not None:
-            straight.append(self.instancer.arrays.GetPositionsAttr().GetTimeSamples())
-            curved += [one.GetTimeSamples() for one in self.instancer.turning]
-            above_it = self.instancer.prim
-            prims = [*_up(prim, self.instancer.roots[self.instancer.prototypes[self.instance]]), *_up(above_it)]
-        else:
-            prims = _up(prim)
-        for prim in prims:
-            xformable = UsdGeom.Xformable(prim)
+        prim, prims = self.placed_by, []
+        for instancer, instance in self.instances:
+            straight.append(instancer.arrays.GetPositionsAttr().GetTimeSamples())
+            curved += [one.GetTimeSamples() for one in instancer.turning]
+            prims += _up(prim, instancer.root(instance))
+            prim = instancer.prim
+        for above in [*prims, *_up(prim)]:
+            xformable = UsdGeom.Xformable(above)
             if xformable:
                 steps = xformable.GetOrderedXformOps()
                 moving = [op for op in steps if op.GetNumTimeSamples() > 1]
@@ -114,14 +113,19 @@ def _up(prim: Any, last: Any = None) -> list[Any]:
 
 
 class ShapeScan(SceneWalk):
-    """A walk through a stage; its times are time codes."""
+    """A walk through a stage; its times are time codes.
 
-    def shapes(self, stage: Any) -> list[UsdShape]:
-        """The shapes of a stage."""
-        shapes = _shapes_below(stage.GetPseudoRoot(), find_skinning(stage), self)
-        counts = Counter(shape.prim.GetTypeName() for shape in shapes if isinstance(shape.points, Implicit))
-        self.refusals.tessellated.update(counts)
-        return shapes
+    Attributes
+    ----------
+    within : list of Usd.Prim
+        Instancers whose prototypes are being looked at.
+    """
+
+    def __init__(
+        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
+    ) -> None:
+        super().__init__(refusals, at, changes)
+        self.within: list[Any] = []
 
     def look(self, prim: Any, attributes: Sequence[Any], *, by_size: bool = False) -> float | None:
         """The code at which array attributes of a prim that may change are to be read; None for their first values.
@@ -131,7 +135,7 @@ class ShapeScan(SceneWalk):
         path = str(prim.GetPath())
         if self.is_first:
             own = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetNamespace() == OWN]
-            found = _change_codes(attributes, by_size=by_size) + _change_codes(own, by_size=False)
+            found = change_codes(attributes, by_size=by_size) + change_codes(own, by_size=False)
             if found:
                 self.changes[path] = sorted(set(found))
         if path not in self.changes:
@@ -143,7 +147,7 @@ class ShapeScan(SceneWalk):
         return self.changes.get(str(prim.GetPath()), ())
 
 
-def _change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
+def change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
     """Codes from which on one of several array attributes is not what it was before."""
     changed: list[float] = []
     for attribute in attributes:
@@ -158,43 +162,7 @@ def _change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
     return sorted(set(changed))
 
 
-def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
-    """Shapes at and below a prim; those of instancers once for each instance."""
-    shapes: list[UsdShape] = []
-    prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
-    for prim in prims:
-        name = object_name(prim)
-        imageable = UsdGeom.Imageable(prim)
-        skinning = skinned.get(str(prim.GetPath()))
-        opened = None
-        if imageable and prim.IsA(UsdGeom.Gprim) and imageable.ComputePurpose() not in _PURPOSES:
-            scan.refusals.others[f"prim of purpose {imageable.ComputePurpose()}"] += 1
-        elif prim.IsA(UsdGeom.PointInstancer):
-            # Prototypes below it stand nowhere by themselves.
-            prims.PruneChildren()
-            shapes += _instances(prim, name, skinned, scan)
-        elif prim.IsA(UsdGeom.Mesh):
-            opened = _open_mesh(prim, name, scan, skinning)
-        elif prim.IsA(UsdGeom.BasisCurves):
-            opened = _open_curves(prim, name, scan, skinning)
-        elif prim.IsA(UsdGeom.Points):
-            opened = _open_points(prim, name, scan, skinning)
-        elif (implicit := read_implicit(prim)) is not None:
-            opened = _open_implicit(prim, name, implicit, skinning)
-        elif prim.IsA(UsdGeom.Gprim):
-            scan.refusals.refuse(
-                name, f"the type {prim.GetTypeName()}, which is no mesh, curve or point set; convert it"
-            )
-        elif prim.IsA(UsdGeom.Camera):
-            scan.refusals.others["camera"] += 1
-        # Times are of all that changes, be it there at first or not.
-        if opened is not None and (opened.connectivity.vertex_count or (scan.is_first and opened.described_at)):
-            opened.hidden = _is_hidden(prim)
-            shapes.append(opened)
-    return shapes
-
-
-def _open_implicit(prim: Any, name: str, implicit: Implicit, skinning: Skinning | None) -> UsdShape:
+def open_implicit(prim: Any, name: str, implicit: Implicit, skinning: Skinning | None) -> UsdShape:
     extras = read_extras(prim, implicit.connectivity, np.arange(implicit.connectivity.face_indices.size))
     extras.attributes.append(implicit.normal_group)
     return UsdShape(
@@ -206,56 +174,6 @@ def _open_implicit(prim: Any, name: str, implicit: Implicit, skinning: Skinning 
         points=implicit,
         skinning=skinning,
     )
-
-
-def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
-    """A shape for each instance and each shape of its prototype."""
-    arrays, refusals = UsdGeom.PointInstancer(prim), scan.refusals
-    changed = _change_codes([arrays.GetProtoIndicesAttr(), arrays.GetIdsAttr()], by_size=False)
-    if changed:
-        refusals.refuse(name, f"instances that come, go or change places at time code {changed[0]:g}")
-        return []
-    instancer = open_instancer(prim)
-    if isinstance(instancer, str):
-        refusals.refuse(name, instancer)
-        return []
-    found: dict[int, list[UsdShape]] = {}
-    for number in np.unique(instancer.prototypes[instancer.shown]).tolist():
-        found[number] = _shapes_below(instancer.roots[number], skinned, scan)
-        changing = [one for one in found[number] if one.described_at]
-        if changing:
-            refusals.refuse(name, f"a prototype whose faces or points change ({changing[0].name}); convert it")
-            return []
-        odd = [one for one in found[number] if one.instancer or (one.skinning is not None and one.skinning.has_joints)]
-        if odd:
-            refusals.refuse(name, f"a prototype with instances or joints of its own ({odd[0].name}); convert it")
-            return []
-    numbers = np.flatnonzero(instancer.shown).tolist()
-    vertices = sum(one.connectivity.vertex_count for k in numbers for one in found[int(instancer.prototypes[k])])
-    if vertices > MOST_INSTANCED:
-        refusals.refuse(name, f"instances of {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out")
-        return []
-    shapes = []
-    for number in numbers:
-        prototype = int(instancer.prototypes[number])
-        root = object_name(instancer.roots[prototype])
-        for one in found[prototype]:
-            inner = f"{name}/{number}{one.name.removeprefix(root)}"
-            hidden = one.hidden or bool(instancer.hidden[number])
-            shapes.append(dataclasses.replace(one, name=inner, instancer=instancer, instance=number, hidden=hidden))
-    return shapes
-
-
-def _is_hidden(prim: Any) -> bool:
-    """Whether a prim or one above it is invisible, always or at times."""
-    while prim and not prim.IsPseudoRoot():
-        visibility = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
-        if visibility and visibility.HasAuthoredValue():
-            codes = [Usd.TimeCode(code) for code in visibility.GetTimeSamples()] or [Usd.TimeCode.Default()]
-            if any(visibility.Get(code) == UsdGeom.Tokens.invisible for code in codes):
-                return True
-        prim = prim.GetParent()
-    return False
 
 
 def _integers(attribute: Any, at: float | None) -> Int32Array:
@@ -274,7 +192,7 @@ def _moves(schema: Any, skinning: Skinning | None) -> bool:
     return skinning is not None or schema.GetPointsAttr().GetNumTimeSamples() > 1
 
 
-def _open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
+def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
     mesh = UsdGeom.Mesh(prim)
     faces = [mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()]
     at = scan.look(prim, faces)
@@ -282,15 +200,8 @@ def _open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None)
     if (fault := fault_of_faces(counts, indices)) is not None:
         scan.refusals.refuse(name, fault)
         return None
-    turned = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-    if skinning is not None and skinning.has_joints:
-        # Where the mesh stands itself says which side of it is outside; its points come out where the skeleton stands.
-        cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
-        own, joints = (cache.GetLocalToWorldTransform(one) for one in (prim, skinning.skeleton_prim))
-        turned ^= mirrors([np.array(own * joints, np.float64)])
-    order = reversed_corners(counts) if turned else np.arange(indices.size)
-    whole = Connectivity(_points_alone(mesh, at).vertex_count, face_counts=counts, face_indices=indices[order])
-    extras = read_extras(prim, whole, order, moves=_moves(mesh, skinning), at=at)
+    connectivity, order = _facing_out(mesh, counts, indices, skinning, at)
+    extras = read_extras(prim, connectivity, order, moves=_moves(mesh, skinning), at=at)
     scheme = SUBDIVISION_SCHEMES.get(str(mesh.GetSubdivisionSchemeAttr().Get()))
     if scheme is not None:
         extras.attributes.append(label_attribute(SUBDIVISION, scheme))
@@ -304,7 +215,40 @@ def _open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None)
     return _shape(name, mesh, extras.own_lines("lineCounts", "lineIndices"), extras, scan, skinning=skinning)
 
 
-def _open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
+def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
+    """The surface of tetrahedra: the one that is authored, else the one that USD computes; every point is kept."""
+    tets = UsdGeom.TetMesh(prim)
+    authored = tets.GetSurfaceFaceVertexIndicesAttr()
+    at = scan.look(prim, [authored, tets.GetTetVertexIndicesAttr()])
+    surface = value_at(authored, at)
+    if surface is None or not len(surface):
+        surface = UsdGeom.TetMesh.ComputeSurfaceFaces(tets, Usd.TimeCode.EarliestTime() if at is None else at)
+    indices = np.array(surface, np.int32).reshape(-1)
+    connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
+    extras = read_extras(prim, connectivity, order, moves=_moves(tets, skinning), at=at)
+    # What is said of each element is said of tetrahedra, but for sets of faces.
+    inner = [one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _OF_SURFACES]
+    extras.attributes = [one for one in extras.attributes if not any(one is other for other in inner)]
+    extras.left_out += ["tetrahedra (their surface is kept)", *(one.name for one in inner)]
+    return _shape(name, tets, connectivity, extras, scan, skinning=skinning)
+
+
+def _facing_out(
+    schema: Any, counts: Int32Array, indices: Int32Array, skinning: Skinning | None, at: float | None
+) -> tuple[Connectivity, Int64Array]:
+    """The connectivity of faces, those that are left-handed turned around, and which corner each of its corners was."""
+    turned = schema.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+    if skinning is not None and skinning.has_joints:
+        # Where the mesh stands itself says which side of it is outside; its points come out where the skeleton stands.
+        cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+        own, joints = (cache.GetLocalToWorldTransform(one) for one in (schema.GetPrim(), skinning.skeleton_prim))
+        turned ^= mirrors([np.array(own * joints, np.float64)])
+    order = reversed_corners(counts) if turned else np.arange(indices.size)
+    points = _points_alone(schema, at).vertex_count
+    return Connectivity(points, face_counts=counts, face_indices=indices[order]), order
+
+
+def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
     curves = UsdGeom.BasisCurves(prim)
     at = scan.look(prim, [curves.GetCurveVertexCountsAttr()])
     counts, points = _integers(curves.GetCurveVertexCountsAttr(), at), _points_alone(curves, at)
@@ -322,7 +266,7 @@ def _open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | Non
     return _shape(name, curves, connectivity, extras, scan, gather=gather, skinning=skinning)
 
 
-def _open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
+def open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
     points = UsdGeom.Points(prim)
     ids = points.GetIdsAttr()
     # Points without ids are others where there are more of them, or fewer.

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +12,9 @@ from pdecodec.codec.encoding import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.scene_space import place
-from pdecodec.formats.usd import shapes
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.scene_cases import OUTWARD, TETRAHEDRON, array_of, assert_same_scene, broken_rules, scene, volume
+from tests.support.usd_stages import animation_of, bound_to, skeleton_of, stage_at, triangle
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
@@ -37,21 +35,6 @@ def test_an_axis_and_a_unit_are_authored_where_they_are_known_alone(tmp_path: Pa
     assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 0.01)
     with pytest.raises(SettingsError, match=r"a unit is mm, .* not 'furlong'"):
         place(scene(), unit="furlong")
-
-
-def stage_at(path: Path, *, rate: float | None = 24.0) -> Usd.Stage:
-    stage = Usd.Stage.CreateNew(str(path))
-    if rate is not None:
-        stage.SetTimeCodesPerSecond(rate)
-    return stage
-
-
-def triangle(stage: Usd.Stage, path: str) -> UsdGeom.Mesh:
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
-    mesh.CreateFaceVertexCountsAttr([3])
-    mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
-    return mesh
 
 
 def test_a_rate_that_the_stage_does_not_say_is_asked_for(tmp_path: Path) -> None:
@@ -156,34 +139,6 @@ def test_straight_lines_between_frames_are_near_what_usd_shows_there(shared_data
         before, share = int(code), code % 1
         found = (1 - share) * points[before] + share * points[min(before + 1, 48)]
         assert np.linalg.norm(found - shown, axis=1).max() < (1e-6 if share == 0 else 0.01) * diagonal
-
-
-def skeleton_of(stage: Usd.Stage, *joints: str) -> UsdSkel.Skeleton:
-    """Joints that stand at the origin, below a root of skinned prims."""
-    skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
-    skeleton.CreateJointsAttr(joints)
-    for create in (skeleton.CreateBindTransformsAttr, skeleton.CreateRestTransformsAttr):
-        create(Vt.Matrix4dArray([Gf.Matrix4d(1)] * len(joints)))
-    return skeleton
-
-
-def animation_of(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, *joints: str) -> UsdSkel.Animation:
-    """An animation of joints that neither turns nor scales them."""
-    animation = UsdSkel.Animation.Define(stage, "/root/skeleton/animation")
-    animation.CreateJointsAttr(joints)
-    animation.CreateRotationsAttr([Gf.Quatf(1)] * len(joints))
-    animation.CreateScalesAttr([(1, 1, 1)] * len(joints))
-    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
-    return animation
-
-
-def bound_to(skeleton: UsdSkel.Skeleton, shape: Any, *weights: Sequence[float]) -> UsdSkel.BindingAPI:
-    """Bind points of a shape to all joints, with weights for each point."""
-    binding, joints = UsdSkel.BindingAPI.Apply(shape.GetPrim()), len(weights[0])
-    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    binding.CreateJointIndicesPrimvar(False, joints).Set([*range(joints)] * len(weights))
-    binding.CreateJointWeightsPrimvar(False, joints).Set([one for row in weights for one in row])
-    return binding
 
 
 def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
@@ -313,15 +268,6 @@ def test_points_without_ids_are_others_where_there_are_more_or_fewer(tmp_path: P
         assert not read.runs[0].objects[0].attributes
 
 
-def test_instances_of_what_changes_are_refused_by_name(tmp_path: Path) -> None:
-    stage, _ = instancer(tmp_path / "x.usda")
-    for code, faces in ((0, [0, 1, 2]), (3, [2, 1, 0])):
-        UsdGeom.Mesh(stage.GetPrimAtPath("/up/many/tree/leaf")).GetFaceVertexIndicesAttr().Set(faces, code)
-    stage.Save()
-    with pytest.raises(InputError, match="object 'up/many': has a prototype whose faces or points change"):
-        open_sequence(tmp_path / "x.usda")
-
-
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -381,67 +327,6 @@ def test_implicit_shapes_become_closed_polygons_of_their_size(tmp_path: Path, ki
     if kind != "Plane":
         assert edges == {(b, a) for a, b in edges}
         assert 0.97 * volume < six_volumes / 6 <= volume * 1.0001
-
-
-def instancer(path: Path) -> tuple[Usd.Stage, UsdGeom.PointInstancer]:
-    """Two prototypes, the second a tree, and three instances under a transform."""
-    stage = stage_at(path)
-    above = UsdGeom.Xform.Define(stage, "/up")
-    above.AddTranslateOp().Set(Gf.Vec3d(100, 0, 0))
-    made = UsdGeom.PointInstancer.Define(stage, "/up/many")
-    one = triangle(stage, "/up/many/one")
-    one.AddTranslateOp().Set(Gf.Vec3d(0, 0, 7))
-    UsdGeom.Xform.Define(stage, "/up/many/tree")
-    triangle(stage, "/up/many/tree/leaf").AddScaleOp().Set(Gf.Vec3f(2))
-    made.CreatePrototypesRel().SetTargets(["/up/many/one", "/up/many/tree"])
-    made.CreateProtoIndicesAttr([0, 1, 0])
-    for code in (0, 1):
-        made.CreatePositionsAttr().Set([(10 * code, 0, 0), (20, 0, 0), (30, 0, 0)], code)
-    turn = Gf.Quath(np.sqrt(0.5), 0, 0, np.sqrt(0.5))
-    made.CreateOrientationsAttr([Gf.Quath(1), Gf.Quath(1), turn])
-    return stage, made
-
-
-def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_path: Path) -> None:
-    stage, made = instancer(tmp_path / "x.usda")
-    made.CreateInvisibleIdsAttr().Set([1], 1)
-    stage.Save()
-    with open_sequence(tmp_path / "x.usda") as read:
-        assert [item.name for item in read.objects] == ["up/many/0", "up/many/2"]
-    made.CreateInvisibleIdsAttr().Set([], 0)
-    stage.Save()
-    with open_sequence(tmp_path / "x.usda") as read:
-        assert [item.name for item in read.objects] == ["up/many/0", "up/many/1/leaf", "up/many/2"]
-        points = read.read_frames(0, 2)
-        assert points[0, :3].tolist() == [[100, 0, 7], [101, 0, 7], [100, 1, 7]]
-        assert points[1, 0].tolist() == [110, 0, 7]
-        assert points[1, 3:6].tolist() == [[120, 0, 0], [122, 0, 0], [120, 2, 0]]
-        assert np.allclose(points[1, 6:], [[130, 0, 7], [130, 1, 7], [129, 0, 7]], atol=0.01)
-        hidden = "hidden in the file, always or at times, and there all the time here: 'up/many/1/leaf'"
-        assert read.notices == (hidden,)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda made: made.GetProtoIndicesAttr().Set([1, 1, 5]), "instances of prototypes that are not there"),
-        (
-            lambda made: [made.GetIdsAttr().Set([k, 1, 2], k) for k in (0, 3)],
-            "instances that come, go or change places",
-        ),
-        (lambda made: made.GetProtoIndicesAttr().Set([0] * 6), "instances of 18 vertices, more than 17; thin them out"),
-    ],
-)
-def test_instances_that_cannot_be_placed_are_refused_by_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
-) -> None:
-    monkeypatch.setattr(shapes, "MOST_INSTANCED", 17)
-    stage, made = instancer(tmp_path / "x.usda")
-    made.CreateIdsAttr()
-    change(made)
-    stage.Save()
-    with pytest.raises(InputError, match=f"object 'up/many': has {message}"):
-        open_sequence(tmp_path / "x.usda")
 
 
 def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
