@@ -120,8 +120,8 @@ BUILT_IN = (
         "of each run, ids of points that come and go, transforms (kept apart on request), irregular times, up axis, "
         "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
         "become polygons, instances objects",
-        loses="stored velocities, primvars that change, creases, tetrahedra but for their surface, cameras and lights, materials "
-        "but for their names, visibility, NURBS, instances that come and go",
+        loses="stored velocities, primvars that change, creases, tetrahedra but for their surface, cameras and lights, "
+        "materials but for their names, visibility, NURBS, instances that come and go",
     ),
     Format(
         name="gltf",
