@@ -270,7 +270,7 @@ def _made(clip: Clip, work: Work) -> Result:
         try:
             report = _encoded(sequence, written, clip.options)
         except InputError as error:
-            if error.path is None or Path(error.path) not in (room, written):
+            if error.path is None or Path(error.path) != written:
                 raise
             # Report the final path, not the temporary one.
             raise error.placed(path=path) from error

@@ -18,7 +18,6 @@ import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
-from pdecodec.errors import InputError
 from pdecodec.formats.alembic.attributes import ADDED, FPS_PROPERTY, METADATA_PROPERTY, ExtrasWriter, uv_sample
 from pdecodec.formats.alembic.values import (
     SCOPES,
@@ -37,7 +36,7 @@ from pdecodec.formats.base.scene_writing import ShapeKey, ShapeWriter, shape_key
 from pdecodec.formats.base.times import regular_rate
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence
-from pdecodec.system.whole_output import ReservedRoom, failure_of
+from pdecodec.system.whole_output import ReservedRoom, write_failure
 
 OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
 """More than Alembic writes of an object, and of a sample, beside their arrays."""
@@ -81,13 +80,13 @@ def archive_file(output: Output) -> Iterator[Path]:
     """A path for an archive, which becomes the output's when the block ends well, with its reserved room released."""
     with output.whole_file() as partial:
         try:
+            # An archive is closed whatever happens, and Alembic ends the process where that finds no room.
+            partial.touch()
+            ReservedRoom(partial).reserve(0)
             yield partial
             ReservedRoom(partial).release()
         except RuntimeError as error:
-            reason = failure_of(partial.parent, f"Alembic says {error}")
-            raise InputError(
-                f"cannot be written ({reason}); check the folder and the free space", code="output-unwritable"
-            ) from error
+            raise write_failure(output.path, partial, f"Alembic says {error}") from error
 
 
 def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:

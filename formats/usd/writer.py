@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
-from pdecodec.errors import InputError, Notice
+from pdecodec.errors import Notice
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
@@ -44,7 +45,7 @@ from pdecodec.formats.usd.metadata import (
 from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
-from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
+from pdecodec.system.whole_output import check_writable, move_into, partial_folder, write_errors, write_failure
 
 ROOT = "scene"
 """Name of the prim above all others where the tree has several roots: a stage has one default prim."""
@@ -81,10 +82,7 @@ def stage_folder(output: Output) -> Iterator[Path]:
             yield folder
         except Tf.ErrorException as error:
             reason = str(error).strip().splitlines()[-1].strip()
-            reason = failure_of(folder, f"USD says {reason}")
-            raise InputError(
-                f"cannot be written ({reason}); check the folder and the free space", code="output-unwritable"
-            ) from error
+            raise write_failure(output.path, folder, f"USD says {reason}") from error
 
 
 def layer_file(folder: Path, path: Path) -> Path:
@@ -95,8 +93,9 @@ def layer_file(folder: Path, path: Path) -> Path:
 def packed(file: Path, path: Path) -> Path:
     """The package of a layer, beside it, named as `path` is."""
     package = file.with_name(path.name)
-    if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
-        raise InputError("USD cannot make this package; write a .usdc file", code="unsupported-feature")
+    # USD does not tell that it could not write the end of the package.
+    if not (UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)) and is_zipfile(package)):
+        raise write_failure(path, file.parent, "USD says it cannot make this package")
     return package
 
 

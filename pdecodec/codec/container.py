@@ -7,6 +7,7 @@ import struct
 import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -96,28 +97,34 @@ COPY_BYTES = 2**20
 
 
 class Spool:
-    """A section that grows while frames stream by: an unnamed temporary file, in `folder` if one is given."""
+    """A section that grows while frames stream by: an unnamed temporary file, beside `output` if one is given.
 
-    def __init__(self, folder: Path | None) -> None:
-        self._folder = folder or Path(tempfile.gettempdir())
-        with write_errors(self._folder):
-            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the spool, see close()
+    What the system refuses to write is an InputError that names the output, else the folder.
+    """
+
+    def __init__(self, output: Path | None) -> None:
+        self._named = output or Path(tempfile.gettempdir())
+        with write_errors(self._named):
+            # Lives as long as the spool: see close().
+            self._file = tempfile.TemporaryFile(dir=None if output is None else output.parent)  # noqa: SIM115
         self.length = 0
         self.checksum = 0
 
     def append(self, data: bytes) -> None:
-        with write_errors(self._folder):
+        with write_errors(self._named):
             self._file.write(data)
         self.length += len(data)
         self.checksum = zlib.crc32(data, self.checksum)
 
     def pieces(self) -> Iterable[bytes]:
-        self._file.seek(0)
+        with write_errors(self._named):
+            self._file.seek(0)  # writes what was kept back
         while piece := self._file.read(COPY_BYTES):
             yield piece
 
     def close(self) -> None:
-        self._file.close()
+        with suppress(OSError):  # what could not be written was told
+            self._file.close()
 
 
 @dataclass(frozen=True)

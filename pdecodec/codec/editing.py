@@ -344,7 +344,7 @@ def _write(
     times = described.times
     remarks = {**decode_remarks(head.section("META")), "generator": generator()}
     remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDITED)[0]}{EDITED}{summary}"
-    spools = [Spool(path.parent) for _ in CHUNK_SECTIONS]
+    spools = [Spool(path) for _ in CHUNK_SECTIONS]
     try:
         entries = []
         for entry, chunks in pieces:

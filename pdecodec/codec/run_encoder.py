@@ -53,7 +53,7 @@ def encode_runs(
     if bound is not None:
         of_run = replace(of_run, tolerance=None, max_error=bound)
     reports: list[EncodeReport] = []
-    table = RunTable(None if path is None else path.parent)
+    table = RunTable(path)
     try:
         for first, run in zip(sequence.run_starts.tolist(), sequence.runs, strict=True):
             reports.append(_encode_run(run, of_run, table, first, _within(progress, first, sequence.frame_count)))
@@ -102,7 +102,7 @@ def encode_runs(
 
 
 class RunTable:
-    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file in `folder`, if one is given.
+    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file beside `output`, if one is given.
 
     Attributes
     ----------
@@ -112,8 +112,8 @@ class RunTable:
         Bytes of it by the section of a run that they are of.
     """
 
-    def __init__(self, folder: Path | None) -> None:
-        self.data = Spool(folder)
+    def __init__(self, output: Path | None) -> None:
+        self.data = Spool(output)
         self.sizes: dict[str, int] = {}
         self._writer = FieldWriter()
         self._before: dict[str, bytes] = {}

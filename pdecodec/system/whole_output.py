@@ -13,6 +13,7 @@ import ctypes
 import errno
 import hashlib
 import json
+import math
 import os
 import platform
 import re
@@ -196,9 +197,34 @@ def is_full(folder: Path) -> bool:
         probe.unlink(missing_ok=True)
 
 
-def failure_of(folder: Path, said: str) -> str:
-    """Why a library could not write into a folder: a full disk, else what it said."""
-    return os.strerror(errno.ENOSPC) if is_full(folder) else said
+def write_failure(path: Path, partial: Path, said: str) -> InputError:
+    """Return the error about an output that a library could not write, which does not say why.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The output.
+    partial : pathlib.Path
+        The file, or the folder of files, that the library wrote.
+    said : str
+        What it said, where neither the limit of file sizes nor a full disk is the reason.
+    """
+    files = [one for one in (partial, *partial.rglob("*")) if one.is_file()]
+    number = errno.ENOSPC if is_full(path.parent) else 0
+    if max((one.stat().st_size for one in files), default=0) >= largest_file():
+        number = errno.EFBIG
+    reason = OSError(number, os.strerror(number)) if number else RuntimeError(said)
+    return unreadable(reason, path, "check the folder and the free space", doing="written")
+
+
+def largest_file() -> float:
+    """Bytes that a file may have by the limit of this process (``ulimit -f``); infinite where there is none."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return math.inf
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def _finish(ready: Path) -> None:
@@ -314,11 +340,13 @@ class ReservedRoom:
         self._path, self._wanted = path, 0
 
     def reserve(self, more: int) -> None:
-        """Keep room for so many more bytes; OSError where there is none."""
+        """Keep room for so many more bytes; OSError where there is none, or files may not become so large."""
         self._wanted += more
+        if self._wanted + MARGIN > largest_file():
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(self._path))
         with self._path.open("r+b", buffering=0) as file:
             failure = _allocate(file.fileno(), self._wanted + MARGIN)
-        if failure == errno.ENOSPC:
+        if failure in (errno.ENOSPC, errno.EDQUOT):
             raise OSError(failure, os.strerror(failure), str(self._path))
         left = self._wanted + MARGIN - self._path.stat().st_size
         if failure and shutil.disk_usage(self._path.parent).free < left:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -184,6 +185,25 @@ for room in rooms:
     assert run(["convert", source, f"{disk}/{name}", "-q"]) == 3
     assert os.listdir(disk) == [], os.listdir(disk)
 """
+
+
+@pytest.mark.parametrize("name", [*ONE_FILE, "x.usda", "x.usdz", *SEVERAL, "x.pdeanim"])
+def test_a_limit_of_file_sizes_ends_in_one_line_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    needed(name.rpartition(".")[2])
+    write = partial(encode, effort="fast") if name == "x.pdeanim" else write_sequence
+    write(sheet(3), tmp_path / name)
+    size = max(path.stat().st_size for path in tmp_path.iterdir())
+    for path in tmp_path.iterdir():
+        path.unlink()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for most in (0, size // 2, size - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits[1]))
+        try:
+            with pytest.raises(InputError, match=f"^{tmp_path}/x.*: cannot be written .File too large.; check"):
+                write(sheet(3), tmp_path / name)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_no_file_that_is_read_is_one_that_is_written(

@@ -106,7 +106,7 @@ class Encoder(ABC):
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
-        with self.encoded(None if path is None else path.parent) as sections:
+        with self.encoded(path) as sections:
             data = None
             if path is None:
                 data = b"".join(container_pieces(sections))
@@ -115,9 +115,9 @@ class Encoder(ABC):
         return self.report(path, data, section_sizes(sections))
 
     @contextmanager
-    def encoded(self, folder: Path | None) -> Iterator[list[Section]]:
-        """Encode group after group; the sections of a file, some in unnamed files in a folder until the block ends."""
-        spools = [Spool(folder) for _ in CHUNK_SECTIONS]
+    def encoded(self, path: Path | None) -> Iterator[list[Section]]:
+        """Encode group after group; the sections of a file, some in unnamed files beside it until the block ends."""
+        spools = [Spool(path) for _ in CHUNK_SECTIONS]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
         beside = ThreadPoolExecutor(1)
         try:
