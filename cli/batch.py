@@ -150,8 +150,6 @@ def batch(
         results = _done(chosen, work, jobs, max_memory, scheduler)
         if part is None:
             write_summary(results, output)
-    if as_json:
-        print_json(summary_json(results))
     failures = [in_options(one.error, context.command.params) for one in results if one.error is not None]
     failures += [] if fail_if_larger is None or compare is None else grown(results, Path(compare), fail_if_larger)
     for failure in failures:
@@ -164,6 +162,8 @@ def batch(
     rounded = sum((item.figures.get("rounding") or 0) > (item.figures.get("bound") or math.inf) for item in results)
     if rounded:
         say(f"warning: rounding to float32 takes more than the bound of {counted(rounded, 'clip')}; -v says of which")
+    if as_json:
+        print_json(summary_json(results), outputs_are_written=not dry_run and not failures)
     if failures:
         context.exit(1)
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.errors import InputError, Notice, PdecodecError
+from pdecodec.errors import Notice, PdecodecError, unreadable
 
 if TYPE_CHECKING:
     from pdecodec.codec.encode.report import Question
@@ -21,8 +22,67 @@ PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""
 
 
+STANDARD_OUTPUT = "standard output"
+"""The name of standard output in errors."""
+
+
 class PartlyDoneError(Exception):
     """A person ended a command, of which something is done: what it says takes the place of the usual words."""
+
+
+class ReportLostError(PdecodecError):
+    """The outputs of a command are written, but standard output did not take the report on them."""
+
+    exit_code = 6
+
+
+class _NamedOutput(io.FileIO):
+    """Standard output that names itself in errors."""
+
+    def write(self, data: Any) -> int | None:  # type: ignore[override]
+        try:
+            return super().write(data)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, STANDARD_OUTPUT) from None
+
+
+def open_streams() -> None:
+    """Put the null device in the place of closed standard streams, and give standard output its name in errors.
+
+    Otherwise the next file to be opened takes the number of a closed stream, and gets whatever is written to it. The
+    null device is opened the wrong way round for input and output: reading and writing fail, so that no result is lost
+    without an error. What goes to a closed standard error is dropped.
+    """
+    if sys.stdin is None:
+        sys.stdin = os.fdopen(_open_null(os.O_WRONLY), "r", closefd=False)
+    if sys.stdout is None or not sys.stdout.isatty():
+        number = _open_null(os.O_RDONLY) if sys.stdout is None else sys.stdout.fileno()
+        encoding, errors = (None, None) if sys.stdout is None else (sys.stdout.encoding, sys.stdout.errors)
+        data = io.BufferedWriter(_NamedOutput(number, "w", closefd=False))
+        sys.stdout = io.TextIOWrapper(data, encoding, errors)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(_open_null(os.O_WRONLY), "w", closefd=False)
+
+
+def _open_null(flags: int) -> int:
+    """Return the number of a new stream, the lowest that is free: that of the closed one."""
+    number = os.open(os.devnull, flags)
+    os.set_inheritable(number, True)
+    return number
+
+
+def drop_unwritten() -> None:
+    """Drop what standard streams could not take: at its end Python would try again, and change the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(_open_null(os.O_WRONLY), stream.fileno())
+
+
+def unwritable_output(error: OSError) -> PdecodecError:
+    """Return the error about standard output that cannot be written to."""
+    return unreadable(error, STANDARD_OUTPUT, "check where it goes", doing="written")
 
 
 _loudness = 0
@@ -43,10 +103,11 @@ def visible(text: str) -> str:
     return "".join(kept)
 
 
-def say(text: str, *, level: int = 0) -> None:
-    """One line to standard error, unless less is to be said."""
+def say(text: str, *, level: int = 0, nl: bool = True) -> None:
+    """One line to standard error, unless less is to be said; lost where standard error cannot be written to."""
     if level <= _loudness:
-        click.echo(visible(text), err=True)
+        with suppress(OSError):
+            click.echo(visible(text), err=True, nl=nl)
 
 
 def in_options(line: PdecodecError | Notice, parameters: Iterable[click.Parameter]) -> str:
@@ -78,27 +139,27 @@ def say_rounding(distance: float, scale: float) -> None:
         say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")
 
 
+def put(text: str = "", *, nl: bool = True) -> None:
+    """Text to standard output, as it is."""
+    click.echo(text, nl=nl)
+
+
 @contextmanager
-def standard_output() -> Iterator[None]:
-    """Name standard output where it cannot be written to; that nobody reads it any more is no failure of ours."""
+def outputs_written() -> Iterator[None]:
+    """Raise ReportLostError where standard output does not take the report on outputs that are written."""
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
-        message = f"cannot be written ({error.strerror}); check where it goes"
-        raise InputError(message, path="standard output") from error
+        message = f"cannot be written ({error.strerror}), but the outputs are written; check where it goes"
+        raise ReportLostError(message, code="output-unwritable", path=STANDARD_OUTPUT) from error
 
 
-def put(text: str = "", *, nl: bool = True) -> None:
-    """Text to standard output, as it is."""
-    with standard_output():
-        click.echo(text, nl=nl)
-
-
-def print_json(data: Mapping[str, Any]) -> None:
-    """One JSON object to standard output."""
-    put(json.dumps(data, indent=2, allow_nan=False))
+def print_json(data: Mapping[str, Any], *, outputs_are_written: bool = False) -> None:
+    """One JSON object to standard output: the result of a command, or a report on outputs that are written."""
+    with outputs_written() if outputs_are_written else nullcontext():
+        put(json.dumps(data, indent=2, allow_nan=False))
 
 
 def print_table(
@@ -115,8 +176,7 @@ def print_table(
         table.add_row(*row)
     # Names in files may hold square brackets: they are no markup.
     if sys.stdout.isatty():
-        with standard_output():
-            Console(file=sys.stdout, markup=False).print(table)
+        Console(file=sys.stdout, markup=False).print(table)
         return
     text = io.StringIO()
     Console(file=text, markup=False, width=PIPE_WIDTH).print(table)

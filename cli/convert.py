@@ -92,5 +92,7 @@ def _convert(
     say_notices(notices)
     seconds = time.perf_counter() - started
     if as_json:
-        print_json({"output": job.output, **counts, "seconds": seconds, "notices": list(notices)})
+        print_json(
+            {"output": job.output, **counts, "seconds": seconds, "notices": list(notices)}, outputs_are_written=True
+        )
     say(f"{job.output_name}: {size}, {seconds:.1f} s")

@@ -183,7 +183,7 @@ def _frames_at(animation: Animation, text: str) -> tuple[int, int]:
 
 def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
     if as_json:
-        print_json({"output": output, **vars(report)})
+        print_json({"output": output, **vars(report)}, outputs_are_written=True)
     again = f"; {counted(report.coded_again, 'frame')} coded" if report.coded_again else ""
     say(
         f"{Path(output).name}: {counted(report.frames, 'frame')} in {counted(report.groups, 'group')}, "

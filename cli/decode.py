@@ -156,7 +156,7 @@ def _decode(
             result |= {"missing_frames": saved.missing, "lost": saved.lost}
             _say_missing(saved, job.source_name)
     if as_json:
-        print_json(result)
+        print_json(result, outputs_are_written=True)
     _say_written(job, result, size, with_speeds=writing.velocities)
     return saved is None or saved.is_whole
 

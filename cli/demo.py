@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, print_table, progress_bar, put, ratio, say
+from pdecodec.cli.console import byte_size, outputs_written, print_json, print_table, progress_bar, put, ratio, say
 from pdecodec.cli.options import json_option
 from pdecodec.errors import MissingExtraError
 
@@ -44,10 +44,11 @@ def demo(*, output: str, as_json: bool) -> None:
     except MissingExtraError as error:
         drawn = f"note: there is no picture: {error}"
     seconds = time.perf_counter() - started
-    if as_json:
-        print_json(_as_json(found, seconds))
-    else:
-        _print(found)
+    with outputs_written():
+        if as_json:
+            print_json(_as_json(found, seconds))
+        else:
+            _print(found)
     first = found.encodings[0]
     for encoding in found.encodings:
         say(f"{encoding.report.path}: {encoding.report.summary}")

@@ -180,7 +180,7 @@ def _encode(
                 sequence, output, checked, rms=rms, size=size, overwrite=overwrite, progress=progress
             )
         if as_json:
-            print_json(_as_json(report, output, source_bytes, checked))
+            print_json(_as_json(report, output, source_bytes, checked), outputs_are_written=True)
     say(report.summary)
     say_alternatives(report.alternatives)
     if report.bound is not None and (rms is not None or size is not None):

@@ -14,16 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, put, say, standard_output, visible
+from pdecodec.cli.console import STANDARD_OUTPUT, ReportLostError, byte_size, extent, put, say, visible
 from pdecodec.cli.options import check_apart, check_output, option_group
-from pdecodec.errors import InputError, PdecodecError, SettingsError
-from pdecodec.system.storage import is_address
+from pdecodec.errors import PdecodecError, SettingsError, unreadable
+from pdecodec.system.storage import COPY_BYTES, is_address
 
 if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
 
 STREAM = "-"
 """Standard input, or output."""
+
+STANDARD_INPUT = "standard input"
+"""The name of standard input in errors."""
 
 HERE = "./"
 """The folder that a dry run takes where no output is named."""
@@ -107,10 +110,15 @@ def for_each_job(work: Callable[..., bool | None], *, default: str = "") -> Call
     ) -> bool:
         if output == STREAM and as_json:
             raise SettingsError("-o - and --json both want standard output; leave out one")
-        is_whole = True
+        is_whole, lost = True, None
         for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
             with streamed(job, extension=extension or default, dry_run=dry_run) as one:
-                is_whole &= work(one, dry_run=dry_run, as_json=as_json, **options) is not False
+                try:
+                    is_whole &= work(one, dry_run=dry_run, as_json=as_json, **options) is not False
+                except ReportLostError as error:
+                    lost = error
+        if lost is not None:
+            raise lost
         return is_whole
 
     return command
@@ -208,13 +216,20 @@ def standard_input(source: str) -> Iterator[str]:
         return
     with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
         path = Path(folder) / "stdin"
-        try:
-            with path.open("wb") as file:
-                shutil.copyfileobj(sys.stdin.buffer, file)
-        except OSError as error:
-            message = f"cannot be copied to {folder} ({error.strerror}); name a file instead of -"
-            raise InputError(message, path="standard input") from error
-        with _named(str(path), "standard input"):
+        with path.open("wb") as file:
+            while True:
+                try:
+                    piece = sys.stdin.buffer.read(COPY_BYTES)
+                except OSError as error:
+                    raise unreadable(error, STANDARD_INPUT, "name a file instead of -") from error
+                if not piece:
+                    break
+                try:
+                    file.write(piece)
+                    file.flush()
+                except OSError as error:
+                    raise unreadable(error, folder, "name a file instead of -", doing="written") from error
+        with _named(str(path), STANDARD_INPUT):
             yield str(path)
 
 
@@ -247,7 +262,7 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
                 raise SettingsError("-o -: standard output is a terminal; name a file, or send it to a program")
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pdecodec-")))
             output = str(folder / f"stdout.{extension.lstrip('.')}")
-            stack.enter_context(_named(output, "standard output"))
+            stack.enter_context(_named(output, STANDARD_OUTPUT))
         elif is_address(output):
             pass
         elif job.in_folder and not dry_run:
@@ -257,7 +272,7 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
             found = [one for one in folder.rglob("*") if one.is_file()]
             if len(found) != 1:
                 raise SettingsError(f"-o -: {len(found)} files do not go to standard output; name a folder")
-            with found[0].open("rb") as written, standard_output():
+            with found[0].open("rb") as written:
                 shutil.copyfileobj(written, sys.stdout.buffer)
                 sys.stdout.buffer.flush()
 

@@ -1,7 +1,8 @@
 """The `pdecodec` command: its group of commands, and how failures become one line and an exit code.
 
 Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that cannot be written to; 4 corrupt file;
-5 missing extra; 130 interrupted; 141 nobody reads the output any more.
+5 missing extra; 6 outputs are written, but standard output did not take the report; 130 interrupted; 141 nobody reads
+the output any more.
 """
 
 from __future__ import annotations
@@ -18,7 +19,16 @@ from typing import Any
 import click
 
 from pdecodec import __version__
-from pdecodec.cli.console import PartlyDoneError, in_options, set_loudness, visible
+from pdecodec.cli.console import (
+    STANDARD_OUTPUT,
+    PartlyDoneError,
+    drop_unwritten,
+    in_options,
+    open_streams,
+    say,
+    set_loudness,
+    unwritable_output,
+)
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -125,7 +135,8 @@ def pdecodec() -> None:
     everything else to standard error.
 
     Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
-    5 missing extra, 130 interrupted, 141 nobody reads the output any more (`| head`).
+    5 missing extra, 6 outputs are written but standard output did not take the report on them, 130 interrupted,
+    141 nobody reads the output any more (`| head`).
     """
 
 
@@ -148,13 +159,15 @@ def run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         shown = io.StringIO()
         error.show(shown)
-        click.echo(visible(shown.getvalue()), err=True, nl=False)
+        say(shown.getvalue(), level=-1, nl=False)
         return SettingsError.exit_code
     except SystemExit as error:
         # Outside its standalone mode click exits in two cases: a shell's completion is answered, or the reader of our
         # output has seen enough (`| head`).
         return EXIT_UNREAD if error.code == 1 else int(error.code or 0)
     except OSError as error:
+        if error.filename == STANDARD_OUTPUT:
+            return _fail(str(unwritable_output(error)), InputError.exit_code)
         place = f"{error.filename}: " if error.filename is not None else ""
         return _fail(f"{place}{error.strerror or error}", InputError.exit_code)
     except MemoryError:
@@ -166,20 +179,25 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _fail(message: str, exit_code: int) -> int:
-    click.echo(f"error: {visible(' '.join(message.split()))}", err=True)
+    say(f"error: {' '.join(message.split())}", level=-1)
     return exit_code
 
 
 def _report_bug(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    click.echo(
-        f"error: a bug in pdecodec: {kind.__name__}: {visible(' '.join(str(error).split()))}; "
+    say(
+        f"error: a bug in pdecodec: {kind.__name__}: {' '.join(str(error).split())}; "
         f"please report it, with what the same command prints when {TRACEBACK_VARIABLE}=1",
-        err=True,
+        level=-1,
     )
+    drop_unwritten()
 
 
 def main() -> None:
     """Entry point of the `pdecodec` script."""
     if not os.environ.get(TRACEBACK_VARIABLE):
         sys.excepthook = _report_bug
-    sys.exit(run(sys.argv[1:]))
+    open_streams()
+    try:
+        sys.exit(run(sys.argv[1:]))
+    finally:
+        drop_unwritten()

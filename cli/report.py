@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, put, say, say_notices, visible
+from pdecodec.cli.console import outputs_written, print_json, progress_bar, put, say, say_notices, visible
 from pdecodec.cli.options import (
     check_growth,
     effort_option,
@@ -134,10 +134,11 @@ def report(
             fresh=fresh,
             progress=progress,
         )
-    if as_json:
-        print_json(result.to_dict())
-    else:
-        put(visible(result.summary), nl=False)
+    with outputs_written():
+        if as_json:
+            print_json(result.to_dict())
+        else:
+            put(visible(result.summary), nl=False)
     say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
     failures = [f"{item.clip}, profile {item.coder}: the bound {item.tolerance:g} is broken" for item in result.broken]
     if fail_if_larger is not None:

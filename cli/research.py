@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from pdecodec.cli.console import print_json, print_table, progress_bar, put, say
+from pdecodec.cli.console import outputs_written, print_json, print_table, progress_bar, put, say
 from pdecodec.cli.options import json_option, page_option
 
 SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
@@ -44,11 +44,12 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     page = write_report(make_report(findings), directory)[0]
     seconds = time.perf_counter() - started
     verdicts = judge(findings)
-    if as_json:
-        print_json({"page": str(page), "seconds": seconds, "verdicts": [item._asdict() for item in verdicts]})
-    else:
-        rows = [(item.claim, item.printed, item.found, item.judgement) for item in verdicts]
-        print_table(("claim", "paper", "this run", "verdict"), rows, show_lines=True)
+    with outputs_written():
+        if as_json:
+            print_json({"page": str(page), "seconds": seconds, "verdicts": [item._asdict() for item in verdicts]})
+        else:
+            rows = [(item.claim, item.printed, item.found, item.judgement) for item in verdicts]
+            print_table(("claim", "paper", "this run", "verdict"), rows, show_lines=True)
     say(f"{page}: {len(verdicts)} claims judged, {seconds:.0f} s")
 
 
@@ -77,10 +78,11 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
         report = make_atlas(only, quick=quick, progress=progress)
         page = write_report(report, directory)[0]
     seconds = time.perf_counter() - started
-    if as_json:
-        lessons = {figure.name: figure.lesson for figure in report.figures}
-        print_json({"page": str(page), "seconds": seconds, "figures": lessons})
-    else:
-        for figure in report.figures:
-            put(f"{figure.title}\n  {figure.lesson}\n")
+    with outputs_written():
+        if as_json:
+            lessons = {figure.name: figure.lesson for figure in report.figures}
+            print_json({"page": str(page), "seconds": seconds, "figures": lessons})
+        else:
+            for figure in report.figures:
+                put(f"{figure.title}\n  {figure.lesson}\n")
     say(f"{page}: {len(report.figures)} entries, {seconds:.0f} s")

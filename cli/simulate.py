@@ -90,7 +90,9 @@ def _simulate(
     seconds = time.perf_counter() - started
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     if as_json:
-        print_json({"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds})
+        print_json(
+            {"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds}, outputs_are_written=True
+        )
     say(f"{output}: {extent(sequence)}, {seconds:.1f} s")
 
 

@@ -6,7 +6,6 @@ import os
 import pty
 import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
@@ -29,18 +28,7 @@ from pdecodec.cli.main import run
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from spec.sealing import content, seal, sequence, take_apart, take_rows, with_section
-from tests.support.command_line import Capture, error_of
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def save_line(path: Path) -> Path:
-    """Four points in a row that move up, as NPZ."""
-    points = np.zeros((6, 4, 3), np.float32)
-    points[..., 0] = np.arange(4)
-    points[..., 1] = np.arange(6)[:, None] ** 2
-    np.savez(path, points=points)
-    return path
+from tests.support.command_line import Capture, error_of, save_line, start
 
 
 @pytest.fixture(scope="module")
@@ -244,29 +232,6 @@ def test_every_failure_has_its_exit_code_and_one_line(
     assert words in error_of(capsys, code, "info", "clip.npz")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["info"],
-        ["info", "--json"],
-        ["encode", "-o", "-"],
-        ["convert", "-o", "-", "--to", "npz"],
-        ["encode", "--dry-run"],
-    ],
-)
-def test_standard_output_without_room_is_named(tmp_path: Path, arguments: list[str]) -> None:
-    command, *options = arguments
-    source = str(save_line(tmp_path / "line.npz"))
-    with Path("/dev/full").open("wb") as full:
-        process = start("-m", "pdecodec", command, source, *options, stdout=full.fileno(), stderr=subprocess.PIPE)
-        said = process.communicate(timeout=120)[1].decode()
-    assert said.splitlines()[-1] == (
-        "error: standard output: cannot be written (No space left on device); check where it goes"
-    )
-    assert process.returncode == 3
-
-
 def test_frames_that_are_read_are_never_replaced_and_others_may_be(tmp_path: Path, capsys: Capture) -> None:
     assert run(["convert", str(save_line(tmp_path / "line.npz")), "-o", str(tmp_path / "q.#.obj")]) == 0
     (tmp_path / "link").symlink_to(tmp_path)
@@ -334,11 +299,6 @@ def test_what_files_say_never_reaches_the_terminal_as_control_characters(tmp_pat
     assert "evil\\x1b]52;c;cm0gLXJm\\x07\\x9b2J\\u202ename\\r" in error_of(
         capsys, 3, "convert", tmp_path / "x.npz", tmp_path / "z.npz", "--object", "Nope"
     )
-
-
-def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "xterm"}
-    return subprocess.Popen([sys.executable, *arguments], env=environment, **streams)
 
 
 def test_progress_is_silent_when_standard_error_is_no_terminal(tmp_path: Path) -> None:

@@ -1,13 +1,20 @@
-"""Commands run in this process, as a shell would run them."""
+"""Commands as a shell would run them: in this process, or in one of their own."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pdecodec.cli.main import run
+
+ROOT = Path(__file__).resolve().parents[2]
 
 Capture = pytest.CaptureFixture[str]
 
@@ -37,3 +44,18 @@ def error_of(capsys: Capture, code: int, *arguments: object) -> str:
     assert (found, captured.out, len(lines)) == (code, "", 1), captured.err
     assert lines[0].startswith("error: ")
     return lines[0]
+
+
+def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:
+    """Start a Python of our own, whose streams are buffered as those of a user."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "xterm", "PYTHONUNBUFFERED": ""}
+    return subprocess.Popen([sys.executable, *arguments], env=environment, **streams)
+
+
+def save_line(path: Path) -> Path:
+    """Four points in a row that move up, as NPZ."""
+    points = np.zeros((6, 4, 3), np.float32)
+    points[..., 0] = np.arange(4)
+    points[..., 1] = np.arange(6)[:, None] ** 2
+    np.savez(path, points=points)
+    return path
