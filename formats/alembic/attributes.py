@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +25,11 @@ from pdecodec.formats.base.attribute_roles import (
     GROUP,
     MATERIAL,
     UV,
+    expanded,
+    face_sets,
     indexed_rows,
     is_by_vertex,
+    is_role,
     reversed_corners,
     role_name,
     source_name,
@@ -52,7 +56,19 @@ ADDED = "pdecodec_added"
 
 
 KIND, LABEL = "pdecodec_kind", "pdecodec_label"
-"""Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
+"""Metadata of a face set or of a parameter of groups: what it stands for; and its name where Alembic cannot hold it."""
+
+
+DOMAIN = "pdecodec_domain"
+"""Metadata of colours of corners that are those of faces or of an object: programs know no others of a mesh."""
+
+
+FaceSet = tuple[str, NDArray[np.integer]]
+"""Label and members."""
+
+
+DOMAIN = "pdecodec_domain"
+"""Metadata of a colour of corners: the domain that it has one for, where programs know colours of corners alone."""
 
 
 NOT_UV = "notUV"
@@ -155,9 +171,24 @@ def _read_face_sets(node: Any, extras: Extras, at: Any) -> None:
             extras.left_out.append(f"face set {name} (it names faces that are not there)")
             continue
         metadata = face_set.getMetaData()
-        role = MATERIAL if metadata.get(KIND) == MATERIAL else GROUP
-        found.append((role, metadata.get(LABEL) or name, members))
-    extras.add_face_sets(found)
+        found.append((metadata.get(KIND), metadata.get(LABEL) or name, members))
+    ours, others = ([one for one in found if bool(one[0]) == is_ours] for is_ours in (True, False))
+    extras.add_face_sets([*ours, *_shown_as_materials([one[1:] for one in others])])
+
+
+def _shown_as_materials(found: Sequence[FaceSet]) -> list[tuple[str, str, NDArray[np.integer]]]:
+    """Return the role, the label and the members of face sets as programs show them: each set is a material.
+
+    Where a face is in several sets the last one by name shows; then the sets are groups besides.
+    """
+    size = 1 + max((int(members.max(initial=-1)) for _, members in found), default=-1)
+    shown, in_order = np.full(size, -1), sorted(found, key=lambda one: one[0])
+    for number, (_, members) in enumerate(in_order):
+        shown[members] = number
+    if np.count_nonzero(shown >= 0) == sum(np.unique(members).size for _, members in found):
+        return [(MATERIAL, label, members) for label, members in found]
+    materials = [(MATERIAL, label, np.flatnonzero(shown == number)) for number, (label, _) in enumerate(in_order)]
+    return [*((GROUP, label, members) for label, members in found), *materials]
 
 
 def value_at(get: Callable[..., Any], at: Any) -> Any:
@@ -179,16 +210,29 @@ def _read_parameter(parent: Any, header: Any, extras: Extras, at: Any) -> None:
         # Of a run that has none it is empty, as where there is none.
         extras.own[name.removeprefix(OWN)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
         return
+    metadata = header.getMetaData()
+    name = metadata.get(LABEL) or name
     if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
-    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().get(NOT_UV) != "1":
+    elif kind is AbcGeom.IV2fGeomParam and metadata.get(NOT_UV) != "1":
         name = role_name(UV, name, ())
     domain, values, indices = _sample(param, at)
     if at is not None and not values.size and not (indices is not None and indices.size):
         # What other runs of frames have.
         return
+    own = metadata.get(DOMAIN)
+    if own and indices is not None and indices.size == extras.connectivity.face_indices.size:
+        counts = extras.connectivity.face_counts
+        domain, indices = ("face", indices[np.cumsum(counts) - counts]) if own == "face" else ("object", None)
+        if indices is not None and np.array_equal(indices, np.arange(len(values))):
+            indices = None
     labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
-    extras.add(name, domain, np.arange(len(labels), dtype=np.int32) if labels else values, indices, labels)
+    if labels:
+        values = np.arange(len(labels), dtype=np.int32)
+    if labels and metadata.get(KIND):
+        # The last label stands for none.
+        labels, values[-1] = labels[:-1], -1
+    extras.add(name, domain, values, indices, labels)
 
 
 def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
@@ -242,6 +286,8 @@ class ExtrasWriter:
     def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str]) -> list[str]:
         """Write a sample of what an object carries, but for attributes of these names; what had no place."""
         notices = []
+        # Programs show face sets as materials: beside those, groups are a parameter.
+        self._sets = (MATERIAL,) if face_sets(item, MATERIAL) else (GROUP,)
         if drawn.kind == "mesh":
             self._write_face_sets(item)
             for uv in uv_sets(item)[:1]:
@@ -249,7 +295,8 @@ class ExtrasWriter:
                     notices.append(f"the third number of {uv.name!r} is not kept: UVs have two in Alembic")
                 if uv.indices is not None and (uv.indices < 0).any():
                     notices.append(f"corners without a row of {uv.name!r} have (0, 0) in Alembic")
-        notices += write_parameters(item, drawn, "Alembic", lambda one: self._put_parameter(item, one), written)
+        put = partial(self._put_parameter, item, drawn, notices)
+        notices += write_parameters(item, drawn, "Alembic", put, written, self._sets)
         if drawn.gather is not None:
             self._put("Int32", f"{OWN}vertex", "vertex", drawn.gather, None)
         if drawn.hidden_lines:
@@ -273,7 +320,7 @@ class ExtrasWriter:
     def _write_face_sets(self, item: MeshObject) -> None:
         self._members = {key: np.zeros(0, np.int32) for key in self._face_sets}
         taken = {face_set.getName() for face_set in self._face_sets.values()}
-        for role, label, name, members in named_face_sets(item, lambda label: label.replace("/", "_")):
+        for role, label, name, members in named_face_sets(item, lambda label: label.replace("/", "_"), self._sets):
             self._members[role, label] = members
             if (role, label) not in self._face_sets:
                 self._face_sets[role, label] = self._new_face_set(role, label, unlike(name, taken))
@@ -293,46 +340,65 @@ class ExtrasWriter:
         for key, face_set in self._face_sets.items():
             _set_faces(face_set, self._members[key])
 
-    def _put_parameter(self, item: MeshObject, one: Parameter) -> bool:
+    def _put_parameter(self, item: MeshObject, drawn: Drawn, notices: list[str], one: Parameter) -> bool:
         """Whether there was a type of parameter for it."""
         attribute, values, indices = one.attribute, one.values, one.indices
-        name, kind = attribute.name, _KINDS.get(one.kind)
+        name, kind, domain = attribute.name, _KINDS.get(one.kind), attribute.domain
+        metadata = {NOT_UV: "1"} if kind == "V2f" and one.role != UV else {}
         if one.role == COLOR:
             name, kind = source_name(attribute, COLOR, COLOR), "C3f" if one.width == 3 else "C4f"
+            values, indices, filled = indexed_rows(attribute)
+            if filled:
+                notices.append(f"where {attribute.name!r} has no row it is white in Alembic")
+            if domain == "vertex" and indices is not None:
+                # Programs do not look colours of vertices up.
+                values, indices = values[indices], None
+            elif drawn.kind == "mesh" and (domain == "face" or (domain == "object" and len(values) == 1)):
+                metadata[DOMAIN] = domain
+                counts = item.connectivity.face_counts if domain == "face" else item.connectivity.face_indices.size
+                rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
+                domain, indices = "corner", np.repeat(rows, counts)
         elif one.role == UV and one.width == 2:
             name = source_name(attribute, UV, UV)
         elif one.role == "label":
             kind = "String"
+        elif is_role(attribute, GROUP) and domain == "face" and attribute.labels:
+            kind, metadata[KIND] = "String", GROUP
+            rows = expanded(attribute)
+            inside = (rows >= 0) & (rows < len(attribute.labels))
+            values, indices = np.array([*attribute.labels, ""]), np.where(inside, rows, len(attribute.labels))
         if indices is not None and (indices < 0).any():
             if one.role != UV:
                 return False
             values, indices, _ = indexed_rows(attribute)
         if kind is None:
             return False
-        if attribute.domain == "corner":
+        if domain == "corner":
             order = reversed_corners(item.connectivity.face_counts)
             values, indices = (values[order], None) if indices is None else (values, indices[order])
         flat = values.reshape(-1) if one.width == 1 else values
-        return self._put(kind, name.replace("/", "_"), attribute.domain, flat, indices, is_uv=one.role == UV)
+        valid = name.replace("/", "_")
+        if valid != name and not set(name) & METADATA_MARKS:
+            metadata[LABEL] = name
+        return self._put(kind, valid, domain, flat, indices, metadata)
 
     def _put(
         self,
         kind: str,
         name: str,
-        domain: str,
+        domain: AttributeDomain,
         values: NDArray[Any],
         indices: NDArray[Any] | None,
-        *,
-        is_uv: bool = False,
+        metadata: Mapping[str, str] = {},
     ) -> bool:
         """Whether no parameter of this name has this sample already, or is of another kind."""
         known = self._parameters.get(name)
         if known is None:
             parent = self._handle.getSchema().getArbGeomParams()
-            described = _Described(kind, domain, is_uv, indices is not None)
+            described = _Described(kind, domain, metadata, indices is not None)
             known = self._parameters[name] = _ParameterWriter(parent, name, described, self._sampling)
             known.fill(self._frames)
-        elif known.count > self._frames or not known.takes(kind, domain, is_uv):
+        elif known.count > self._frames or not known.takes(kind, domain, metadata):
             return False
         known.set(values, indices)
         return True
@@ -342,8 +408,8 @@ class _Described(NamedTuple):
     """What a parameter is in all of its samples: its kind by Alembic's name, and the rest."""
 
     kind: str
-    domain: str
-    is_uv: bool
+    domain: AttributeDomain
+    metadata: Mapping[str, str]
     is_indexed: bool
 
 
@@ -353,15 +419,15 @@ class _ParameterWriter:
     def __init__(self, parent: Any, name: str, described: _Described, sampling: int | None) -> None:
         self._described = described
         kind, scope, metadata = described.kind, SCOPES[described.domain], AbcCoreAbstract.MetaData()
-        if kind == "V2f" and not described.is_uv:
-            metadata.set(NOT_UV, "1")
+        for key, value in described.metadata.items():
+            metadata.set(key, value)
         make = getattr(AbcGeom, f"O{kind}GeomParam")
         self._handle = make(parent, name, described.is_indexed, scope, 1, metadata, *_sampled(sampling))
         self.count = 0
 
-    def takes(self, kind: str, domain: str, is_uv: bool) -> bool:
+    def takes(self, kind: str, domain: AttributeDomain, metadata: Mapping[str, str]) -> bool:
         """Whether it is of this kind."""
-        return self._described[:3] == (kind, domain, is_uv)
+        return self._described[:3] == (kind, domain, metadata)
 
     def set(self, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
         """Add a sample, with indices or without them as the first one was."""

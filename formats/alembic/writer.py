@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -139,59 +140,58 @@ def time_sampling(times: Float64Array, rate: float) -> Any:
 
 
 class _Branches:
-    """Transforms above shapes: one for each step of a path but the last.
+    """Transforms above shapes: one for each step of a path but the last, and one of its own right above each shape.
 
-    A kept transform goes to the step right above its shape, and does not inherit from those above that. Shapes under
-    one step that were moved apart, and shapes at the top, have a step of their own instead, which readers of ours
-    leave out of their names.
+    Programs call an object by the transform above its shape. Where a step holds one shape and nothing else it is that
+    transform; else one is added, which readers of ours leave out of names. A kept transform goes there, or to the step
+    above where all shapes of the step share it; it does not inherit from others that move.
     """
 
     def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
         self._nodes: dict[tuple[str, ...], Any] = {(): top}
+        self._sampling = sampling
+        below = Counter(steps[:length] for steps in paths for length in range(1, len(steps)))
+        self._above = {steps: steps[:-1] if below[steps[:-1]] == 1 else steps for steps in paths}
+        """The transform right above each shape."""
         # Several runs of frames have their transforms applied.
         objects = sequence.objects if len(sequence.runs) == 1 else ()
         transforms = [transform_of(item) for item in objects] or [None] * len(paths)
-        above: dict[tuple[str, ...], list[Attribute | None]] = {}
+        beside: dict[tuple[str, ...], list[Attribute | None]] = {}
         for steps, transform in zip(paths, transforms, strict=True):
-            above.setdefault(steps[:-1], []).append(transform)
-        shared = {
-            branch: found[0]
-            for branch, found in above.items()
-            if branch and found[0] is not None and all(_same(found[0], one) for one in found)
-        }
-        self._own = {
-            steps: transform
-            for steps, transform in zip(paths, transforms, strict=True)
-            if transform is not None and steps[:-1] not in shared
-        }
-        self._moved: dict[tuple[str, ...], Attribute] = {**shared, **self._own}
-        self._still = set(above) - set(shared) if self._moved else set()
-        self._sampling = sampling
+            beside.setdefault(steps[:-1], []).append(transform)
+        self._moved: dict[tuple[str, ...], Attribute] = {}
+        for steps, transform in zip(paths, transforms, strict=True):
+            shared = steps[:-1] and all(_same(transform, one) for one in beside[steps[:-1]])
+            if transform is not None:
+                self._moved[steps[:-1] if shared else self._above[steps]] = transform
 
     def parent(self, steps: tuple[str, ...]) -> Any:
-        """The step above a shape, made where it is not there yet: readers list a step's children in this order."""
-        for length in range(1, len(steps)):
-            branch = steps[:length]
+        """The transform above a shape, made where it is not there yet: readers list a step's children in this order."""
+        above = self._above[steps]
+        for length in range(1, len(above) + 1):
+            branch = above[:length]
             if branch not in self._nodes:
-                self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling)
-                if branch in self._still:
-                    self._set(branch, np.eye(4))
-        if steps not in self._own:
-            return self._nodes[steps[:-1]]
-        mark = AbcCoreAbstract.MetaData()
-        mark.set(ADDED, "1")
-        self._nodes[steps] = AbcGeom.OXform(self._nodes[steps[:-1]], steps[-1], self._sampling, mark)
-        return self._nodes[steps]
+                mark = AbcCoreAbstract.MetaData()
+                if branch == steps:
+                    mark.set(ADDED, "1")
+                self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling, mark)
+        moving = above in self._moved or (above == steps and steps[:-1] in self._moved)
+        if not moving and not self._inherits(above):
+            self._set(above, np.eye(4))
+        return self._nodes[above]
 
     def write(self, times: Float64Array) -> None:
         for branch, transform in self._moved.items():
             for matrix in matrices_at(transform, times):
                 self._set(branch, matrix)
 
+    def _inherits(self, branch: tuple[str, ...]) -> bool:
+        return not any(branch[:length] in self._moved for length in range(1, len(branch)))
+
     def _set(self, branch: tuple[str, ...], matrix: Float64Array) -> None:
         sample = AbcGeom.XformSample()
         sample.setMatrix(matrix_of(matrix))
-        sample.setInheritsXforms(False)
+        sample.setInheritsXforms(self._inherits(branch))
         self._nodes[branch].getSchema().set(sample)
 
 

@@ -82,10 +82,16 @@ def renamed(pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     return (f"names that had to change: {changes}",) if changes else ()
 
 
-def named_face_sets(item: MeshObject, valid: Callable[[str], str]) -> Iterator[tuple[str, str, str, Int32Array]]:
-    """Role, label, name that no other set of the object has, and members of each set of faces."""
+FACE_SETS = (GROUP, MATERIAL)
+"""Roles of attributes that name sets of faces."""
+
+
+def named_face_sets(
+    item: MeshObject, valid: Callable[[str], str], roles: Sequence[str] = FACE_SETS
+) -> Iterator[tuple[str, str, str, Int32Array]]:
+    """Role, label, name that no other set of the object has, and members of each set of faces of some roles."""
     taken: set[str] = set()
-    for role in (GROUP, MATERIAL):
+    for role in roles:
         for label, members in face_sets(item, role):
             yield role, label, unlike(valid(label or role), taken), members
 
@@ -314,7 +320,12 @@ class Parameter:
 
 
 def write_parameters(
-    item: MeshObject, drawn: Drawn, title: str, put: Callable[[Parameter], bool], written: Sequence[str]
+    item: MeshObject,
+    drawn: Drawn,
+    title: str,
+    put: Callable[[Parameter], bool],
+    written: Sequence[str],
+    sets: Sequence[str] = FACE_SETS,
 ) -> list[str]:
     """Put what has no place of its own in a format; a line that names what it has no place for.
 
@@ -328,12 +339,14 @@ def write_parameters(
         Writes a parameter; whether there was a type for it. Labels are values of their own, and rows their indices.
     written : sequence of str
         Names of attributes that have a place of their own.
+    sets : sequence of str
+        Roles of attributes that are sets of faces there.
     """
     lost = []
     for one in item.attributes:
         if one.name in _WRITTEN_ELSEWHERE or one.name in written:
             continue
-        if one.domain == "face" and (is_role(one, GROUP) or is_role(one, MATERIAL)):
+        if one.domain == "face" and any(is_role(one, role) for role in sets):
             continue
         parameter = Parameter(one, "", one.values, one.indices)
         if any(one is other for other in colors(item)):

@@ -101,6 +101,8 @@ def abc_normals(path: Path, connectivity: Connectivity, name: str = "thing") -> 
     node = archive.getTop()
     for step in name.split("/"):
         node = node.getChild(step)
+    if AbcGeom.IXform.matches(node.getHeader()):
+        node = node.getChild(0)
     param = AbcGeom.IPolyMesh(node, Abc.WrapExistingFlag.kWrapExisting).getSchema().getNormalsParam()
     order = reversed_corners(connectivity.face_counts)
     for index in range(param.getNumSamples()):

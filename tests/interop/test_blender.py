@@ -10,10 +10,11 @@ import pytest
 from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.formats import write_sequence
+from pdecodec.mesh.sequence import Attribute
 from tests.formats.test_gltf import even_at_first, few_functions
 from tests.formats.test_normals import meshes, moving, plain_normals
 from tests.support.blender_tools import seen_by_blender
-from tests.support.scene_cases import SPACE, needed
+from tests.support.scene_cases import SPACE, body, needed, scene
 
 NORMAL_ERRORS = {"abc": 2e-3, "usdc": 2e-3, "glb": 0.3}
 """Blender does not read how morph targets turn normals, but turns those at rest with the surface; smoothed, a cube's
@@ -65,3 +66,19 @@ def test_blender_plays_a_decoded_animation_between_its_frames(tmp_path: Path) ->
             expected = animation.positions(frame / 24) @ TO_BLENDER
             (mesh,) = found.values()
             assert np.abs(np.array(mesh["points"]) - expected).max() < 2e-5 * np.abs(expected).max()
+
+
+def test_blender_shows_names_colours_and_materials_of_alembic_parts(tmp_path: Path) -> None:
+    needed("abc")
+    parts = [
+        body("rig/left", [Attribute("color", "object", np.float32([[0.7, 0, 0.1]]))]),
+        body("rig/right", [Attribute("color", "face", np.float32([[0, 0, 1], [1, 0, 0]]))]),
+        body("alone", [one for one in body().attributes if one.name in ("group", "material")]),
+    ]
+    write_sequence(scene(parts), tmp_path / "x.abc")
+    (found,) = seen_by_blender(tmp_path / "x.abc", [1])
+    assert sorted(found) == ["alone", "left", "right"]
+    assert np.allclose(found["left"]["colors"]["color"], [[0.7, 0, 0.1, 1]] * 7, atol=1 / 255)
+    faces = np.repeat([[0, 0, 1, 1], [1, 0, 0, 1]], [4, 3], axis=0)
+    assert np.allclose(found["right"]["colors"]["color"], faces, atol=1 / 255)
+    assert found["alone"]["materials"] == ["skin", "nail"]

@@ -42,6 +42,14 @@ for frame in frames:
                 "corners": [corner.vertex_index for corner in mesh.loops],
                 "sizes": [face.loop_total for face in mesh.polygons],
                 "normals": [list((turn @ normal.vector).normalized()) for normal in mesh.corner_normals],
+                "materials": [
+                    getattr(thing.material_slots[face.material_index].material, "name", "")
+                    for face in (mesh.polygons if thing.material_slots else ())
+                ],
+                "colors": {
+                    one.name: [list(value.color_srgb) for value in one.data]
+                    for one in mesh.color_attributes if one.domain == "CORNER"
+                },
             }
             there.to_mesh_clear()
     found.append(meshes)
@@ -50,7 +58,8 @@ print("FOUND " + json.dumps(found))
 
 
 def seen_by_blender(path: Path, frames: Sequence[float]) -> list[dict[str, Any]]:
-    """What Blender shows at frames of its timeline, 24 a second: of each mesh points, corners, sizes and normals.
+    """What Blender shows at frames of its timeline, 24 a second: of each mesh points, corners, sizes, normals,
+    materials of faces and colours of corners.
 
     Blender has Z up: a point (x, y, z) of a Y-up file is (x, -z, y) there.
     """
