@@ -7,17 +7,14 @@ sampled there is USD's own value at that code.
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
-from pdecodec.errors import InputError, damaged
+from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
 from pdecodec.formats.base.times import (
@@ -29,6 +26,7 @@ from pdecodec.formats.base.times import (
     snapped_times,
     without_gaps,
 )
+from pdecodec.formats.usd.composition import check_composition, check_rates, open_stage, stage_errors
 from pdecodec.formats.usd.instances import placed_in_scene
 from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
@@ -36,12 +34,6 @@ from pdecodec.formats.usd.walk import shapes_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import MeshSequence
-
-PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
-"""What USD says of text that does not parse; behind "matching" stands a name of its sources."""
-
-WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
-"""What USD's messages begin with: a place in its own sources."""
 
 
 def open_usd(
@@ -57,19 +49,20 @@ def open_usd(
     InputError
         If it is no USD file, or holds no geometry.
     """
-    with _stage_errors(path):
-        stage = _open_stage(path)
-        _check_rates(stage)
+    with stage_errors(path):
+        stage = open_stage(path)
+        check_rates(stage)
         scan = ShapeScan(Refusals(skip=skip_unsupported))
+        absent = check_composition(stage, scan.refusals)
         shapes = shapes_of(stage, scan)
-        notices = scan.refusals.notices(shapes)
+        notices = (*absent, *scan.refusals.notices(shapes))
         codes, timing = _timing(stage, shapes, fps)
         times, rate, time_notices = timing
         metadata = read_metadata(stage, times, _codes_per_second(stage, fps))
     facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
     def open_run(first: int, own: Timing) -> MeshSequence:
-        with _stage_errors(path):
+        with stage_errors(path):
             again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
             found = shapes_of(stage, again) if scan.changes else shapes
             return UsdSequence(stage, codes[first : first + own[0].size], facts, found, own, first)
@@ -99,7 +92,7 @@ class UsdSequence(SceneSequence):
         return _placed_at(self._codes[start:stop], lambda cache: placed_in_scene(instances, prim, cache))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        with _stage_errors(self._path):
+        with stage_errors(self._path):
             return super().read_frames(start, stop)
 
     def _read(self, shape: UsdShape, start: int, stop: int, out: Float32Array) -> None:
@@ -151,17 +144,6 @@ def _says_rate(stage: Any) -> bool:
     return any(layer.HasTimeCodesPerSecond() or layer.HasFramesPerSecond() for layer in stage.GetUsedLayers())
 
 
-def _check_rates(stage: Any) -> None:
-    """Refuse rates that are no positive numbers: USD divides the time codes of other layers by them."""
-    for layer in stage.GetUsedLayers():
-        for name, is_there, rate in (
-            ("timeCodesPerSecond", layer.HasTimeCodesPerSecond(), layer.timeCodesPerSecond),
-            ("framesPerSecond", layer.HasFramesPerSecond(), layer.framesPerSecond),
-        ):
-            if is_there and not (math.isfinite(rate) and rate > 0):
-                raise InputError(f"{name} of layer {layer.GetDisplayName()} is {rate:g}; it must be a positive number")
-
-
 def _codes_per_second(stage: Any, fps: float | None) -> float:
     says = _says_rate(stage)
     return rate_or_default(stage.GetTimeCodesPerSecond() if says else None, None if says else fps)[0]
@@ -189,44 +171,3 @@ def _timing(stage: Any, shapes: Sequence[UsdShape], fps: float | None) -> tuple[
         times = without_gaps(stored, nominal) if curved and not sampled else stored
     codes = codes_of(times, per_second)
     return codes, (snapped_times(codes / per_second, per_second), nominal, notices)
-
-
-@contextmanager
-def _stage_errors(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (Tf.ErrorException, UnicodeDecodeError) as error:
-        try:
-            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-            if found := PARSE_ERROR.search(str(error)):
-                lines = [f"line {found['line']} does not parse {found['place']}"]
-        except UnicodeDecodeError:
-            # USD's message quotes the file.
-            lines = ["its text is not UTF-8"]
-        reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
-        raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
-
-
-def _open_stage(path: Path) -> Any:
-    known = Sdf.Layer.Find(str(path))
-    if known is not None:
-        # USD keeps files that are open: this one may have been written again since.
-        known.Reload()
-    return Usd.Stage.Open(str(path))
-
-
-def layer_files(path: Path) -> Iterator[Path]:
-    """Yield the files of the layers that a stage is made of; of packages, none."""
-    left, seen = [str(path)] if path.suffix.lower() != ".usdz" else [], set()
-    while left:
-        name = left.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
-            layer = Sdf.Layer.FindOrOpen(name)
-        except Tf.ErrorException:
-            continue
-        if layer:
-            yield Path(layer.realPath)
-            left += [layer.ComputeAbsolutePath(one) for one in layer.GetCompositionAssetDependencies()]

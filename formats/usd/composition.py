@@ -1,0 +1,135 @@
+"""Open USD stages, and name the files that they are composed of but that cannot be opened: USD goes on without them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pxr import Pcp, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils
+
+from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.scene_reading import Refusals, listed
+
+PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
+"""What USD says of text that does not parse; behind "matching" stands a name of its sources."""
+
+WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
+"""What USD's messages begin with: a place in its own sources."""
+
+MISSING = re.compile(
+    r"(?P<kind>asset|sublayer|(?P<arc>\w+) prim path) @(?P<file>[^@]*)@(?P<prim><[^>]*>)?(?: for (?P<by>\w+))?"
+)
+"""What USD's messages say of files and prims that are not there; its Python has no other access to their names."""
+
+ABSENCES = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
+"""USD's errors about them."""
+
+SESSION = re.compile(r",@anon:[^@]*@")
+"""USD's own layer over every stage, in messages."""
+
+
+@contextmanager
+def stage_errors(path: Path) -> Iterator[None]:
+    """Turn what USD raises into an InputError about a file, and keep USD's warnings off the standard error."""
+    warnings = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        try:
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            if found := PARSE_ERROR.search(str(error)):
+                lines = [f"line {found['line']} does not parse {found['place']}"]
+        except UnicodeDecodeError:
+            # USD's message quotes the file.
+            lines = ["its text is not UTF-8"]
+        reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
+        raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
+    finally:
+        del warnings
+
+
+def open_stage(path: Path) -> Any:
+    """Open a stage, all that it is composed of read anew where files are open already."""
+    known = Sdf.Layer.Find(str(path))
+    if known is not None:
+        # USD keeps files that are open: this one may have been written again since.
+        known.Reload()
+    return Usd.Stage.Open(str(path))
+
+
+def check_rates(stage: Any) -> None:
+    """Refuse rates that are no positive numbers: USD divides the time codes of other layers by them."""
+    for layer in stage.GetUsedLayers():
+        for name, is_there, rate in (
+            ("timeCodesPerSecond", layer.HasTimeCodesPerSecond(), layer.timeCodesPerSecond),
+            ("framesPerSecond", layer.HasFramesPerSecond(), layer.framesPerSecond),
+        ):
+            if is_there and not (math.isfinite(rate) and rate > 0):
+                raise InputError(f"{name} of layer {layer.GetDisplayName()} is {rate:g}; it must be a positive number")
+
+
+def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:
+    """Refuse files and prims that geometry may come from and that are not there; lines about all else that fails."""
+    missing: dict[tuple[str, str], dict[str, None]] = {}
+    notices: dict[str, None] = {}
+    folder = Path(stage.GetRootLayer().realPath).parent
+    for error in stage.GetCompositionErrors():
+        path = error.rootSite.path
+        text = SESSION.sub("", " ".join(str(error).split()))
+        found = MISSING.search(text)
+        if found is None or not isinstance(error, ABSENCES):
+            notices[f"USD does not compose {path}: {text}"] = None
+            continue
+        name = _from(folder, found["file"]) + (found["prim"] or "")
+        what = "prim that can be found" if found["prim"] else "file that can be opened"
+        if found["kind"] == "sublayer":
+            missing.setdefault((name, f"no {what}, and it is a sublayer"), {})
+            continue
+        arc = found["arc"] or found["by"] or "part"
+        if _is_look(stage.GetPrimAtPath(path)):
+            notices[f"not there: {name}, a {arc} of {path}"] = None
+        else:
+            missing.setdefault((name, f"no {what}, and it is a {arc} of"), {})[str(path).lstrip("/")] = None
+    for prim in stage.TraverseAll():
+        if prim.HasAuthoredMetadata("clips"):
+            clips = Usd.ClipsAPI(prim)
+            for each in clips.GetClips():
+                for asset in clips.ComputeClipAssetPaths(each):
+                    if not asset.resolvedPath:
+                        key = asset.path, "no file that can be opened, and it holds values of"
+                        missing.setdefault(key, {})[str(prim.GetPath()).lstrip("/")] = None
+    for (name, feature), users in sorted(missing.items()):
+        refusals.refuse(name, f"{feature} {listed(sorted(users))}" if users else feature)
+    return tuple(sorted(notices))
+
+
+def _from(folder: Path, name: str) -> str:
+    """The name of a file from a folder, where it is within."""
+    return str(Path(name).relative_to(folder)) if Path(name).is_relative_to(folder) else name
+
+
+def _is_look(prim: Any) -> bool:
+    """Whether a prim is of how things look, and no geometry comes from it."""
+    return bool(prim) and (
+        any(prim.IsA(schema) for schema in (UsdShade.Material, UsdShade.Shader, UsdShade.NodeGraph, UsdGeom.Camera))
+        or "Light" in str(prim.GetTypeName())
+    )
+
+
+def layer_files(path: Path) -> Iterator[Path]:
+    """Yield the files that a stage is made of, those of value clips too; of packages, none."""
+    if path.suffix.lower() == ".usdz":
+        return
+    try:
+        with stage_errors(path):
+            layers, _, _ = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(path)))
+    except InputError:
+        # A layer below is damaged; who reads the stage says so.
+        yield path
+        return
+    # A layer within a package is called package[layer].
+    yield from dict.fromkeys(Path(layer.realPath.partition("[")[0]) for layer in layers if layer.realPath)
