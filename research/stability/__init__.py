@@ -1,1 +1,3 @@
-"""An atlas of where methods lose stability: each beside its alternatives, from where it is fine to where it breaks."""
+"""The stability atlas: each method next to its alternatives, from inputs that it handles well to inputs that
+break it.
+"""

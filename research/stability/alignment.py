@@ -1,4 +1,4 @@
-"""The section on transformation elimination: rotations by Kabsch beside the literal Eq. 23."""
+"""Stability of transformation elimination: rotations by Kabsch's method and by the literal Eq. 23."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pdecodec.report.charts.plots import BLUE, FAILING, FAILURE, GREEN, GREY, OR
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 
-POINTS = 120
-"""Of the curve that is aligned."""
+CURVE_POINTS = 120
+"""Points of the curve that is aligned."""
 
 NOISE = 1e-7
-"""Over a length of 1: what float32 leaves of a coordinate."""
+"""Noise on a curve of length 1: the rounding of float32 coordinates."""
 
-JITTERS = 1.0
-"""Degrees by which two frames that are equal but for rounding may be turned apart."""
+STEADY_DEGREES = 1.0
+"""Largest steady angle [degrees] between the rotations of two frames that differ only by rounding."""
 
 Align = Callable[[Float64Array, Float64Array], Float64Array]
 
 
 def kabsch_plain(moved: Float64Array, target: Float64Array) -> Float64Array:
-    """Kabsch's matrix as it is often written: no care for reflections nor for straight curves."""
+    """Return Kabsch's matrix as often written: without care for reflections or straight curves."""
     left, _, right = np.linalg.svd(moved.T @ target)
     return np.asarray(left @ right)
 
 
 def kabsch_proper(moved: Float64Array, target: Float64Array) -> Float64Array:
-    """Kabsch's matrix with the sign that makes it a rotation."""
+    """Return Kabsch's matrix with the sign that makes it a rotation."""
     left, _, right = np.linalg.svd(moved.T @ target)
     return np.asarray((left * np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])) @ right)
 
@@ -45,15 +45,15 @@ METHODS: dict[str, tuple[Align, str]] = {
     PROPER: (kabsch_proper, GREEN),
     LEAST: (rotation_between, BLUE),
 }
-"""By name, with the colour of each."""
+"""Alignment methods by name, with the colour of each."""
 
 TURN = Rotation.from_rotvec([0.2, 0.7, -0.4]).as_matrix()
 POSE = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
 
 
 def shape(kind: str) -> Float64Array:
-    """A curve about the origin, (points, 3): general, planar, straight or circle."""
-    s = np.linspace(-1.0, 1.0, POINTS)
+    """Return a curve about the origin, (points, 3); `kind` is general, planar, straight or circle."""
+    s = np.linspace(-1.0, 1.0, CURVE_POINTS)
     angle = np.pi * (s + 1)
     points = {
         "straight": (s, 0 * s, 0 * s),
@@ -65,7 +65,9 @@ def shape(kind: str) -> Float64Array:
 
 
 def jitter(align: Align, moved: Float64Array, target: Float64Array, seed: int = 0, trials: int = 12) -> float:
-    """Largest angle between the rotations found for copies of one frame that differ by rounding [degrees]."""
+    """Return the largest angle [degrees] between rotations found for copies of one frame that differ only by
+    rounding.
+    """
     random = np.random.default_rng(seed)
     found = []
     for _ in range(trials):
@@ -75,14 +77,16 @@ def jitter(align: Align, moved: Float64Array, target: Float64Array, seed: int = 
 
 
 def _angle(matrix: Float64Array) -> float:
-    """Angle of an orthogonal matrix from the unit matrix [rad]; a reflection counts as half a turn at least."""
+    """Return the angle [rad] between an orthogonal matrix and the unit matrix; a reflection counts as at least
+    half a turn.
+    """
     if np.linalg.det(matrix) < 0:
         return float(np.pi)
     return float(Rotation.from_matrix(matrix).magnitude())
 
 
 def thinning_figure(count: int) -> Figure:
-    """A curve that becomes straight: how steady the rotation is from frame to frame."""
+    """Chart how steady the rotation is from frame to frame while a curve becomes straight."""
     thickness = np.geomspace(1.0, 1e-12, count)
     curve = shape("general") @ np.linalg.inv(POSE)
     curves = [curve * [1, value, value] for value in thickness]
@@ -97,10 +101,10 @@ def thinning_figure(count: int) -> Figure:
         Axis("turn between equal frames [degrees]", 1e-6, 400, log=True),
         width=WIDTH,
     )
-    panel.fails("fails: the curve spins by rounding alone", above=JITTERS)
+    panel.fails("fails: the curve spins by rounding alone", above=STEADY_DEGREES)
     panel.lines(thickness, {name: (values, METHODS[name][1]) for name, values in found.items()})
 
-    fails_at = float(thickness[found[PROPER] > JITTERS].max(initial=0.0))
+    fails_at = float(thickness[found[PROPER] > STEADY_DEGREES].max(initial=0.0))
     ours = found[LEAST]
     return Figure(
         name="alignment-straight",
@@ -123,7 +127,9 @@ def thinning_figure(count: int) -> Figure:
 
 
 def case_figure() -> Figure:
-    """Rotated and mirrored curves of every kind: is it a rotation, how well does it fit, how steady is it."""
+    """Chart rotated and mirrored curves of every kind: whether the result is a rotation, how well it fits, how
+    steady it is.
+    """
     mirror = np.diag([1.0, 1.0, -1.0])
     shown = [
         (kind, change) for kind in ("general", "planar", "straight", "circle") for change in ("rotated", "mirrored")
@@ -139,11 +145,11 @@ def case_figure() -> Figure:
             rows.append((kind, change, name, float(np.linalg.det(found)), skew, left, jitter(align, moved, target)))
 
     def verdict(determinant: float, skew: float, spin: float) -> tuple[str, bool]:
-        """In a word or two, and whether it is a steady rotation."""
+        """Describe a result in one or two words; also return whether it is a steady rotation."""
         is_rotation = abs(determinant - 1) < 1e-6 and skew < 1e-6
         bad = "mirror" if determinant < -0.5 else "collapses" if abs(determinant) < 0.5 else "shears"
         text = "rotation" if is_rotation else bad
-        return (text, is_rotation) if spin < JITTERS else (f"{text}\nspins {spin:.0f}°", False)
+        return (text, is_rotation) if spin < STEADY_DEGREES else (f"{text}\nspins {spin:.0f}°", False)
 
     verdicts = [verdict(row[3], row[4], row[6]) for row in rows]
 
@@ -175,7 +181,7 @@ def case_figure() -> Figure:
 
 
 def turn_figure(count: int) -> Figure:
-    """Rotations from frame to frame up to a full turn: what lies half-way."""
+    """Chart rotations between frames up to a full turn: the shape half-way between two frames."""
     degrees = np.linspace(5.0, 355.0, count)
     axis = np.array([0.36, 0.48, 0.8])
     points = shape("general")
@@ -224,7 +230,7 @@ def _halfway_quaternion(first: Rotation, second: Rotation) -> Float64Array:
 
 
 def alignment_section(*, quick: bool) -> Section:
-    """Every figure of the alignment; `quick` takes coarser axes."""
+    """Return every chart on alignment; `quick` takes coarser axes."""
     return Section(
         "The alignment",
         "Eqs. 19 to 23 take the motion of a curve as a whole out before the fit. The paper calls its matrix a "

@@ -1,4 +1,4 @@
-"""The atlas: what `pdecodec stability` writes."""
+"""Put the stability atlas together; this is the command `pdecodec stability`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pdecodec.research.stability.simulation import simulation_section
 
 
 def fit_section(*, quick: bool) -> Section:
-    """Every figure of the fit; `quick` takes coarser axes."""
+    """Return every chart on the fit; `quick` takes coarser axes."""
     return Section(
         "The fit",
         "Eq. 25 fits 32 functions by normal equations. The test motion is a bending wave over a drift, at 104 points "
@@ -41,11 +41,12 @@ SECTIONS: dict[str, Callable[..., Section]] = {
     "simulation": simulation_section,
     "codec": codec_section,
 }
-"""By name, in the order of the page."""
+"""Sections by name, in the order of the page."""
 
 
 def make_atlas(names: Sequence[str] = (), *, quick: bool = False, progress: Progress | None = None) -> Report:
-    """Measure sections, all where none is named, and put them together; `quick` takes coarser axes: for a look.
+    """Measure the named sections (all by default) and put them together; `quick` takes coarser axes, for a
+    preview.
 
     Raises
     ------

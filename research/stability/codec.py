@@ -1,4 +1,4 @@
-"""The section on the codec: both profiles on clips that are hard for a reason."""
+"""Stability of the codec: both profiles on clips that are hard to encode."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Panel, 
 from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
 
 TOLERANCE = 1e-3
-"""Of profile auto: the usual one."""
+"""Tolerance of profile auto, the usual one."""
 
 PROFILES: dict[str, tuple[EncodeSettings, str]] = {
     "auto": (EncodeSettings(tolerance=TOLERANCE), BLUE),
     "paper": (EncodeSettings(profile="paper"), ORANGE),
 }
-"""Settings and colour. Profile paper has no bound of its own: 32 functions a curve, and whatever error that leaves."""
+"""Settings and colour of each profile. Profile paper has no bound: its error is that of 32 functions per curve."""
 
 RAW_BITS = 96.0
-"""Of float32 positions, a vertex and frame: above, a file is larger than its input."""
+"""Bits of float32 positions per vertex and frame; a file above this is larger than its input."""
 
 
 @dataclass(frozen=True)
 class Coded:
-    """What a clip takes and leaves: bits a vertex and frame; the largest error over the tolerance, the error of Karni
-    and Gotsman [%], and how far edges and normals are off, of the decoded bytes.
+    """Size and errors of one encoded clip, measured on decoded bytes.
+
+    Bits per vertex and frame; the largest error over the tolerance; the error of Karni and Gotsman [%]; the errors
+    of edges and normals.
     """
 
     bits: float
@@ -62,7 +64,7 @@ def coded(clip: ArraySequence, settings: EncodeSettings) -> Coded:
 
 
 def stress_figure(side: int, frames: int) -> Figure:
-    """Every nasty clip, of a sheet of `side` vertices a side, with both profiles."""
+    """Chart every hard clip with both profiles; most clips are a sheet of `side` by `side` vertices."""
     clips = {name: make(side, frames) for name, make in NASTY.items()}
     found = {
         profile: {name: coded(clip, settings) for name, clip in clips.items()}
@@ -72,7 +74,7 @@ def stress_figure(side: int, frames: int) -> Figure:
     for name in clips:
         for profile in PROFILES:
             item = found[profile][name]
-            # Of a clip whose frames are a point each, there is nothing that errors could be over.
+            # A clip whose frames are single points has no diagonal to divide errors by.
             kg_error = item.kg_error if math.isfinite(item.kg_error) else None
             rows.append((name, profile, item.bits, item.error, kg_error, *astuple(item.surface)))
 
@@ -114,15 +116,15 @@ def stress_figure(side: int, frames: int) -> Figure:
     )
 
 
-UNBROKEN = "auto, one spline"
-"""What profile auto was before splines were broken at jumps: the spline through all frames as they are decoded."""
+SINGLE_SPLINE = "auto, one spline"
+"""One spline through all decoded frames: how profile auto interpolated before it broke splines at discontinuities."""
 
 
 def between_figure(side: int, samples: int) -> Figure:
-    """One vertex over time through an impact and through a jump, at so many times."""
+    """Chart one vertex over time through an impact and through a discontinuity, at `samples` times."""
     frames, vertex = 24, side * side // 2
     clips = {"fast impact": (impact(side, frames), 1), "teleporting": (teleport(side, frames), 0)}
-    colours = {UNBROKEN: GREEN, **{profile: colour for profile, (_, colour) in PROFILES.items()}}
+    colours = {SINGLE_SPLINE: GREEN, **{profile: colour for profile, (_, colour) in PROFILES.items()}}
     times: dict[str, Float64Array] = {}
     found: dict[tuple[str, str], Float64Array] = {}
     overshoot: dict[tuple[str, str], float] = {}
@@ -137,7 +139,7 @@ def between_figure(side: int, samples: int) -> Figure:
                 found[name, profile] = animation.sample(at)[:, vertex, axis].astype(np.float64)
                 if profile == "auto":
                     spline = CubicSpline(clip.times, animation.to_array().points[:, vertex, axis].astype(np.float64))
-                    found[name, UNBROKEN] = spline(at)
+                    found[name, SINGLE_SPLINE] = spline(at)
         for curve in colours:
             values = found[name, curve]
             overshoot[name, curve] = float(np.maximum(values - high, low - values).max() / np.ptp(path))
@@ -155,7 +157,7 @@ def between_figure(side: int, samples: int) -> Figure:
         curves = {curve: (found[name, curve], colour) for curve, colour in colours.items()}
         y = Axis.around(f"{'xyz'[axis]} of one vertex, sheet of side 1", shown, *(item for item, _ in curves.values()))
         panel = Panel(Axis("frame", float(x[0]), float(x[-1])), y, title=name)
-        panel.lines(x, curves, dashed=[UNBROKEN], labels=False)
+        panel.lines(x, curves, dashed=[SINGLE_SPLINE], labels=False)
         panel.dots(inside, shown, INK, size=40)
         panels.append(panel)
     panels[-1].legend({**colours, "frames (dots)": INK})
@@ -165,7 +167,7 @@ def between_figure(side: int, samples: int) -> Figure:
         title="Between frames, where the motion has a corner or jumps",
         lesson=(
             "One spline through all frames leaves the span of its two frames by "
-            f"{overshoot['teleporting', UNBROKEN]:.1%} of a jump. Profile auto finds the jump and ends the spline "
+            f"{overshoot['teleporting', SINGLE_SPLINE]:.1%} of a jump. Profile auto finds the jump and ends the spline "
             f"there: {overshoot['teleporting', 'auto']:.2%}. A corner is no jump: around an impact auto leaves the "
             f"span by up to {overshoot['fast impact', 'auto']:.1%} of the fall, as before. At the frames themselves "
             "the bound holds; profile paper misses the frames too, by up to "
@@ -182,7 +184,7 @@ def between_figure(side: int, samples: int) -> Figure:
 
 
 def distance_figure(side: int, frames: int, count: int) -> Figure:
-    """The same clip farther and farther from the origin."""
+    """Chart the same clip at growing distances from the origin."""
     offsets = np.geomspace(1.0, 1e7, count)
     found = [coded(far_away(side, frames, offset), PROFILES["auto"][0]) for offset in offsets.tolist()]
     bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
@@ -222,7 +224,7 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
 
 
 def codec_section(*, quick: bool) -> Section:
-    """Every figure of the codec; `quick` takes smaller clips, and fewer of them."""
+    """Return every chart on the codec; `quick` takes fewer and smaller clips."""
     side, frames = (8, 16) if quick else (28, 36)
     return Section(
         "The codec",

@@ -1,8 +1,8 @@
-"""The section on simulation, its extremes: mass ratios, long chains, stiffness, fine sheets, fast particles; and error
-against time.
+"""Stability of the simulation at its extremes: mass ratios, long chains, stiffness, fine sheets and fast particles;
+error against time.
 
-Each is run with one budget, spent in three ways: PBD's and XPBD's iterations in one long step, or XPBD's short steps of
-one iteration (Macklin et al. 2019); and where the library has a better way, that one too.
+Each case gets one budget, spent in three ways: the iterations of PBD or XPBD in one long step, or the short steps of
+XPBD with one iteration each (Macklin et al. 2019). Where the library has a better method, it is measured too.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
 from pdecodec.simulate.surroundings import Ground, Sphere
 from pdecodec.simulate.system import STANDARD_GRAVITY
 
-FRAME = 1.0 / 60
-"""Of the chains, in seconds: what a game has."""
+FRAME_SECONDS = 1.0 / 60
+"""Time step of the chains [s], the frame of a game."""
 
-SWEEPS = 20
-"""Sweeps over all constraints in a frame, whichever way they are spent."""
+SWEEPS_PER_FRAME = 20
+"""Sweeps over all constraints per frame, for every way to spend them."""
 
-FAILS = 0.1
-"""Stretch, over the length, from which on a thing that should not stretch has failed."""
+FAILURE_STRETCH = 0.1
+"""Relative stretch from which an inextensible object counts as failed."""
 
-STIFF_FAILS = 0.5
-"""The same of a stretch that the material asks for, over it: wrong by half."""
+FAILURE_STRETCH_ERROR = 0.5
+"""Relative error of an intended stretch from which it counts as failed: wrong by half."""
 
-LEAST = 2e-7
-"""Where what is less is drawn."""
+SMALLEST_DRAWN = 2e-7
+"""Smaller values are drawn at this one."""
 
 
-class Way(NamedTuple):
-    """One way to spend the sweeps of a frame: constraints one by one, or each chain as a whole."""
+class SweepPlan(NamedTuple):
+    """One way to spend the sweeps of a frame: constraints one by one, or each chain solved as a whole."""
 
     method: Method
     substeps: int
@@ -50,27 +50,28 @@ class Way(NamedTuple):
 
 
 PBD, ITERATED, SMALL, WHOLE = (
-    f"PBD, {SWEEPS} iterations",
-    f"XPBD, {SWEEPS} iterations",
-    f"XPBD, {SWEEPS} small steps",
-    f"XPBD, {SWEEPS} small steps, chain as a whole",
+    f"PBD, {SWEEPS_PER_FRAME} iterations",
+    f"XPBD, {SWEEPS_PER_FRAME} iterations",
+    f"XPBD, {SWEEPS_PER_FRAME} small steps",
+    f"XPBD, {SWEEPS_PER_FRAME} small steps, chain as a whole",
 )
 
-WAYS: dict[str, Way] = {
-    PBD: Way("pbd", 1, SWEEPS, False, GREY),
-    ITERATED: Way("xpbd", 1, SWEEPS, False, ORANGE),
-    SMALL: Way("xpbd", SWEEPS, 1, False, GREEN),
-    WHOLE: Way("xpbd", SWEEPS, 1, True, BLUE),
+SWEEP_PLANS: dict[str, SweepPlan] = {
+    PBD: SweepPlan("pbd", 1, SWEEPS_PER_FRAME, False, GREY),
+    ITERATED: SweepPlan("xpbd", 1, SWEEPS_PER_FRAME, False, ORANGE),
+    SMALL: SweepPlan("xpbd", SWEEPS_PER_FRAME, 1, False, GREEN),
+    WHOLE: SweepPlan("xpbd", SWEEPS_PER_FRAME, 1, True, BLUE),
 }
 
 
 def hanging_stretch(
-    way: Way, *, links: int = 12, mass_ratio: float = 1.0, stiffness: float = math.inf, seconds: float = 3.0
+    way: SweepPlan, *, links: int = 12, mass_ratio: float = 1.0, stiffness: float = math.inf, seconds: float = 3.0
 ) -> float:
-    """Mean stretch over the length of a chain of 1 m that has hung, with much drag, for some seconds.
+    """Return the mean stretch over the length of a chain of 1 m that has hung, with strong drag, for some seconds.
 
-    Its links weigh 1 kg together, and a weight of `mass_ratio` times a particle's mass hangs at its end; `stiffness` is
-    that of the whole chain [N/m], infinite where it must not stretch. Infinite where the simulation ran off.
+    The links weigh 1 kg together. A weight of `mass_ratio` times a particle's mass hangs at the end. `stiffness` is
+    that of the whole chain [N/m]; infinite for a chain that must not stretch. The result is infinite where the
+    simulation diverged.
     """
     positions = np.zeros((links + 1, 3))
     positions[:, 1] = -np.linspace(0.0, 1.0, links + 1)
@@ -85,21 +86,21 @@ def hanging_stretch(
         pairs = np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
         chain = DistanceConstraints.from_positions(positions, pairs, compliance=compliance)
     system = System(positions=positions, inverse_masses=inverse, constraints=(chain,), drag=6.0)
-    solver = Solver(system, substep=FRAME / way.substeps, iterations=way.iterations, method=way.method)
+    solver = Solver(system, substep=FRAME_SECONDS / way.substeps, iterations=way.iterations, method=way.method)
     with np.errstate(all="ignore"):
-        solver.advance(round(seconds / FRAME) * way.substeps)
+        solver.advance(round(seconds / FRAME_SECONDS) * way.substeps)
     stretch = float((chain.lengths_at(solver.positions) - chain.lengths).sum())
     return stretch if math.isfinite(stretch) else math.inf
 
 
 def material_stretch(links: int, stiffness: float) -> float:
-    """What the weight of a chain of 1 kg and 1 m makes of it, over its length."""
+    """Return the relative stretch of a chain of 1 kg and 1 m under its own weight."""
     carried = STANDARD_GRAVITY / links * np.arange(links, 0, -1)
     return float((carried / (stiffness * links)).sum())
 
 
-def sheet_stretch(way: Way, columns: int) -> float:
-    """Largest stretch of an edge along the columns of a cloth that hung for a second by two corners."""
+def sheet_stretch(way: SweepPlan, columns: int) -> float:
+    """Return the largest stretch of an edge along the columns of a cloth that hung by two corners for a second."""
     scene = build("cloth", columns=columns, rows=columns)
     points = (
         scene.simulate(frames=25, substeps=way.substeps, iterations=way.iterations, method=way.method)
@@ -112,7 +113,7 @@ def sheet_stretch(way: Way, columns: int) -> float:
 
 
 def extremes_figure(*, quick: bool) -> Figure:
-    """Mass ratios, links, stiffness and the resolution of a sheet, one at a time."""
+    """Chart mass ratios, numbers of links, stiffness and the resolution of a sheet, one at a time."""
     ratios = np.geomspace(1.0, 1e6, 4 if quick else 7)
     links = np.array([10, 100] if quick else [10, 30, 100, 300, 1000])
     stiffness = np.geomspace(1e2, 1e12, 3 if quick else 11)
@@ -120,11 +121,14 @@ def extremes_figure(*, quick: bool) -> Figure:
     panels: dict[str, tuple[Float64Array, dict[str, list[float]]]] = {
         "weight at the end, over a particle's": (
             ratios,
-            {name: [hanging_stretch(way, mass_ratio=r) for r in ratios.tolist()] for name, way in WAYS.items()},
+            {name: [hanging_stretch(way, mass_ratio=r) for r in ratios.tolist()] for name, way in SWEEP_PLANS.items()},
         ),
         "links of the chain": (
             links.astype(np.float64),
-            {name: [hanging_stretch(way, links=n, seconds=2.0) for n in links.tolist()] for name, way in WAYS.items()},
+            {
+                name: [hanging_stretch(way, links=n, seconds=2.0) for n in links.tolist()]
+                for name, way in SWEEP_PLANS.items()
+            },
         ),
         "stiffness of the chain [N/m]": (
             stiffness,
@@ -132,12 +136,12 @@ def extremes_figure(*, quick: bool) -> Figure:
                 name: [
                     abs(hanging_stretch(way, stiffness=k) / material_stretch(12, k) - 1.0) for k in stiffness.tolist()
                 ]
-                for name, way in WAYS.items()
+                for name, way in SWEEP_PLANS.items()
             },
         ),
         "columns of a hanging cloth": (
             columns.astype(np.float64),
-            {name: [sheet_stretch(WAYS[name], n) for n in columns.tolist()] for name in (PBD, ITERATED, SMALL)},
+            {name: [sheet_stretch(SWEEP_PLANS[name], n) for n in columns.tolist()] for name in (PBD, ITERATED, SMALL)},
         ),
     }
     mass, chain, stiff, sheet = (lines for _, lines in panels.values())
@@ -149,11 +153,11 @@ def extremes_figure(*, quick: bool) -> Figure:
         y = Axis(label, 1e-7, 1e12 if is_stiff else 1e3, log=True)
         panel = Panel(Axis(what, float(x[0]), float(x[-1]), log=True, ticks=x if x.size < 6 else ()), y)
         text = "fails: wrong by half" if is_stiff else "fails: stretched by a tenth"
-        panel.fails(text, above=STIFF_FAILS if is_stiff else FAILS)
+        panel.fails(text, above=FAILURE_STRETCH_ERROR if is_stiff else FAILURE_STRETCH)
         for name, values in lines.items():
-            panel.line(x, np.maximum(values, LEAST), WAYS[name].colour, name=name, dots=40)
+            panel.line(x, np.maximum(values, SMALLEST_DRAWN), SWEEP_PLANS[name].colour, name=name, dots=40)
         drawn.append(panel)
-    drawn[1].legend({name: way.colour for name, way in WAYS.items()})
+    drawn[1].legend({name: way.colour for name, way in SWEEP_PLANS.items()})
 
     rows: list[tuple[Value, ...]] = [
         (what, float(value), name, float(values[i]))
@@ -165,7 +169,7 @@ def extremes_figure(*, quick: bool) -> Figure:
         name="simulation-extremes",
         title="Heavy weights, long chains, stiff links, fine sheets",
         lesson=(
-            f"One budget of {SWEEPS} sweeps a frame. A chain that should not stretch stretches by "
+            f"One budget of {SWEEPS_PER_FRAME} sweeps a frame. A chain that should not stretch stretches by "
             f"{mass[ITERATED][-1]:.1g} of its length under a weight of a million times its particles' mass with "
             f"iterations, by {mass[SMALL][-1]:.1g} with small steps, and by {abs(mass[WHOLE][-1]):.1g} solved as a "
             f"whole. With {links[-1]} links it is {chain[ITERATED][-1]:.1g}, {chain[SMALL][-1]:.1g} and "
@@ -183,20 +187,20 @@ def extremes_figure(*, quick: bool) -> Figure:
     )
 
 
-RADIUS = 0.1
-"""Of the ball that particles are thrown at [m]."""
+BALL_RADIUS = 0.1
+"""Radius of the ball that particles are thrown at [m]."""
 
 
 def passes_through(speed: float, substep: float, *, through: str) -> float:
-    """Share of 21 particles thrown straight down at a ball, or at the ground, that end beyond it.
+    """Return the share of 21 particles that end beyond a ball, or the ground, after being thrown straight down at it.
 
-    `speed` [m/s], `substep` [s]; `through` is "ball" or "ground". They start at heights that differ by parts of a step,
-    so that no start is lucky.
+    `speed` [m/s], `substep` [s]; `through` is "ball" or "ground". The start heights differ by fractions of a step,
+    so that no particle benefits from a lucky start.
     """
     count = 21
     positions = np.zeros((count, 3))
-    positions[:, 1] = RADIUS + 0.5 + speed * substep * np.arange(count) / count
-    collider = Sphere(center=(0.0, 0.0, 0.0), radius=RADIUS) if through == "ball" else Ground(height=0.0)
+    positions[:, 1] = BALL_RADIUS + 0.5 + speed * substep * np.arange(count) / count
+    collider = Sphere(center=(0.0, 0.0, 0.0), radius=BALL_RADIUS) if through == "ball" else Ground(height=0.0)
     system = System(
         positions=positions,
         inverse_masses=np.ones(count),
@@ -205,14 +209,14 @@ def passes_through(speed: float, substep: float, *, through: str) -> float:
         gravity=0.0,
     )
     solver = Solver(system, substep=substep)
-    solver.advance(math.ceil((positions[:, 1].max() + 4 * RADIUS) / (speed * substep)))
+    solver.advance(math.ceil((positions[:, 1].max() + 4 * BALL_RADIUS) / (speed * substep)))
     return float((solver.positions[:, 1] < -1e-9).mean())
 
 
 def tunnelling_figure(*, quick: bool) -> Figure:
-    """Particles thrown at a ball, over speed and step."""
+    """Chart the particles that pass through a ball, over speed and step."""
     speeds = np.geomspace(1.0, 1000.0, 7 if quick else 25)
-    steps = FRAME / np.array([1, 2, 5, 10, 20, 50])
+    steps = FRAME_SECONDS / np.array([1, 2, 5, 10, 20, 50])
     found = np.array([[passes_through(v, h, through="ball") for v in speeds.tolist()] for h in steps.tolist()])
     ground = max(passes_through(v, h, through="ground") for v in speeds.tolist() for h in steps.tolist())
 
@@ -226,7 +230,7 @@ def tunnelling_figure(*, quick: bool) -> Figure:
     )
     title, marks = "share of particles that\npass through the ball", {0: "0", 0.5: "0.5", 1: "1"}
     panel.cells(at_x, at_y, found[::-1], colours=ORANGES, low=0, high=1, title=title, marks=marks)
-    panel.line(2 * RADIUS / steps, milliseconds, "black")
+    panel.line(2 * BALL_RADIUS / steps, milliseconds, "black")
     panel.text(1.3, 0.45, "line: a step is as\nlong as the ball is thick", "#333333")
     panel.text(120.0, 12.0, "fails: passes unseen", "white", bold=True)
 
@@ -235,7 +239,7 @@ def tunnelling_figure(*, quick: bool) -> Figure:
         title="Fast particles against a ball",
         lesson=(
             "Contacts are looked for where a particle ends a substep. A ball of "
-            f"{2 * RADIUS:g} m is missed by some as soon as a substep is longer than the ball is thick on their way, "
+            f"{2 * BALL_RADIUS:g} m is missed by some as soon as a substep is longer than their way through the ball, "
             f"and by {found[0, -1]:.0%} at {speeds[-1]:g} m/s and 60 substeps a second. Particles that end in its far "
             "half come out behind it, too, so that it is passed at half that length already. The ground, which is a "
             f"half space, is passed by {ground:.0%} at any speed and step."
@@ -253,8 +257,9 @@ def tunnelling_figure(*, quick: bool) -> Figure:
 def cloth_error(
     frames: int, side: int, settings: Sequence[tuple[int, int, Method]], reference: int
 ) -> list[tuple[float, float]]:
-    """CPU seconds and root mean square error over the diagonal, of a cloth simulated with each number of substeps and
-    iterations, against one with `reference` substeps of one iteration.
+    """Return CPU seconds and relative root mean square error of a cloth for each number of substeps and iterations.
+
+    The error is over the diagonal, against a simulation with `reference` substeps of one iteration.
     """
     scene = build("cloth", columns=side, rows=side)
     wanted = scene.simulate(frames=frames, substeps=reference).to_array().points.astype(np.float64)
@@ -270,21 +275,21 @@ def cloth_error(
 
 
 ITERATIONS = {1: BLUE, 4: GREEN, 20: ORANGE}
-"""Iterations a substep, and the colour of each."""
+"""Iterations per substep, with the colour of each."""
 
-MOST_SWEEPS = 320
-"""Substeps times iterations that are tried."""
+MAX_SWEEPS = 320
+"""Largest product of substeps and iterations that is tried."""
 
 
 def accuracy_figure(*, quick: bool) -> Figure:
-    """Error of XPBD against the CPU time that it takes."""
+    """Chart the error of XPBD against its CPU time."""
     frames, side, reference = (9, 8, 160) if quick else (25, 20, 1280)
     counts = [1, 5, 20, 80, 320]
     tried: list[tuple[int, int, Method]] = [
         (substeps, iterations, "xpbd")
         for iterations in ITERATIONS
         for substeps in counts
-        if substeps * iterations <= MOST_SWEEPS
+        if substeps * iterations <= MAX_SWEEPS
     ]
     tried += [(substeps, 1, "pbd") for substeps in counts]
     measured = dict(zip(tried, cloth_error(frames, side, tried, reference), strict=True))
@@ -293,7 +298,7 @@ def accuracy_figure(*, quick: bool) -> Figure:
 
     y = Axis.around("rms error over the cloth's diagonal", [error for _, error in measured.values()], log=True)
     taken = [seconds for seconds, _ in measured.values()]
-    left = Panel(Axis.around("sweeps a frame (substeps x iterations)", [1, MOST_SWEEPS], log=True), y)
+    left = Panel(Axis.around("sweeps a frame (substeps x iterations)", [1, MAX_SWEEPS], log=True), y)
     right = Panel(Axis.around(f"CPU time of {frames} frames [s]", taken, log=True), y)
     for key, name in names.items():
         points = [(s, *measured[s, i, m]) for s, i, m in tried if (i, m) == key]

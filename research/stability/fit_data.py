@@ -1,4 +1,4 @@
-"""The fit over what it is given: noise, few frames, few points, gaps, and times beyond the last frame."""
+"""Stability of the fit against its data: noise, few frames, few points, gaps, and times beyond the last frame."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, TIME_FUNCT
 from pdecodec.research.stability.fit_rates import motion, normal_equations, relative_error, svd
 
 ALPHAS = {0.0: BLUE, 3.0: GREEN, 8.0: ORANGE}
-"""Rates over t in [0, 1], and the colour of each."""
+"""Rates over t in [0, 1], with the colour of each."""
 
 SPLINE = "cubic spline"
 
 COLOURS = {**{f"alpha = {alpha:g}": colour for alpha, colour in ALPHAS.items()}, SPLINE: GREY}
 
 DENSE = np.linspace(0.0, 1.0, 401)
-"""Times at which the largest gain is looked for."""
+"""Times at which the largest gain is searched."""
 
 
 def time_weights(keyframes: Float64Array, at: Float64Array, alpha: float) -> Float64Array:
-    """What each keyframe adds to the fitted value at each time, (times, keyframes); fewer functions for few frames."""
+    """Return how much each keyframe adds to the fitted value at each time, (times, keyframes); few frames get
+    fewer functions.
+    """
     return _weights(keyframes, at, alpha, TIME_FUNCTIONS)
 
 
@@ -35,23 +37,23 @@ def _weights(known: Float64Array, at: Float64Array, rate: float, functions: int)
 
 
 def spline_weights(keyframes: Float64Array, at: Float64Array) -> Float64Array:
-    """The same of the cubic spline through the keyframes."""
+    """Return the same weights for the cubic spline through the keyframes."""
     return np.asarray(CubicSpline(keyframes, np.eye(len(keyframes)))(at))
 
 
 def _all_weights(keyframes: Float64Array, at: Float64Array) -> dict[str, Float64Array]:
-    """Those of every alpha and of the spline, by name."""
+    """Return the weights of every alpha and of the spline, by name."""
     fits = {f"alpha = {alpha:g}": time_weights(keyframes, at, alpha) for alpha in ALPHAS}
     return {**fits, SPLINE: spline_weights(keyframes, at)}
 
 
 def noise_gain(weights: Float64Array) -> Float64Array:
-    """Root mean square error at each time from noise of size 1 on every keyframe."""
+    """Return the root mean square error at each time that noise of size 1 on every keyframe causes."""
     return np.asarray(np.linalg.norm(weights, axis=1), np.float64)
 
 
 def noise_figure(most: int) -> Figure:
-    """Noise on the keyframes, up to `most` of them, and what it does at them and between."""
+    """Chart the effect of noise on up to `most` keyframes, at them and between."""
     counts = np.arange(3, most + 1)
     weights = [_all_weights(np.linspace(0, 1, n), DENSE) for n in counts]
     gains = {name: [float(noise_gain(item[name]).max()) for item in weights] for name in COLOURS}
@@ -96,7 +98,7 @@ def noise_figure(most: int) -> Figure:
 
 
 def few_figure(points: int) -> Figure:
-    """Fewer frames or points than functions; errors at so many points."""
+    """Chart fits with fewer frames or points than functions; errors are taken at `points` points."""
     u, times = np.linspace(0.0, 1.0, points), np.linspace(0.0, 1.0, 11)
     wanted = motion(u, times)
     rates = (2.0, 2.0)
@@ -163,7 +165,7 @@ def few_figure(points: int) -> Figure:
 
 
 def gap_figure(count: int) -> Figure:
-    """Missing and unevenly spaced frames, over so many widths of the gap."""
+    """Chart missing and unevenly spaced frames, for `count` widths of the gap."""
     widths = np.linspace(0.1, 0.9, count)
 
     def middle(width: float) -> Float64Array:
@@ -212,7 +214,7 @@ def gap_figure(count: int) -> Figure:
 
 
 def extrapolation_figure(count: int) -> Figure:
-    """Past the last frame, at so many times."""
+    """Chart the fit beyond the last frame, at `count` times."""
     beyond, keyframes = np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, 6)
     u = np.linspace(0.0, 1.0, 64)
     ahead, data = motion(u, 1 + beyond), motion(u, keyframes)

@@ -1,4 +1,6 @@
-"""The fit of Eq. 25 over alpha and r: condition numbers, and what each solver makes of them, in either precision."""
+"""Stability of the fit of Eq. 25 over alpha and r: condition numbers, and the error of each solver in both
+precisions.
+"""
 
 from __future__ import annotations
 
@@ -28,44 +30,44 @@ FloatArray = NDArray[np.floating[Any]]
 
 SMALLEST, LARGEST = 1e-6, 30.0
 
-RIDGE = {np.dtype(np.float64): 1e-12, np.dtype(np.float32): 1e-6}
-"""Share of the largest eigenvalue that ridge regression adds: a few digits above rounding."""
+RIDGE_FRACTION = {np.dtype(np.float64): 1e-12, np.dtype(np.float32): 1e-6}
+"""Fraction of the largest eigenvalue that ridge regression adds: a few digits above rounding."""
 
 EXACT_DIGITS = 80
-"""The printed columns lose up to 42 of them at the smallest rates."""
+"""Decimal digits of the exact fit; the printed columns lose up to 42 digits at the smallest rates."""
 
-KNOWN = 1e20
-"""Condition numbers of the 32 columns beyond this are those of factors that are near rounding themselves."""
+MEASURABLE_CONDITION = 1e20
+"""Above this condition number of the 32 columns, the factors' own condition numbers are near rounding."""
 
-FAILS = 2.0
-"""A solver has failed where it leaves this many times the error of the exact minimiser."""
+FAILURE_ERROR_RATIO = 2.0
+"""A solver fails where its error is this many times that of the exact minimiser."""
 
 PRECISIONS: dict[str, type[Any]] = {"float64": np.float64, "float32": np.float32}
 
 
 def normal_equations(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """As printed in Eq. 25: ``A^T A c = A^T w``."""
+    """Solve the normal equations as printed in Eq. 25: ``A^T A c = A^T w``."""
     return np.asarray(np.linalg.solve(columns.T @ columns, columns.T @ wanted))
 
 
 def ridge(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """The normal equations with a little more on the diagonal."""
+    """Solve the normal equations with a small multiple of the unit matrix added."""
     matrix = columns.T @ columns
     if not np.isfinite(matrix).all():
         raise np.linalg.LinAlgError("the squares of the columns overflow")
-    extra = RIDGE[columns.dtype] * np.linalg.norm(matrix, 2)
+    extra = RIDGE_FRACTION[columns.dtype] * np.linalg.norm(matrix, 2)
     identity = np.eye(len(matrix), dtype=columns.dtype)
     return np.asarray(np.linalg.solve(matrix + extra.astype(columns.dtype) * identity, columns.T @ wanted))
 
 
 def qr(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Orthogonal factorisation, no pivoting."""
+    """Solve by orthogonal factorisation without pivoting."""
     orthogonal, triangle = np.linalg.qr(columns)
     return np.asarray(np.linalg.solve(triangle, orthogonal.T @ wanted))
 
 
 def svd(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Singular values, those below rounding left out: of all minimisers the shortest."""
+    """Solve by singular values, without those below rounding: the shortest of all minimisers."""
     return np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0])
 
 
@@ -75,7 +77,7 @@ PRINTED_SOLVERS: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
     "QR": qr,
     "SVD": svd,
 }
-"""Solvers over the 32 printed columns, by name."""
+"""Solvers of the 32 printed columns, by name."""
 
 WELL_CONDITIONED = "well-conditioned basis"
 
@@ -85,25 +87,26 @@ SOLVER_COLOURS = dict(zip(NAMES, (ORANGE, PURPLE, GREEN, GREY, BLUE), strict=Tru
 
 
 class TensorFit:
-    """Fit of ``w(u, t)`` on a grid of parameters and times in [0, 1] to those frames that are keyframes, (frames,)
-    bool.
+    """Fit of ``w(u, t)`` on a grid of parameters and times in [0, 1].
+
+    The fit uses the frames marked as keyframes, (frames,) bool.
     """
 
     def __init__(self, u: Float64Array, times: Float64Array, keyframes: BoolArray) -> None:
         self.u, self.times, self.keyframes = u, times, keyframes
 
     def solve(self, name: str, wanted: Float64Array, alpha: float, r: float, dtype: type[Any]) -> Float64Array:
-        """Values at all times, (frames, points); not a number where the solver gives up.
+        """Return the fitted values at all times, (frames, points); NaN where the solver gives up.
 
         Parameters
         ----------
         name : str
-            Of :data:`NAMES`.
+            One of :data:`NAMES`.
         wanted : (frames, points) float64
         alpha, r : float
-            Over t and u in [0, 1].
+            Rates over t and u in [0, 1].
         dtype : type
-            np.float64 or np.float32: of the columns and of all arithmetic; the columns are rounded, not worse.
+            np.float64 or np.float32: precision of the columns and of all arithmetic. The columns are rounded to it.
         """
         if name == WELL_CONDITIONED:
             return self._well_conditioned(wanted, alpha, r, dtype)
@@ -128,36 +131,36 @@ class TensorFit:
 
 
 def keyframe_times(frames: int = 11) -> tuple[Float64Array, BoolArray]:
-    """Times in [0, 1], and which of them are keyframes: every second one."""
+    """Return times in [0, 1], and which of them are keyframes: every second one."""
     return np.linspace(0.0, 1.0, frames), np.arange(frames) % 2 == 0
 
 
 def motion(u: Float64Array, times: Float64Array) -> Float64Array:
-    """A smooth motion that is in no space of Eq. 18, (frames, points): bending waves over a slow drift."""
+    """Return a smooth motion that no space of Eq. 18 contains, (frames, points): bending waves over a slow drift."""
     grid_u, grid_t = u[None, :], times[:, None]
     return np.asarray(0.4 * np.sin(5.0 * grid_u - 2.5 * grid_t) + 0.6 * grid_t**2 * grid_u + 0.2 * np.cos(9.0 * grid_u))
 
 
 def sample_fit(points: int) -> tuple[TensorFit, Float64Array]:
-    """The fit of the test motion at so many points, and the motion, (frames, points)."""
+    """Return the fit of the test motion at `points` points, and the motion, (frames, points)."""
     u = np.linspace(0.0, 1.0, points)
     times, is_key = keyframe_times()
     return TensorFit(u, times, is_key), motion(u, times)
 
 
 def relative_error(found: Float64Array, wanted: Float64Array) -> float:
-    """Root mean square error over root mean square of what was wanted; infinite where it is not a number."""
+    """Return root mean square error over root mean square of `wanted`; infinite where it is not a number."""
     error = float(np.sqrt(((found - wanted) ** 2).mean() / (wanted**2).mean()))
     return error if np.isfinite(error) else float("inf")
 
 
 def condition_numbers(rate: float, points: int = 104) -> dict[str, float]:
-    """Condition numbers at alpha = r = rate; the 32 columns are a product, and so is their condition number."""
+    """Return condition numbers at alpha = r = rate. The 32 columns are a product, and so is their condition number."""
     times, is_key = keyframe_times()
     keys, u = times[is_key], np.linspace(0.0, 1.0, points)
     printed = _condition(time_functions(keys, rate)) * _condition(space_functions(u, rate))
     series = (unit_basis(keys, rate, TIME_FUNCTIONS), unit_basis(u, rate, SPACE_FUNCTIONS))
-    # Squared by its name: computed from the matrix itself it would saturate at rounding.
+    # The square of the factor's: computed from the matrix itself, the number would saturate at rounding.
     return {
         "normal equations": printed**2,
         "32 printed columns": printed,
@@ -167,16 +170,16 @@ def condition_numbers(rate: float, points: int = 104) -> dict[str, float]:
 
 
 def _condition(columns: Float64Array) -> float:
-    """Condition number of columns of length 1: what their lengths add, any solver takes out."""
+    """Return the condition number of columns scaled to length 1; any solver removes the effect of lengths."""
     return float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)))
 
 
 def condition_figure(count: int) -> Figure:
-    """How condition numbers grow as alpha and r go to 0, at so many rates."""
+    """Chart how condition numbers grow as alpha and r approach 0, at `count` rates."""
     rates = np.geomspace(SMALLEST, LARGEST, count)
     each = [condition_numbers(float(rate)) for rate in rates]
     found = {name: np.array([item[name] for item in each]) for name in each[0]}
-    # Time and space lose three and seven orders for each of rate: the slope where rounding is far.
+    # Time loses three and space seven orders of magnitude per order of rate: the slope far from rounding.
     inner = (rates > 0.1) & (rates < 1.0)
     slope = np.polyfit(np.log10(rates[inner]), np.log10(found["32 printed columns"][inner]), 1)[0]
     colours = dict(zip(found, (ORANGE, PURPLE, BLUE, GREY), strict=True))
@@ -185,8 +188,8 @@ def condition_figure(count: int) -> Figure:
     x = Axis("alpha = r, over t and u in [0, 1]", SMALLEST, LARGEST, log=True)
     panel = Panel(x, Axis("condition number", 0.3, 1e40, log=True), width=WIDTH, height=320)
     panel.fails("fails", above=no_digit["float64"])
-    # Where a factor's own condition number is rounding, the line is only a lower limit: dotted.
-    known = found["32 printed columns"] < KNOWN
+    # Where a factor's own condition number is at rounding, the line is only a lower limit and is dotted.
+    known = found["32 printed columns"] < MEASURABLE_CONDITION
     for name, values in found.items():
         is_known = known | (name in (WELL_CONDITIONED, "orthonormal"))
         panel.line(rates, np.where(is_known, values, np.nan), colours[name], name=name)
@@ -220,7 +223,7 @@ def condition_figure(count: int) -> Figure:
 
 
 def error_figure(count: int, points: int) -> Figure:
-    """Errors of every solver along alpha = r, in both precisions."""
+    """Chart the errors of every solver along alpha = r, in both precisions."""
     rates = np.geomspace(SMALLEST, LARGEST, count)
     fit, wanted = sample_fit(points)
     errors = {
@@ -239,7 +242,9 @@ def error_figure(count: int, points: int) -> Figure:
             Axis("error at all frames, over the motion (rms)", 1e-3, 1e3, log=True),
             title=precision,
         )
-        panel.fails("fails: twice the exact minimiser's error", above=FAILS * float(best[rates < 1].max()))
+        panel.fails(
+            "fails: twice the exact minimiser's error", above=FAILURE_ERROR_RATIO * float(best[rates < 1].max())
+        )
         for name, colour in SOLVER_COLOURS.items():
             width = 2.6 if name == WELL_CONDITIONED else 1.5
             panel.line(rates, np.minimum(errors[precision, name], 1e5), colour, name=name, width=width)
@@ -247,7 +252,7 @@ def error_figure(count: int, points: int) -> Figure:
     panels[-1].legend(SOLVER_COLOURS)
 
     def failing_below(precision: str, name: str) -> float:
-        return float(rates[(errors[precision, name] > FAILS * best) & (rates < 3)].max(initial=0.0))
+        return float(rates[(errors[precision, name] > FAILURE_ERROR_RATIO * best) & (rates < 3)].max(initial=0.0))
 
     return Figure(
         name="fit-error",
@@ -270,9 +275,10 @@ def error_figure(count: int, points: int) -> Figure:
 
 
 def exact_errors(fit: TensorFit, wanted: Float64Array, rates: Float64Array) -> Float64Array:
-    """Errors of the exact minimiser of Eq. 25 over alpha and r, (rates, rates): printed functions, many digits.
+    """Return errors of the exact minimiser of Eq. 25 over alpha and r, (rates, rates), from printed functions in many
+    digits.
 
-    The 32 functions are products, and so is the projection on them: one of time for each alpha, one of u for each r.
+    The 32 functions are products, so the projection on them is too: one in time for each alpha, one in u for each r.
     """
     in_time = [_exact_columns(_printed_time, fit.times, fit.keyframes, rate) for rate in rates.tolist()]
     along = [_exact_columns(_printed_space, fit.u, np.ones(fit.u.size, bool), rate) for rate in rates.tolist()]
@@ -302,7 +308,7 @@ def _printed_space(u: mpf, r: mpf) -> list[mpf]:
 def _exact_columns(
     functions: Callable[[mpf, mpf], list[mpf]], x: Float64Array, known: BoolArray, rate: float
 ) -> Float64Array:
-    """Functions at all x, (x, functions), orthonormal over those that are known: Gram and Schmidt's way."""
+    """Orthonormalise functions over the known samples by Gram-Schmidt; return them at all x, (x, functions)."""
     with mpmath.workdps(EXACT_DIGITS):
         columns = np.array([functions(mpf(value), mpf(rate)) for value in x.tolist()], dtype=object)
         for i in range(columns.shape[1]):
@@ -313,7 +319,7 @@ def _exact_columns(
 
 
 def map_figure(count: int, points: int) -> Figure:
-    """Errors of every solver over alpha and r, over those of the exact minimiser."""
+    """Chart the errors of every solver over alpha and r, divided by those of the exact minimiser."""
     rates = np.geomspace(SMALLEST, LARGEST, count)
     fit, wanted = sample_fit(points)
     best = exact_errors(fit, wanted, rates).ravel()
@@ -336,10 +342,10 @@ def map_figure(count: int, points: int) -> Figure:
         panel = Panel(x, y, title=name if is_first else "", width=150, height=150)
         ratio = np.clip(values, 1.0, 1e4).reshape(count, count)
         panel.cells(at, at, np.log10(ratio), colours=ORANGES, low=0, high=4, title=title, marks=marks)
-        panel.borders(at, at, ratio > FAILS)
+        panel.borders(at, at, ratio > FAILURE_ERROR_RATIO)
         panels.append(panel)
 
-    shares = {key: float((values > FAILS).mean()) for key, values in found.items()}
+    shares = {key: float((values > FAILURE_ERROR_RATIO).mean()) for key, values in found.items()}
     return Figure(
         name="fit-maps",
         title="Over alpha and r from 1e-6 to 30",

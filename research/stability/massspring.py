@@ -1,4 +1,4 @@
-"""A chain of springs by three integrators that are not position based, beside XPBD and PBD; where each holds.
+"""A chain of springs under three force-based integrators, XPBD and PBD: where each is stable.
 
 Forces are Hooke's, ``k (|x_b - x_a| - L)`` along each link. The chain is held at its first particle.
 """
@@ -17,16 +17,17 @@ from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.system import STANDARD_GRAVITY, System
 
 ITERATIONS = 10
-"""Of XPBD and PBD where nothing else is said."""
+"""Default number of iterations of XPBD and PBD."""
 
-GONE = 1e3
-"""Kinetic energy from which nothing comes back."""
+DIVERGED_ENERGY = 1e3
+"""Kinetic energy from which a run never recovers."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """A chain of so many links that starts level and falls: length [m], mass of each particle [kg], stiffness of each
-    link [N/m].
+    """A chain that starts level and falls.
+
+    Number of links, length [m], mass of each particle [kg], stiffness of each link [N/m].
     """
 
     links: int = 12
@@ -36,7 +37,7 @@ class Chain:
 
     @property
     def rest_length(self) -> float:
-        """Of one link [m]."""
+        """Rest length of one link [m]."""
         return self.length / self.links
 
     @property
@@ -45,17 +46,17 @@ class Chain:
         return 2.0 * float(np.sqrt(self.stiffness / self.mass))
 
     def positions(self) -> Float64Array:
-        """At the start, (links + 1, 3) [m]."""
+        """Start positions, (links + 1, 3) [m]."""
         points = np.zeros((self.links + 1, 3))
         points[:, 0] = np.linspace(0.0, self.length, self.links + 1)
         return points
 
     def system(self) -> System:
-        """The same chain for the bundled solver."""
+        """Return the same chain for the bundled solver."""
         return hanging(self.positions(), mass=self.mass, compliance=1 / self.stiffness)[0]
 
     def forces(self, positions: Float64Array) -> Float64Array:
-        """Springs and weight, (links + 1, 3) [N]; none on the held particle."""
+        """Return spring forces and weight, (links + 1, 3) [N]; 0 on the held particle."""
         difference = np.diff(positions, axis=0)
         lengths = np.linalg.norm(difference, axis=1, keepdims=True)
         pull = self.stiffness * (lengths - self.rest_length) * difference / lengths
@@ -67,7 +68,7 @@ class Chain:
         return total
 
     def energy(self, positions: Float64Array, velocities: Float64Array) -> float:
-        """Kinetic, of height and elastic [J]."""
+        """Return the sum of kinetic, potential and elastic energy [J]."""
         stretch = np.linalg.norm(np.diff(positions, axis=0), axis=1) - self.rest_length
         kinetic = 0.5 * self.mass * (velocities[1:] ** 2).sum()
         height = self.mass * STANDARD_GRAVITY * positions[1:, 1].sum()
@@ -75,14 +76,14 @@ class Chain:
 
     @property
     def fall(self) -> float:
-        """Weight times length [J]: more than a fall from level to hanging can set free."""
+        """Weight times length [J]: more than a fall from level to hanging can release."""
         return self.links * self.mass * STANDARD_GRAVITY * self.length
 
 
 def hanging(
     positions: Float64Array, *, mass: float, compliance: float, stiffness: float = 1.0, drag: float = 0.0
 ) -> tuple[System, DistanceConstraints]:
-    """Particles joined one after the other and held at the first, for the bundled solver, and their springs."""
+    """Return particles joined in a row and held at the first one, for the bundled solver, and their springs."""
     links = len(positions) - 1
     pairs = np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
     inverse = np.full(links + 1, 1 / mass)
@@ -93,20 +94,20 @@ def hanging(
 
 
 Step = Callable[[Chain, Float64Array, Float64Array, float], tuple[Float64Array, Float64Array]]
-"""From chain, positions, velocities and step [s] to the next positions and velocities."""
+"""A step function: chain, positions, velocities and step [s] to the next positions and velocities."""
 
 
 def explicit_euler(
     chain: Chain, positions: Float64Array, velocities: Float64Array, step: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Positions and velocities both by what is known at the start of the step."""
+    """Explicit Euler: positions and velocities both from the start of the step."""
     return positions + step * velocities, velocities + step / chain.mass * chain.forces(positions)
 
 
 def symplectic_euler(
     chain: Chain, positions: Float64Array, velocities: Float64Array, step: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Velocities first, positions by the new velocities."""
+    """Symplectic Euler: velocities first, then positions by the new velocities."""
     velocities = velocities + step / chain.mass * chain.forces(positions)
     return positions + step * velocities, velocities
 
@@ -114,7 +115,7 @@ def symplectic_euler(
 def implicit_euler(
     chain: Chain, positions: Float64Array, velocities: Float64Array, step: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Backward Euler by one linear solve a step (Baraff and Witkin, "Large steps in cloth simulation", 1998).
+    """Backward Euler by one linear solve per step (Baraff and Witkin, "Large steps in cloth simulation", 1998).
 
     Across a compressed link the stiffness is left out: it would make the matrix indefinite.
     """
@@ -156,7 +157,9 @@ METHODS = (*INTEGRATORS, "XPBD", LITERAL, "PBD")
 
 
 def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Float64Array, Float64Array]]:
-    """Positions and velocities after every step [s] of one of :data:`METHODS`, as long as they are finite."""
+    """Yield positions and velocities after every step [s] of a method of :data:`METHODS`, as long as they are
+    finite.
+    """
     if method in INTEGRATORS:
         positions, velocities = chain.positions(), np.zeros((chain.links + 1, 3))
         integrate = INTEGRATORS[method]
@@ -172,7 +175,7 @@ def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Fl
         if method == LITERAL:
             with np.errstate(all="ignore"):
                 pull = chain.forces(solver.positions)
-                pull[1:, 1] += chain.mass * STANDARD_GRAVITY  # gravity is the solver's
+                pull[1:, 1] += chain.mass * STANDARD_GRAVITY  # the solver adds gravity itself
                 solver.velocities += step / chain.mass * pull
         solver.advance()
         if not np.isfinite(solver.positions).all():
@@ -181,11 +184,11 @@ def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Fl
 
 
 def largest_motion(method: str, chain: Chain, step: float, steps: int) -> float:
-    """Largest kinetic energy at any step, over weight times length; infinite where the run went off."""
+    """Return the largest kinetic energy at any step over weight times length; infinite where the run diverged."""
     largest, done = 0.0, 0
     for _, velocities in run(method, chain, step, steps):
         largest, done = max(largest, 0.5 * chain.mass * float((velocities**2).sum()) / chain.fall), done + 1
-        if largest > GONE:
+        if largest > DIVERGED_ENERGY:
             return float("inf")
     return largest if done == steps else float("inf")
 
@@ -199,9 +202,10 @@ def hanging_stretch(
     links: int = 10,
     seconds: float = 4.0,
 ) -> float:
-    """Mean stretch of a chain that hangs at rest, over what its weight makes of it.
+    """Return the mean stretch of a chain that hangs at rest, relative to its stretch by its weight.
 
-    Substeps are of a sixtieth of a second; stiffness is that of PBD, 0 to 1; within `seconds` drag brings it to rest.
+    Substeps are a sixtieth of a second; `stiffness` is that of PBD, 0 to 1; drag brings the chain to rest within
+    `seconds`.
     """
     mass, compliance = 0.1, 1e-3
     positions = np.zeros((links + 1, 3))

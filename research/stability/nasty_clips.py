@@ -1,4 +1,4 @@
-"""Clips that are hard to encode, each for a reason of its own, made from nothing but numbers."""
+"""Synthetic clips that are hard to encode, each for one reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FPS = 24.0
 
 
 def waving_sheet(side: int, frames: int) -> tuple[Float64Array, MeshObject]:
-    """A square sheet of side 1 that waves: the plain case, and what most others are made from.
+    """Return a waving square sheet of side 1, the plain case from which most other clips are made.
 
     Returns
     -------
@@ -31,12 +31,12 @@ def waving_sheet(side: int, frames: int) -> tuple[Float64Array, MeshObject]:
 
 
 def waving(side: int, frames: int) -> ArraySequence:
-    """The sheet as it is."""
+    """Return the waving sheet unchanged."""
     return _clip(*waving_sheet(side, frames))
 
 
 def impact(side: int, frames: int) -> ArraySequence:
-    """Falls freely, and stops dead on the ground between two frames."""
+    """Return a sheet that falls freely and stops dead on the ground between two frames."""
     points, mesh = waving_sheet(side, frames)
     t = np.arange(frames) / FPS
     rest = points[:1]
@@ -47,7 +47,7 @@ def impact(side: int, frames: int) -> ArraySequence:
 
 
 def soup(side: int, frames: int) -> ArraySequence:
-    """Triangles between vertices at random, each vertex on a path of its own."""
+    """Return triangles between random vertices, each vertex on its own path."""
     random = np.random.default_rng(3)
     count = side * side
     t = np.arange(frames)[:, None, None] / FPS
@@ -60,7 +60,7 @@ def soup(side: int, frames: int) -> ArraySequence:
 
 
 def teleport(side: int, frames: int) -> ArraySequence:
-    """Waves, and is ten of its sizes away from one frame to the next, twice."""
+    """Return a waving sheet that twice moves by ten times its size from one frame to the next."""
     points, mesh = waving_sheet(side, frames)
     points[frames // 3 :, :, 0] += 10.0
     points[2 * frames // 3 :, :, 2] -= 10.0
@@ -68,14 +68,14 @@ def teleport(side: int, frames: int) -> ArraySequence:
 
 
 def stretched(side: int, frames: int) -> ArraySequence:
-    """Grows to a million times its length along one axis, by the same factor every frame."""
+    """Return a sheet that grows to a million times its length along one axis, by the same factor every frame."""
     points, mesh = waving_sheet(side, frames)
     points[..., 0] *= np.geomspace(1.0, 1e6, frames)[:, None]
     return _clip(points, mesh)
 
 
 def one_bit_jitter(side: int, frames: int) -> ArraySequence:
-    """Stands still but for the last bit of every coordinate, which is chance."""
+    """Return a sheet at rest whose coordinates change randomly in their last bit."""
     points, mesh = waving_sheet(side, frames)
     still = np.repeat(points[:1].astype(np.float32), frames, axis=0)
     random = np.random.default_rng(5)
@@ -84,7 +84,7 @@ def one_bit_jitter(side: int, frames: int) -> ArraySequence:
 
 
 def far_away(side: int, frames: int, offset: float = 1e5) -> ArraySequence:
-    """Waves at a distance of many of its sizes from the origin, where float32 has few bits left."""
+    """Return a waving sheet many times its size away from the origin, where float32 has few bits left."""
     points, mesh = waving_sheet(side, frames)
     return _clip(points + offset, mesh)
 
@@ -98,7 +98,7 @@ NASTY: dict[str, Callable[[int, int], ArraySequence]] = {
     "jitter of one bit": one_bit_jitter,
     "100,000 sizes away": far_away,
 }
-"""By name."""
+"""Clips by name."""
 
 
 def _clip(points: Float64Array | Float32Array, mesh: MeshObject) -> ArraySequence:

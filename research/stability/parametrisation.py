@@ -1,4 +1,4 @@
-"""The section on the parameter u: Eq. 24 beside arc length and index, on curves that it was not made for."""
+"""Stability of the parameter u: Eq. 24, arc length and index, on curves that Eq. 24 was not made for."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, unit_basis
 from pdecodec.research.reproduction.method import arc_length, coordinate_parameter
 
 POINTS = 200
-"""Of each curve: so close that what is seen is the parameter's doing."""
+"""Points of each curve: dense enough that the parameter alone causes the effects shown."""
 
 RATE = 3.0
-"""r of Eqs. 14 and 16: one of those that profile paper tries."""
+"""Rate r of Eqs. 14 and 16: one that profile paper tries."""
 
-SAME = 1e-9
-"""Parameters closer than this are one to the fit."""
+EQUAL_PARAMETER_DISTANCE = 1e-9
+"""The fit cannot distinguish parameters closer than this."""
 
-APART = 0.1
-"""Two points this far along the curve from each other, over its length, are two places."""
+DISTINCT_POINT_DISTANCE = 0.1
+"""Points this far apart along the curve, over its length, are different places."""
 
-FAILS = 0.1
-"""A fit that leaves a tenth of the displacement has failed."""
+FAILURE_ERROR = 0.1
+"""A fit fails if it leaves a tenth of the displacement."""
 
 
 def curves(points: int = POINTS) -> dict[str, Float64Array]:
-    """Curves by what is special about them, (points, 3) each."""
+    """Return test curves by name, (points, 3) each."""
     s = np.linspace(0.0, 1.0, points)
     zero, angle, fold = np.zeros_like(s), 2 * np.pi * s, 1 - np.abs(2 * s - 1)
     coordinates = {
@@ -47,13 +47,15 @@ def curves(points: int = POINTS) -> dict[str, Float64Array]:
 
 
 def displacement(points: int = POINTS) -> Float64Array:
-    """A smooth displacement along any curve, by its arc length, (points, 3): what is to be carried."""
+    """Return the displacement to fit, (points, 3): smooth along any curve, by arc length."""
     s = np.linspace(0.0, 1.0, points)[:, None]
     return np.asarray(np.sin(2.5 * s * np.array([1.0, 1.4, 0.7]) + np.array([0.0, 1.0, 2.0])))
 
 
 def case_figure() -> Figure:
-    """Each curve with each parameter: where u is undefined, where two points share it, and what a fit then leaves."""
+    """Chart each curve with each parameter: where u is undefined, where two points share it, and the error of
+    the fit.
+    """
     wanted = displacement()
     rows = [
         (name, parameter, float(np.isnan(u).any(axis=0).mean()), _shared(u), _fit_error(u, wanted))
@@ -66,7 +68,7 @@ def case_figure() -> Figure:
 
     x = Axis("displacement that eight functions of u leave over (rms, over the displacement)", 1e-6, 60, log=True)
     panel = Panel(x, replace(Axis.of_rows(names), grid=True), width=WIDTH)
-    panel.fails("fails", right_of=FAILS)
+    panel.fails("fails", right_of=FAILURE_ERROR)
     legend = {"u of Eq. 24": ORANGE, "by arc length": BLUE, "by index": GREY}
     shown = np.clip(np.where(np.isfinite(errors), errors, 2.0), 1.5e-6, 2.0)
     for values, (name, colour), shape in zip(shown.T, legend.items(), ("circle", "square", "stroke"), strict=True):
@@ -77,7 +79,7 @@ def case_figure() -> Figure:
         panel.text(2.6, height, ",\n".join(texts), ORANGE, size=10.5)
     panel.legend(legend)
 
-    broken = sum(1 for row in literal if row[2] or row[3] or not row[4] < FAILS)
+    broken = sum(1 for row in literal if row[2] or row[3] or not row[4] < FAILURE_ERROR)
     return Figure(
         name="parameter-cases",
         title="Eq. 24 on curves that it was not made for",
@@ -107,9 +109,11 @@ def _parameters(curve: Float64Array) -> dict[str, Float64Array]:
 
 
 def _shared(u: Float64Array) -> float:
-    """Largest share over the axes of points with another point far along the curve within half a spacing of u."""
+    """Return the largest share, over the axes, of points that have a far point of the curve within half a
+    spacing of u.
+    """
     s = np.linspace(0.0, 1.0, len(u))
-    far = np.abs(s[:, None] - s[None, :]) > APART
+    far = np.abs(s[:, None] - s[None, :]) > DISTINCT_POINT_DISTANCE
     share = 0.0
     for column in u.T:
         if not np.isnan(column).any():
@@ -119,19 +123,21 @@ def _shared(u: Float64Array) -> float:
 
 
 def _fit_error(u: Float64Array, wanted: Float64Array) -> float:
-    """Root mean square of what eight functions of u leave, over that of the displacement; infinite where undefined."""
+    """Return the root mean square that eight functions of u leave, over that of the displacement; infinite if
+    undefined.
+    """
     left = np.empty_like(wanted)
     for axis in range(3):
         if np.isnan(u[:, axis]).any():
             return float("inf")
         columns = unit_basis(u[:, axis], RATE, SPACE_FUNCTIONS)
-        solution = np.linalg.lstsq(columns, wanted[:, axis], rcond=SAME)[0]
+        solution = np.linalg.lstsq(columns, wanted[:, axis], rcond=EQUAL_PARAMETER_DISTANCE)[0]
         left[:, axis] = columns @ solution - wanted[:, axis]
     return float(np.sqrt((left**2).mean() / (wanted**2).mean()))
 
 
 def planar_figure(count: int) -> Figure:
-    """A curve that becomes planar: how much u moves when a coordinate moves by its last bit."""
+    """Chart how much u moves when a coordinate changes in its last bit, while a curve becomes planar."""
     thickness = np.geomspace(1.0, 1e-18, count)
     random = np.random.default_rng(0)
     drawn: dict[str, tuple[type[Any], str]] = {
@@ -183,7 +189,7 @@ def _sensitivity(thickness: float, dtype: type[Any], random: np.random.Generator
 
 
 def parametrisation_section(*, quick: bool) -> Section:
-    """Every figure of the parametrisation; `quick` takes coarser axes."""
+    """Return every chart on the parametrisation; `quick` takes coarser axes."""
     return Section(
         "The parametrisation",
         "Eq. 24 gives each point of each frame, axis by axis, its coordinate over the range of that coordinate.",

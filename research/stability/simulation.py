@@ -1,4 +1,4 @@
-"""The section on simulation: XPBD and PBD beside mass-spring integrators, over steps, stiffness and iterations."""
+"""Stability of the simulation: XPBD, PBD and mass-spring integrators, over steps, stiffness and iterations."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from pdecodec.research.stability.massspring import LITERAL, METHODS, Chain, hang
 
 COLOURS = dict(zip(METHODS, (ORANGE, PURPLE, GREEN, BLUE, SKY, GREY), strict=True))
 
-LONGEST = 10.0
-"""Of the steps that are tried [s]: ten times what a chain of a metre needs for a swing."""
+LONGEST_STEP = 10.0
+"""Longest step that is tried [s]: ten times what a chain of a metre needs for a swing."""
 
 DIVERGED = 1.0
-"""Kinetic energy over weight times length: a fall sets less than half of that free."""
+"""Kinetic energy over weight times length at which a run has diverged; a fall releases less than half of that."""
 
-RAN_OFF = 1e3
-"""Where runs that went off to infinity are drawn."""
+DRAWN_DIVERGENCE = 1e3
+"""Runs that diverged to infinity are drawn at this value."""
 
 TEST_STEPS = 300
-"""Steps in which a diverging chain must show it."""
+"""Steps within which a diverging chain must show it."""
 
 
 def energy_figure(seconds: float, step: float) -> Figure:
-    """Total energy of a falling chain over time, both in seconds."""
+    """Chart the total energy of a falling chain over time; both parameters in seconds."""
     chain = Chain()
     steps = round(seconds / step)
     every = max(1, steps // 400)
@@ -78,7 +78,7 @@ def energy_figure(seconds: float, step: float) -> Figure:
 
 
 def step_figure(count: int, smallest: float) -> Figure:
-    """Largest kinetic energy within a second, over steps from `smallest` seconds up."""
+    """Chart the largest kinetic energy within a second, over steps from `smallest` seconds up."""
     chain = Chain()
     sizes = np.geomspace(smallest, 0.1, count)
     found = {
@@ -87,11 +87,11 @@ def step_figure(count: int, smallest: float) -> Figure:
     }
     limit = 2 / chain.highest_frequency
 
-    y = Axis("largest kinetic energy within 1 s,\nover weight times length", 0.1, 2 * RAN_OFF, log=True)
+    y = Axis("largest kinetic energy within 1 s,\nover weight times length", 0.1, 2 * DRAWN_DIVERGENCE, log=True)
     panel = Panel(Axis("step [s]", smallest, 0.1, log=True), y, width=WIDTH)
     panel.fails("fails: more than the fall can give", above=DIVERGED, at=0.6)
     for name, values in found.items():
-        panel.line(sizes, np.clip(values, 1e-6, RAN_OFF), COLOURS[name], name=name)
+        panel.line(sizes, np.clip(values, 1e-6, DRAWN_DIVERGENCE), COLOURS[name], name=name)
     for name, at in (
         ("explicit Euler", (1.15 * smallest, 420.0)),
         ("symplectic Euler", (limit * 1.4, 20.0)),
@@ -99,7 +99,7 @@ def step_figure(count: int, smallest: float) -> Figure:
     ):
         panel.text(*at, name, COLOURS[name])
     steady = [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in ("implicit Euler", "XPBD", "PBD")]
-    panel.ends([*steady, (0.1, RAN_OFF, "ran off", INK)])
+    panel.ends([*steady, (0.1, DRAWN_DIVERGENCE, "ran off", INK)])
     panel.level(x=limit)
     panel.text(limit, 0.13, "2 / highest frequency", dx=4)
 
@@ -133,21 +133,21 @@ def step_figure(count: int, smallest: float) -> Figure:
 
 
 def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
-    """Largest step at which a chain holds, over its stiffness."""
+    """Chart the largest step at which a chain is stable, over its stiffness."""
     values = np.geomspace(1e2, 1e12, stiffnesses)
-    sizes = np.geomspace(1e-8, LONGEST, steps_tried)
+    sizes = np.geomspace(1e-8, LONGEST_STEP, steps_tried)
     chains = [Chain(stiffness=stiffness) for stiffness in values.tolist()]
     found = {method: [_largest_stable(method, chain, sizes) for chain in chains] for method in METHODS}
     theory = [2 / chain.highest_frequency for chain in chains]
 
     x = Axis("stiffness of a link [N/m]", 1e2, 1e12, log=True, ticks=10.0 ** np.arange(2, 13, 2))
-    panel = Panel(x, Axis("largest step that holds [s]", 1e-8, 30 * LONGEST, log=True), width=WIDTH, height=320)
-    panel.area(values, theory, np.full(values.size, LONGEST), FAILING)
+    panel = Panel(x, Axis("largest step that holds [s]", 1e-8, 30 * LONGEST_STEP, log=True), width=WIDTH, height=320)
+    panel.area(values, theory, np.full(values.size, LONGEST_STEP), FAILING)
     panel.text(3e6, 0.02, "fails for forces integrated as they stand", FAILURE, size=10.5)
     panel.line(values, theory, INK, dashes=DASHES, width=1)
     panel.lines(values, {name: (found[name], COLOURS[name]) for name in METHODS}, dots=30)
-    panel.level(y=LONGEST, dashes=DOTTED)
-    panel.text(1.5e2, LONGEST, "the longest step tried", dy=-8, size=10.5)
+    panel.level(y=LONGEST_STEP, dashes=DOTTED)
+    panel.text(1.5e2, LONGEST_STEP, "the longest step tried", dy=-8, size=10.5)
 
     return Figure(
         name="simulation-limit",
@@ -167,7 +167,7 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
 
 
 def _largest_stable(method: str, chain: Chain, sizes: Float64Array) -> float:
-    """The largest of the steps below which all hold, by bisection; 0 where none does."""
+    """Return the largest step below which all steps are stable, by bisection; 0 if none is."""
     low, high = -1, len(sizes)
     while high - low > 1:
         middle = (low + high) // 2
@@ -187,7 +187,9 @@ LINES: dict[str, tuple[Literal["xpbd", "pbd"], float, str]] = {
 
 
 def iteration_figure(most: int) -> Figure:
-    """Stiffness over iterations and substeps up to 2**most: XPBD's is the material's, PBD's the settings'."""
+    """Chart stiffness over iterations and substeps up to 2**most: XPBD has the material's, PBD depends on the
+    settings.
+    """
     counts = [2**power for power in range(most + 1)]
     found = {
         axis: {
@@ -236,7 +238,7 @@ def iteration_figure(most: int) -> Figure:
 
 
 def simulation_section(*, quick: bool) -> Section:
-    """Every figure of the simulation; `quick` takes coarser axes and shorter runs."""
+    """Return every chart on the simulation; `quick` takes coarser axes and shorter runs."""
     return Section(
         "The simulation",
         "A chain of twelve links, held at one end, falls from level; XPBD and PBD with ten iterations. And a chain "

@@ -26,14 +26,14 @@ from pdecodec.report.charts.plots import BLUE, Axis, Panel, beside
 from pdecodec.report.charts.vegalite import as_svg
 from pdecodec.research.reproduction.functions import space_functions, time_functions
 from pdecodec.research.reproduction.method import affine_between, rotation_between
-from pdecodec.research.stability.alignment import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
+from pdecodec.research.stability.alignment import STEADY_DEGREES, jitter, kabsch_plain, kabsch_proper, shape
 from pdecodec.research.stability.atlas import SECTIONS, make_atlas
 from pdecodec.research.stability.codec import coded
 from pdecodec.research.stability.extremes import (
+    BALL_RADIUS,
     ITERATED,
-    RADIUS,
     SMALL,
-    WAYS,
+    SWEEP_PLANS,
     WHOLE,
     cloth_error,
     material_stretch,
@@ -122,7 +122,7 @@ def test_the_librarys_rotation_is_proper_and_steady_on_every_curve() -> None:
         for matrix in (np.eye(3), mirror):
             target = shape(kind)
             assert np.linalg.det(rotation_between(target @ matrix, target)) == pytest.approx(1.0)
-            assert jitter(rotation_between, target @ matrix, target) < JITTERS
+            assert jitter(rotation_between, target @ matrix, target) < STEADY_DEGREES
 
 
 def test_without_care_a_straight_curve_spins_and_a_mirrored_one_is_mirrored() -> None:
@@ -171,7 +171,7 @@ def test_the_first_line_of_the_algorithm_with_the_constraints_own_forces_is_expl
 
 
 def test_a_chain_solved_as_a_whole_holds_any_weight_length_and_stiffness() -> None:
-    whole = WAYS[WHOLE]
+    whole = SWEEP_PLANS[WHOLE]
     assert extreme_stretch(whole, mass_ratio=1e6, seconds=1.0) < 1e-12
     assert extreme_stretch(whole, links=1000, seconds=0.5) < 1e-12
     for stiffness in (1e3, 1e7, 1e12):
@@ -181,15 +181,15 @@ def test_a_chain_solved_as_a_whole_holds_any_weight_length_and_stiffness() -> No
 
 def test_small_steps_stretch_less_than_as_many_iterations_and_neither_runs_off() -> None:
     for case in ({"mass_ratio": 1e3}, {"links": 100}, {"stiffness": 1e6}):
-        iterated, small = (extreme_stretch(WAYS[name], seconds=2.0, **case) for name in (ITERATED, SMALL))
+        iterated, small = (extreme_stretch(SWEEP_PLANS[name], seconds=2.0, **case) for name in (ITERATED, SMALL))
         assert 0 < small < 0.5 * iterated < 10
     (_, spread), (_, piled) = cloth_error(9, 8, [(20, 1, "xpbd"), (1, 20, "xpbd")], 320)
     assert spread < 0.5 * piled
 
 
 def test_a_ball_is_passed_where_a_step_is_longer_than_it_is_thick_and_the_ground_never() -> None:
-    assert passes_through(0.4 * RADIUS / 0.01, 0.01, through="ball") == 0.0
-    assert passes_through(5.0 * RADIUS / 0.01, 0.01, through="ball") > 0.5
+    assert passes_through(0.4 * BALL_RADIUS / 0.01, 0.01, through="ball") == 0.0
+    assert passes_through(5.0 * BALL_RADIUS / 0.01, 0.01, through="ball") > 0.5
     assert all(passes_through(speed, 0.01, through="ground") == 0.0 for speed in (1.0, 100.0, 1e4))
 
 
