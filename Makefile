@@ -39,13 +39,15 @@ test-all: test exactness
 long: $(READY)
 	$(BIN)/python -m pytest -m long -n 0
 
-# The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
+# The decoder under the sanitizers: misuse of the C interface, all vectors and MUTANTS damaged ones; with the system's
+# compiler alone.
 MUTANTS ?= 4000
 SANITIZE := PATH="$(CURDIR)/$(BIN):$$PATH" cmake
 ifeq ($(COMPILER),)
 sanitize: .venv/tools
 	$(SANITIZE) -S core -B build/sanitize -DPDEANIM_SANITIZE=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug
-	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants
+	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants misuse
+	build/sanitize/misuse spec/vectors/accept/polygons_attributes.pdeanim spec/vectors/accept/runs.pdeanim
 	$(BIN)/python -m spec.vector_files build/refused
 	build/sanitize/mutants $(MUTANTS) spec/vectors/accept/*.pdeanim build/refused/*.pdeanim
 else
@@ -81,7 +83,7 @@ browser:
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/clang-format --dry-run -Werror $(filter-out core/CMakeLists.txt,$(CORE)) examples/c/*.c
+	$(BIN)/clang-format --dry-run -Werror $(filter-out core/CMakeLists.txt,$(CORE)) examples/c/*.c core/tests/*.c
 
 # mypy needs the folders nested in one package, as they are installed: links stand in for copies.
 types: $(READY)

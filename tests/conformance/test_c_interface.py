@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,6 +18,9 @@ from spec.accepted import several_objects, with_attributes
 from spec.vector_files import ACCEPT
 
 ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "c" / "play.c"
+HEADER = (ROOT / "core" / "bindings" / "c" / "include" / "pdeanim.h").read_text()
+MISUSE = ROOT / "core" / "tests" / "misuse.c"
 
 
 @pytest.fixture(scope="module")
@@ -49,45 +53,74 @@ def library_of(installed: Path) -> Path:
 @pytest.fixture(scope="module")
 def player(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The example, compiled as its users do."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("there is no C compiler in the path")
-    folder = library_of(installed).parent
     program: Path = tmp_path_factory.mktemp("player") / "play"
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", f"-I{installed / 'include'}"]
-    source = ROOT / "examples" / "c" / "play.c"
-    command = [compiler, *flags, os.fspath(source), f"-L{folder}", "-lpdeanim", f"-Wl,-rpath,{folder}"]
-    subprocess.run([*command, "-o", os.fspath(program)], check=True)
+    compile_c(EXAMPLE, program, installed)
     return program
 
 
-def test_pkg_config_says_how_to_compile_with_the_library(installed: Path, tmp_path: Path) -> None:
-    if shutil.which("pkg-config") is None or shutil.which("cc") is None:
-        pytest.skip("pkg-config or a C compiler is not in the path")
-    folder = library_of(installed).parent
-    flags = run("pkg-config", "--cflags", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").split()
-    run("cc", ROOT / "examples" / "c" / "play.c", *flags, "-o", tmp_path / "play")
-    assert "-lstdc++" not in flags
-    assert "-lstdc++" in run("pkg-config", "--static", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig")
-    assert run("pkg-config", "--modversion", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").strip() == "1.0.0"
-
-
-def test_a_program_that_is_built_with_cmake_finds_the_library(installed: Path, tmp_path: Path) -> None:
+def compile_c(source: Path, program: Path, installed: Path) -> None:
     if shutil.which("cc") is None:
         pytest.skip("there is no C compiler in the path")
-    (tmp_path / "CMakeLists.txt").write_text(
+    folder = library_of(installed).parent
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", f"-I{installed / 'include'}"]
+    run("cc", *flags, source, f"-L{folder}", "-lpdeanim", f"-Wl,-rpath,{folder}", "-o", program)
+
+
+def link_by_cmake(installed: Path, folder: Path) -> Path:
+    """Build the example as a project in C alone that finds the installed library by CMake."""
+    (folder / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.20)\nproject(player LANGUAGES C)\n"
         "find_package(pdeanim 1.0 REQUIRED)\n"
-        f'add_executable(play "{ROOT / "examples" / "c" / "play.c"}")\n'
+        f'add_executable(play "{EXAMPLE}")\n'
         "target_link_libraries(play PRIVATE pdeanim::pdeanim)\n"
     )
-    run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}")
-    run("cmake", "--build", tmp_path / "build")
-    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
-    out = tmp_path / "out"
+    run("cmake", "-S", folder, "-B", folder / "build", f"-DCMAKE_PREFIX_PATH={installed}")
+    run("cmake", "--build", folder / "build")
+    return folder / "build" / "play"
+
+
+def link_by_pkg_config(installed: Path, folder: Path, *options: str) -> Path:
+    """Compile the example by the flags of pkg-config."""
+    if shutil.which("pkg-config") is None:
+        pytest.skip("pkg-config is not in the path")
+    (found,) = installed.glob("lib*/pkgconfig")
+    assert run("pkg-config", "--modversion", "pdeanim", PKG_CONFIG_PATH=found).strip() == "1.0.0"
+    flags = run("pkg-config", *options, "--cflags", "--libs", "pdeanim", PKG_CONFIG_PATH=found).split()
+    run("cc", EXAMPLE, *flags, f"-Wl,-rpath,{found.parent}", "-o", folder / "play")
+    return folder / "play"
+
+
+@pytest.mark.parametrize("options", [None, (), ("--static",)], ids=["cmake", "pkg-config", "pkg-config --static"])
+def test_a_program_in_c_links_and_plays(installed: Path, tmp_path: Path, options: tuple[str, ...] | None) -> None:
+    check_linking(installed, tmp_path, options)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("chosen", [(), ("-DBUILD_SHARED_LIBS=OFF",)], ids=["default", "static"])
+def test_a_program_in_c_links_each_build_of_the_library(tmp_path: Path, chosen: tuple[str, ...]) -> None:
+    if shutil.which("cmake") is None:
+        pytest.skip("cmake is not in the path")
+    build, installed = tmp_path / "build", tmp_path / "installed"
+    run("cmake", "-S", ROOT / "core", "-B", build, "-DCMAKE_BUILD_TYPE=Debug", *chosen)
+    run("cmake", "--build", build, "--parallel", "2")
+    run("cmake", "--install", build, "--prefix", installed)
+    kinds = {path.suffix for path in installed.glob("lib*/libpdeanim*")} - {".1", ".0"}
+    assert kinds == ({".a"} if chosen else {".so"})
+    for number, options in enumerate((None, (), ("--static",))):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        check_linking(installed, folder, options)
+
+
+def check_linking(installed: Path, folder: Path, options: tuple[str, ...] | None) -> None:
+    """Link the example by CMake, or by pkg-config with options, and play a file with it."""
+    if shutil.which("cc") is None:
+        pytest.skip("there is no C compiler in the path")
+    player = link_by_cmake(installed, folder) if options is None else link_by_pkg_config(installed, folder, *options)
+    out = folder / "out"
     out.mkdir()
-    run(tmp_path / "build" / "play", source, out)
-    with open_animation(source) as animation:
+    run(player, ACCEPT / "groups.pdeanim", out)
+    with open_animation(ACCEPT / "groups.pdeanim") as animation:
         assert len(list(out.iterdir())) == animation.frame_count
 
 
@@ -102,7 +135,7 @@ def encoded(sequence: MeshSequence, path: Path) -> Path:
 
 
 def test_the_example_has_fewer_than_a_hundred_lines() -> None:
-    assert len((ROOT / "examples" / "c" / "play.c").read_text().splitlines()) < 100
+    assert len(EXAMPLE.read_text().splitlines()) < 100
 
 
 def test_the_example_plays_a_file_to_obj_at_any_rate(player: Path, tmp_path: Path) -> None:
@@ -135,9 +168,35 @@ def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
     command = ["nm", "-D", "--defined-only", os.fspath(library_of(installed))]
     listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     names = {line.split()[-1].split("@")[0] for line in listed}
-    header = (ROOT / "core" / "bindings" / "c" / "include" / "pdeanim.h").read_text()
     assert {name for name in names if not name.startswith("pdeanim_")} <= {"_init", "_fini"}
-    assert all(f"{name}(" in header for name in names if name.startswith("pdeanim_"))
+    assert all(f"{name}(" in HEADER for name in names if name.startswith("pdeanim_"))
+
+
+def test_misuse_of_the_interface_is_refused_without_a_crash(installed: Path, tmp_path: Path) -> None:
+    compile_c(MISUSE, tmp_path / "misuse", installed)
+    printed = run(tmp_path / "misuse", ACCEPT / "polygons_attributes.pdeanim", ACCEPT / "runs.pdeanim")
+    assert ", 0 not as they must be" in printed
+
+
+OPTIONAL = {"options", "error", "user"}
+"""Parameters that may be NULL."""
+
+
+def test_the_table_of_misuse_has_every_pointer_of_every_function_of_the_header() -> None:
+    declared = dict(re.findall(r"PDEANIM_API [^;(]*?\b(pdeanim_\w+)\(([^)]*)\)", HEADER))
+    rows: dict[str, list[list[str]]] = {}
+    for name, arguments in re.findall(r"\b(pdeanim_\w+)(?:, |\()([^;]*)\);", MISUSE.read_text()):
+        rows.setdefault(name, []).append([argument.strip() for argument in arguments.split(",")])
+    assert len(declared) > 25
+    assert declared.keys() <= rows.keys()
+    for name, parameters in declared.items():
+        for place, parameter in enumerate(parameters.split(",")):
+            called = re.split(r"[ *]+", parameter.strip())[-1]
+            if ("*" not in parameter and called != "read") or called in OPTIONAL:
+                continue
+            given = {row[place] for row in rows[name] if len(row) > place}
+            is_handle = place == 0 and called == "animation"
+            assert given >= ({"NULL", "closed"} if is_handle else {"NULL"}), (name, called)
 
 
 class Error(ctypes.Structure):

@@ -13,6 +13,12 @@
  * exits or prints. Functions may be called from several threads, also for the same animation: they take turns. What
  * pointers in results point to belongs to the animation and stays until it is closed.
  *
+ * Arguments are checked: NULL in place of an animation, of data or of a result, an animation that is closed, and a number or
+ * a size out of range are PDEANIM_ARGUMENT. `out` may be NULL where no number is written to it. A function that returns no
+ * status returns -1 then, or NULL; pdeanim_close and pdeanim_cancel do nothing. After an error results are not written, but
+ * that a function that opens sets its result to NULL. A closed animation is known by its address, which a later one may
+ * get: a program must not depend on the check.
+ *
  * Vertices of all objects are numbered through: those of the first object, then those of the second.
  *
  * Faces are the same in every frame of most files. A file may also hold several runs of frames, each with faces and vertices
@@ -49,7 +55,7 @@ typedef enum pdeanim_status {
     PDEANIM_OK = 0,
     PDEANIM_CORRUPT = 1,     /* the file is damaged, truncated, of another kind or a later major version */
     PDEANIM_LIMIT = 2,       /* the file asks for more memory than the options allow */
-    PDEANIM_ARGUMENT = 3,    /* an argument is out of range */
+    PDEANIM_ARGUMENT = 3,    /* an argument is NULL, closed or out of range */
     PDEANIM_READ_FAILED = 4, /* the read function failed */
     PDEANIM_NO_MEMORY = 5,   /* there is no memory left */
     PDEANIM_CANCELLED = 6,   /* pdeanim_cancel was called */
@@ -66,7 +72,7 @@ typedef struct pdeanim_error {
 } pdeanim_error;
 
 typedef struct pdeanim_options {
-    size_t size;         /* sizeof(pdeanim_options): later versions may add fields behind those that there are */
+    size_t size; /* sizeof(pdeanim_options), never 0: later versions may add fields behind those that there are */
     uint64_t max_memory; /* bytes that a file may ask for; 0: 4 GiB */
     uint32_t threads;    /* that decode beside each other; 0: one a processor */
     uint64_t max_output; /* bytes of positions, 12 for each vertex and frame, that a file may declare; 0: any number */
@@ -86,7 +92,8 @@ PDEANIM_API int pdeanim_format_version(void);
 PDEANIM_API pdeanim_status pdeanim_open_memory(const void *data, size_t size, const pdeanim_options *options,
                                                pdeanim_animation **animation, pdeanim_error *error);
 
-/* Reads `size` bytes from `offset` on, returns how many were read (fewer at the end of the file alone), or -1. */
+/* Reads `size` bytes from `offset` on, returns how many were read (fewer at the end of the file alone), or -1. A count
+ * above `size` is PDEANIM_READ_FAILED. */
 typedef int64_t (*pdeanim_read)(void *user, uint64_t offset, void *into, size_t size);
 
 /* Open a file of `size` bytes that is read through a function: each part when it is first needed, so that a clip on a
@@ -95,7 +102,7 @@ PDEANIM_API pdeanim_status pdeanim_open_read(pdeanim_read read, void *user, uint
                                              const pdeanim_options *options, pdeanim_animation **animation,
                                              pdeanim_error *error);
 
-/* Close an animation; NULL is passed over. No other call may be under way. */
+/* Close an animation; NULL, and one that is closed, are passed over. No other call may be under way. */
 PDEANIM_API void pdeanim_close(pdeanim_animation *animation);
 
 /* Make calls that are under way end soon with PDEANIM_CANCELLED; later calls go on as if nothing had been. */
@@ -112,7 +119,8 @@ PDEANIM_API const double *pdeanim_times(const pdeanim_animation *animation); /* 
 /* Runs of frames, each with faces of its own: 1 of most files. */
 PDEANIM_API int64_t pdeanim_run_count(const pdeanim_animation *animation);
 
-/* The run that holds at a time [s]: between the last frame of one and the first of the next it is the earlier one. */
+/* The run that holds at a time [s]: between the last frame of one and the first of the next it is the earlier one.
+ * -1 for a time that is not a number. */
 PDEANIM_API int64_t pdeanim_run_at(const pdeanim_animation *animation, double time);
 
 /* The first frame of a run; of the number of runs the number of frames; -1 where there is no such run. */
