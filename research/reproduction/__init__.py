@@ -1,1 +1,1 @@
-"""Section 5 of Fang et al. 2024 done again on a rope of the same size, measured, and judged claim by claim."""
+"""Repeat section 5 of Fang et al. 2024 on a rope of the same size, measure it, and judge it claim by claim."""

@@ -1,4 +1,4 @@
-"""Figures of accuracy: Table 1, the map of alpha and r, every variant, the readings of B-splines."""
+"""Charts of accuracy: Table 1, the map of alpha and r, every variant, every reading of the B-spline baseline."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pdecodec.research.reproduction.method import (
     frame_errors,
     reconstruct_in_pieces,
 )
-from pdecodec.research.reproduction.sweep import WITHIN, times_table_1
+from pdecodec.research.reproduction.sweep import LEVEL_RATIO, times_table_1
 
 PIECES = 9
-"""Pieces of a curve at which the PDE spends 288 constants, where B-splines spend 300."""
+"""Pieces per curve with which the PDE method has 288 constants; the B-splines have 300."""
 
 
 def table_1_figure(findings: Findings) -> Figure:
-    """Both methods frame by frame, printed and found."""
+    """Chart both methods frame by frame, as printed and as found."""
     spline, fair = findings.spline(bspline.printed), findings.spline(bspline.fair)
     found, every = findings.printed_first, findings.printed_every
     columns: dict[str, Float64Array] = {}
@@ -39,7 +39,7 @@ def table_1_figure(findings: Findings) -> Figure:
         columns[f"fair B-spline {measure}"] = getattr(fair.first, field)
     order = sorted(columns, key=lambda name: ("fair" in name, "B-spline" in name))
     summary = {name: float(np.mean(v) if "E_A" in name else np.max(v)) for name, v in columns.items()}
-    reached = "comes" if times_table_1(found) <= WITHIN else "does not come"
+    reached = "comes" if times_table_1(found) <= LEVEL_RATIO else "does not come"
 
     frames = np.arange(len(found.average))
     panels = []
@@ -60,8 +60,8 @@ def table_1_figure(findings: Findings) -> Figure:
         name="table-1",
         title="Table 1, printed and found",
         lesson=(
-            f"Given u of Eq. 24, the PDE method {reached} within a factor {WITHIN:g} of the paper's errors on our rope "
-            f"at alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}), "
+            f"Given u of Eq. 24, the PDE method {reached} within a factor {LEVEL_RATIO:g} of the paper's errors on our "
+            f"rope at alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}), "
             f"largest E_M {found.largest:.4f} (paper {printed.PDE_LARGEST}); over all curves "
             f"{every.mean:.4f} and {every.largest:.4f}. B-splines evaluated at u of "
             f"Eq. 24 leave {spline.first.mean:.4f} and {spline.first.largest:.4f} (paper {printed.SPLINE_MEAN} and "
@@ -78,9 +78,9 @@ def table_1_figure(findings: Findings) -> Figure:
 
 
 def rate_map_figure(findings: Findings) -> Figure:
-    """Where alpha and r give Table 1's errors."""
+    """Chart which alpha and r give the errors of Table 1."""
     (mean, largest), honest = findings.printed_map, findings.honest_map
-    inside: BoolArray = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= WITHIN
+    inside: BoolArray = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= LEVEL_RATIO
     chosen = findings.printed_chosen
 
     at = edges(MAP_RATES, log=True)
@@ -105,7 +105,7 @@ def rate_map_figure(findings: Findings) -> Figure:
         title="The rates that the paper does not give",
         lesson=(
             f"{int(inside.sum())} of {inside.size} pairs of alpha and r bring mean E_A and largest E_M below "
-            f"{WITHIN:g} times Table 1 (dots; the star is what this report uses). Below about 1 the rates make no "
+            f"{LEVEL_RATIO:g} times Table 1 (dots; the star is what this report uses). Below about 1 the rates make no "
             "difference: the functions are polynomials there. The keyframes themselves would choose alpha = "
             f"{chosen.alpha:g}, r = {chosen.r:g}. With a u that a decoder knows, the best mean E_A on the map is "
             f"{honest[0].min():.4f}."
@@ -130,8 +130,9 @@ def rate_map_figure(findings: Findings) -> Figure:
 
 @dataclass(frozen=True)
 class Match:
-    """How errors frame by frame go with those that Table 1 prints for B-splines: Spearman's rank correlations of E_A
-    and E_M; least and largest E_M over E_A, here and there.
+    """How errors frame by frame relate to those that Table 1 prints for B-splines.
+
+    Spearman's rank correlations of E_A and of E_M; the smallest and the largest E_M over E_A, printed and found.
     """
 
     average: float
@@ -157,7 +158,7 @@ def match_with_table_1(errors: FrameErrors) -> Match:
 
 
 def splines_figure(findings: Findings) -> Figure:
-    """Every reading of the B-spline baseline."""
+    """Chart every reading of the B-spline baseline."""
     readings, honest = findings.splines, findings.honest_first
     curve = findings.curves[:1]
     pieces = frame_errors(curve, reconstruct_in_pieces(curve[0], PIECES)[None], findings.diameter)
@@ -223,14 +224,14 @@ STEPS: dict[str, Variant] = {
     "displacement": replace(_BASE, target="displacement"),
     "displacement and affine functions": replace(_BASE, target="displacement", affine_functions=True),
 }
-"""Of the chart of variants, from top to bottom."""
+"""Rows of the chart of variants, from top to bottom."""
 
 
 def variants_figure(findings: Findings) -> Figure:
-    """Every combination, and a chart of what each choice changes."""
+    """Chart every combination of choices, and what each choice changes."""
     every = findings.variants
     fixed = {item.variant: item for item in every if not item.rates_chosen}
-    # What was chosen for a variant follows it in the list.
+    # A variant with chosen rates follows the same variant with fixed rates in the list.
     follower = dict(zip((item.variant for item in every[::2]), every[1::2], strict=True))
 
     names = Axis.of_rows([f"{name} ({item.numbers})" for name, item in STEPS.items()])

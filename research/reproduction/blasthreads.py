@@ -1,7 +1,7 @@
-"""Numpy's linear algebra in one thread while the paper's method is measured.
+"""Limit numpy's linear algebra to one thread while the paper's method is measured.
 
-The products are small and many: BLAS' own threads spend their time waiting for each other, five times as much of it
-where another program runs, and how they share a sum out decides its last bits. (The encoder has no BLAS in it.)
+The products are small and many. With several threads, BLAS spends its time waiting, five times as much when another
+program runs, and the way it divides a sum decides the last bits. (The encoder uses no BLAS.)
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 _MODULES = ("numpy.linalg._umath_linalg",)
-"""What is linked with the BLAS that numpy uses."""
+"""Modules that are linked with numpy's BLAS."""
 
 _CALLS = (
     *(
@@ -26,11 +26,11 @@ _CALLS = (
     ("MKL_Get_Max_Threads", "MKL_Set_Num_Threads"),
     ("bli_thread_get_num_threads", "bli_thread_set_num_threads"),
 )
-"""Functions of OpenBLAS (as numpy and scipy bring it along, and as systems do), of MKL and of BLIS."""
+"""Functions of OpenBLAS (as numpy and scipy ship it, and as systems do), of MKL and of BLIS."""
 
 
 class _Library(NamedTuple):
-    """Functions of a library: how many threads it takes, and to have it take so many."""
+    """Functions of a library that get and set its number of threads."""
 
     count: Any
     limit: Any
@@ -38,7 +38,7 @@ class _Library(NamedTuple):
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Within, BLAS of this process takes one thread; afterwards as many as before."""
+    """Limit this process's BLAS to one thread within the context; restore the number afterwards."""
     before = blas_threads()
     for library in _libraries():
         library.limit(1)
@@ -50,7 +50,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def blas_threads() -> list[int]:
-    """How many threads numpy's BLAS takes; nothing where it is none of :data:`_CALLS`."""
+    """Return the thread counts of numpy's BLAS; empty if it is none of :data:`_CALLS`."""
     return [int(library.count()) for library in _libraries()]
 
 
@@ -60,7 +60,7 @@ def _libraries() -> tuple[_Library, ...]:
     for name in _MODULES:
         with suppress(ImportError, OSError):
             file = Path(str(importlib.import_module(name).__file__))
-            # Functions of the libraries that a module is linked with are found through it, but on Windows.
+            # Except on Windows, the functions of linked libraries are found through the module.
             beside = (file.parents[2] / f"{name.split('.')[0]}.libs").glob("*openblas*")
             loaded = [ctypes.CDLL(str(path)) for path in (file, *beside)]
             known = (_named(library, *calls) for library in loaded for calls in _CALLS)
@@ -69,7 +69,7 @@ def _libraries() -> tuple[_Library, ...]:
 
 
 def _named(library: ctypes.CDLL, count: str, limit: str) -> _Library | None:
-    """Two functions of a library by their names; None if it has no such."""
+    """Return two functions of a library by name; None if it lacks them."""
     try:
         return _Library(getattr(library, count), getattr(library, limit))
     except AttributeError:

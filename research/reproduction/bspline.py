@@ -1,8 +1,8 @@
-"""The baseline: cubic B-splines of 50 control points a curve and keyframe, straight lines in time between them.
+"""The baseline: cubic B-splines of 50 control points per curve and keyframe, interpolated linearly in time.
 
-The paper fits them "with 50 control points each", and evaluates ``w(u_nk)`` (below Eq. 27), where u_nk is the parameter
-of Eq. 24. That sentence read as it stands, a spline fitted along the curve and evaluated at another parameter, is one
-reading here. The others fit and evaluate at the same parameter, as every textbook does.
+The paper fits them "with 50 control points each" and evaluates ``w(u_nk)`` (below Eq. 27), where u_nk is the
+parameter of Eq. 24. Read literally, a spline is fitted along the curve and evaluated at another parameter; this is
+one reading here. The other readings fit and evaluate at the same parameter, as every textbook does.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from pdecodec.research.reproduction.rope import KEYFRAMES
 DEGREE = 3
 
 CONTROL_POINTS = 50
-"""Of a curve, as the paper has them (section 5)."""
+"""Control points per curve, as in the paper (section 5)."""
 
 EQUAL_SPACE, EQUAL_TIME = 8, 4
 """Control points along the curve and in time of a spline surface with as many constants as Eq. 17."""
 
 
 def printed(curve: Float64Array) -> Float64Array:
-    """As printed: fitted by point index with equal knots, evaluated at u_nk of Eq. 24, axis by axis."""
+    """Return the printed reading: fitted by point index with equal knots, evaluated at u_nk of Eq. 24, axis by axis."""
     index = np.linspace(0.0, 1.0, curve.shape[1])
 
     def at_keyframe(points: Float64Array) -> Float64Array:
@@ -38,44 +38,48 @@ def printed(curve: Float64Array) -> Float64Array:
 
 
 def control_points_on_the_curve(curve: Float64Array) -> Float64Array:
-    """No fit: every seventeenth point is a control point."""
+    """Return the reading without a fit: every seventeenth point is a control point."""
     index = np.linspace(0.0, 1.0, curve.shape[1])
     chosen = np.rint(np.linspace(0, curve.shape[1] - 1, CONTROL_POINTS)).astype(int)
     return _linear_in_time(curve, lambda points: BSpline(uniform_knots(CONTROL_POINTS), points[chosen], DEGREE)(index))
 
 
 def fair_keyframes(curve: Float64Array) -> Float64Array:
-    """Least squares by point index, equal knots, (6, points, 3): the plainest correct reading, nothing stored for u."""
+    """Return keyframes, (6, points, 3), fitted by point index with equal knots: the plainest correct reading,
+    no u stored.
+    """
     index = np.linspace(0.0, 1.0, curve.shape[1])
     knots = uniform_knots(CONTROL_POINTS)
     return np.stack([_fit(index, points, knots)(index) for points in curve[KEYFRAMES]])
 
 
 def fair(curve: Float64Array) -> Float64Array:
-    """The fair spline, straight lines in time as in the paper."""
+    """Return the fair spline with linear interpolation in time, as in the paper."""
     return fill_between(fair_keyframes(curve), len(curve))
 
 
 def fair_and_cubic_in_time(curve: Float64Array) -> Float64Array:
-    """The fair spline with a cubic through the same keyframes in time: as many control points."""
+    """Return the fair spline with a cubic in time through the same keyframes: as many control points."""
     keyframes = np.arange(len(curve))[KEYFRAMES]
     return np.asarray(CubicSpline(keyframes, fair_keyframes(curve))(np.arange(len(curve))))
 
 
 def by_arc_length(curve: Float64Array) -> Float64Array:
-    """Least squares by arc length at frame 0, knots where the points are."""
+    """Return the least-squares spline by arc length at frame 0, with knots where the points are."""
     u = arc_length(curve[0])
     knots = averaged_knots(u, CONTROL_POINTS)
     return _linear_in_time(curve, lambda points: _fit(u, points, knots)(u))
 
 
 def equal_numbers(curve: Float64Array) -> Float64Array:
-    """A tensor-product spline of 8 x 4 control points by index, 32 constants an axis as in Eq. 17."""
+    """Return a tensor-product spline of 8 x 4 control points by index: 32 constants per axis, as in Eq. 17."""
     return surface(curve, np.linspace(0.0, 1.0, curve.shape[1]))
 
 
 def surface(curve: Float64Array, u: Float64Array) -> Float64Array:
-    """The spline surface of 8 x 4 control points over u and time, at all frames: (frames, points, axes) float64."""
+    """Return the spline surface of 8 x 4 control points over u and time at all frames: (frames, points, axes)
+    float64.
+    """
     time = np.linspace(0.0, 1.0, len(curve))
     space = BSpline.design_matrix(u, uniform_knots(EQUAL_SPACE), DEGREE).toarray()
     along = np.linalg.lstsq(space, curve[KEYFRAMES].transpose(1, 0, 2).reshape(len(u), -1), rcond=None)[0]
@@ -93,17 +97,19 @@ READINGS: dict[str, tuple[int, Callable[[Float64Array], Float64Array]]] = {
     "least squares by arc length, fitted knots": (300, by_arc_length),
     "spline surface of 8 x 4 control points": (32, equal_numbers),
 }
-"""Control points of a curve over all keyframes, and the reading, by name."""
+"""Readings by name, with the control points of a curve over all keyframes."""
 
 
 def uniform_knots(count: int) -> Float64Array:
-    """Equal knots over [0, 1], clamped at both ends, of `count` control points."""
+    """Return `count` control points' equal knots over [0, 1], clamped at both ends."""
     inner = np.linspace(0.0, 1.0, count - DEGREE + 1)
     return np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
 
 
 def averaged_knots(u: Float64Array, count: int) -> Float64Array:
-    """Knots that follow the parameter's density, clamped at both ends (Piegl and Tiller, The NURBS Book, Eq. 9.69)."""
+    """Return knots that follow the parameter's density, clamped at both ends (Piegl and Tiller, The NURBS Book,
+    Eq. 9.69).
+    """
     spans = count - DEGREE
     step = len(u) / spans
     places = np.arange(1, spans) * step
@@ -113,7 +119,7 @@ def averaged_knots(u: Float64Array, count: int) -> Float64Array:
 
 
 def fill_between(keyframes: Float64Array, frames: int) -> Float64Array:
-    """All frames from keyframes, straight lines in time."""
+    """Interpolate all frames linearly from keyframes."""
     every = np.zeros((frames, *keyframes.shape[1:]))
     every[KEYFRAMES] = keyframes
     return between_keyframes(every)

@@ -1,10 +1,10 @@
 """What the method costs: design variables as the paper counts them, bytes that a decoder needs, and CPU time.
 
-What is known to a decoder without being stored, such as the number of a point along its curve, costs nothing here.
+Values that a decoder knows without storage, such as the index of a point along its curve, cost nothing here.
 
-Two ways to have keyframes. Taken from the simulation as it is, they cost as much as all frames: the solver passes
-through every one of them. Simulated with a doubled step they cost half, and are other keyframes; but then XPBD with
-that step gives the frames between as well, for the same price.
+Keyframes can be had in two ways. Taken from the full simulation, they cost as much as all frames, because the solver
+passes through every one. Simulated with a doubled step they cost half, but are different keyframes; and XPBD with
+that step gives the frames between as well, at the same price.
 """
 
 from __future__ import annotations
@@ -33,25 +33,27 @@ from pdecodec.research.reproduction.rope import FRAMES, KEYFRAMES, Rope, as_curv
 T = TypeVar("T")
 
 NUMBER_BYTES = 4
-"""Everything is counted as float32, as the positions are."""
+"""Bytes per number; everything counts as float32, as positions do."""
 
 KEYFRAME_COUNT = 6
-"""Of the eleven frames: every other one is fitted, as in the paper."""
+"""Keyframes among the eleven frames: every second frame is fitted, as in the paper."""
 
 TRANSFORMATION_NUMBERS = 12
-"""A 3 x 3 matrix and a translation, Eqs. 19 to 23."""
+"""Numbers of a 3 x 3 matrix and a translation, Eqs. 19 to 23."""
 
 CONSTANTS = 32
-"""Of a curve and axis: 4 functions of time times 8 of u, Eq. 17."""
+"""Constants per curve and axis: 4 functions of time times 8 of u, Eq. 17."""
 
 RUNS = 2
-"""Of which the least time counts: what others do on the machine only adds. All is compiled before."""
+"""Runs per timing; the shortest counts, because other programs can only add time."""
 
 
 @dataclass(frozen=True)
 class Store:
-    """What one representation of the clip takes: design variables as the paper counts them; bytes by what they are
-    for; the largest vertex distance over D at frames 0 to 10.
+    """Storage of one representation of the clip.
+
+    Design variables as the paper counts them; bytes by purpose; the largest vertex distance over D at frames 0 to
+    10.
     """
 
     name: str
@@ -65,10 +67,10 @@ class Store:
 
 
 def stores(rope: Rope, *, printed_error: float, honest_error: float, spline_error: float) -> list[Store]:
-    """Every representation, connectivity left out of all of them.
+    """Return every representation, without connectivity in any of them.
 
-    The errors, over D, are the largest of the PDE method as printed, of the same with what a decoder knows, and of fair
-    B-splines.
+    The errors, over D, are the largest of the PDE method as printed, of the same method with only what a decoder
+    knows, and of fair B-splines.
     """
     sides, rings = rope.settings.sides, rope.settings.rings
     vector = 3 * NUMBER_BYTES
@@ -87,8 +89,10 @@ def stores(rope: Rope, *, printed_error: float, honest_error: float, spline_erro
 
 @dataclass(frozen=True)
 class Route:
-    """One way to eleven frames: CPU time [s], and errors against XPBD with its own step, in the scene, over all curves;
-    the fit's frames are decoded with what a decoder knows.
+    """One way to obtain eleven frames.
+
+    CPU time [s], and errors against XPBD with its own step, in the scene, over all curves. The fit's frames are
+    decoded with only what a decoder knows.
     """
 
     name: str
@@ -102,7 +106,7 @@ class Route:
 
 
 def routes(rope: Rope) -> list[Route]:
-    """Every way, that of XPBD with its own step first."""
+    """Measure every way to obtain the frames, XPBD with its own step first."""
     settings, substeps = rope.settings, own_substeps(rope.settings)
 
     def simulated(frames: int, substeps: int, fps: float | None = None) -> tuple[Float64Array, float]:
@@ -110,7 +114,7 @@ def routes(rope: Rope) -> list[Route]:
         return as_curves(clip.points, settings), seconds
 
     wanted, fine_seconds = simulated(FRAMES, substeps)
-    # The same substeps in a frame twice as long: a step of exactly twice the length.
+    # The same number of substeps in a frame twice as long doubles the step exactly.
     keys, keys_seconds = simulated(FRAMES // 2 + 1, substeps, settings.fps / 2)
     coarse, coarse_seconds = simulated(FRAMES, (substeps + 1) // 2)
     doubled = np.stack([bspline.fill_between(curve, FRAMES) for curve in keys])
@@ -139,8 +143,9 @@ def routes(rope: Rope) -> list[Route]:
 
 @dataclass(frozen=True)
 class Speed:
-    """One way to fit all curves and evaluate them at all frames: CPU time of one thread [s], mean error E_A as it
-    measures itself (printed: aligned; else in the scene).
+    """One way to fit all curves and evaluate them at all frames.
+
+    CPU time of one thread [s]; mean error E_A in the way's own measure (printed: aligned; others: in the scene).
     """
 
     name: str
@@ -149,7 +154,9 @@ class Speed:
 
 
 def speeds(rope: Rope) -> list[Speed]:
-    """The printed method by its normal equations and by singular values; with u known as a product; B-splines."""
+    """Time the printed method by normal equations and by singular values, the product form with known u, and
+    B-splines.
+    """
     curves, diameter = rope.curves, rope.diameter
     aligned = np.stack([align(curve, PRINTED.removal).aligned for curve in curves])
     time_axis = np.linspace(0.0, 1.0, FRAMES)
@@ -160,7 +167,7 @@ def speeds(rope: Rope) -> list[Speed]:
         for curve, rebuilt in zip(aligned, found, strict=True):
             along = space_functions(coordinate_parameter(curve), PRINTED.r)
             for axis in range(3):
-                # Eq. 18: of each time the four functions, of each u the eight.
+                # Eq. 18: four functions of each time, eight of each u.
                 columns = (in_time[:, None, :, None] * along[:, :, axis, None, :]).reshape(*curve.shape[:2], CONSTANTS)
                 rows = columns[KEYFRAMES].reshape(-1, CONSTANTS)
                 rebuilt[..., axis] = columns @ solve(rows, curve[KEYFRAMES][..., axis].ravel())

@@ -1,4 +1,4 @@
-"""Figures of what accuracy costs: constants, bytes and seconds, of every model and of the codec."""
+"""Charts of accuracy against cost: constants, bytes and seconds of every model and of the codec."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pdecodec.research.reproduction.rates import AUTO, NUMBER_BYTES, PAPER, PDE,
 
 
 def bytes_figure(findings: Findings) -> Figure:
-    """Design variables and bytes of every representation, against their errors."""
+    """Chart design variables and bytes of every representation against their errors."""
     kept = findings.stores
     parts = tuple(dict.fromkeys(part for store in kept for part in store.parts))
     raw, literal, honest, splines = kept
@@ -67,7 +67,7 @@ def bytes_figure(findings: Findings) -> Figure:
 
 
 def speed_figure(findings: Findings) -> Figure:
-    """What fit and evaluation take."""
+    """Chart the time that fit and evaluation take."""
     found, fine = findings.speeds, findings.routes[0].seconds
 
     names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
@@ -104,7 +104,7 @@ def speed_figure(findings: Findings) -> Figure:
 
 
 def time_figure(findings: Findings) -> Figure:
-    """CPU times of every way to eleven frames, and their errors."""
+    """Chart CPU times of every way to obtain eleven frames, with their errors."""
     ways = findings.routes
     fine, sampled, doubled, _, coarse = ways
 
@@ -151,7 +151,7 @@ COLOURS = {PDE: BLUE, POLYNOMIALS: ORANGE, SPLINES: GREEN, AUTO: PURPLE, PAPER: 
 
 
 MEASURES = {"mean E_A": "mean", "largest E_M": "largest"}
-"""Fields of errors that are drawn, by the titles of their panels."""
+"""Error measures that are drawn, by panel title."""
 
 
 def _lines(points: list[Point]) -> dict[str, list[Point]]:
@@ -165,7 +165,7 @@ def _draw_models(
     y: Callable[[Point], float],
     **look: Any,
 ) -> None:
-    """Draw a line for each model, through its sizes."""
+    """Draw one line per model through its sizes."""
     for name, points in models.items():
         options = {"dots": 100 if name == PAPER else 35, **look}
         panel.line([x(point) for point in points], [y(point) for point in points], COLOURS[name], name=name, **options)
@@ -176,7 +176,7 @@ def _kilobytes(point: Point) -> float:
 
 
 def constants_figure(findings: Findings) -> Figure:
-    """Error against the number of constants."""
+    """Chart error against the number of constants."""
     drawn = _lines(findings.models)
 
     names = ("32", "128", "440", "1,408")
@@ -213,7 +213,7 @@ def constants_figure(findings: Findings) -> Figure:
 
 
 def rate_figure(findings: Findings) -> Figure:
-    """Rate against distortion of every model and of the codec, plain and coded."""
+    """Chart rate against distortion of every model, plain and coded, and of the codec."""
     models, files = findings.models, findings.files
     drawn = _lines([*models, *(file.point for file in files)])
 
@@ -253,7 +253,7 @@ def rate_figure(findings: Findings) -> Figure:
 
 
 def surface_figure(findings: Findings) -> Figure:
-    """What the same bytes leave of edges and normals, and over the motion of each frame."""
+    """Chart the errors of edges and normals, and errors over the motion of each frame, at equal bytes."""
     drawn = _lines([*findings.models, *(file.point for file in findings.files)])
     read: dict[str, Callable[[Point], float]] = {
         "KG error [%]": lambda point: point.kg_error,
@@ -316,7 +316,7 @@ def surface_figure(findings: Findings) -> Figure:
 
 
 def fit_time_figure(findings: Findings) -> Figure:
-    """CPU time against error."""
+    """Chart CPU time against error."""
     drawn = _lines([*findings.models, *(file.point for file in findings.files)])
 
     x = Axis("CPU time of fit and evaluation, or of encoding [s]", 2e-3, 60, log=True)
@@ -344,7 +344,7 @@ def fit_time_figure(findings: Findings) -> Figure:
 
 
 def gap_figure(findings: Findings) -> Figure:
-    """Where the bytes go between the paper's constants and a file of profile auto, at about one error."""
+    """Chart where bytes go between the paper's constants and a file of profile auto, at about the same error."""
     one = findings.models[0]
     fits = [file for file in findings.files[1:] if file.point.errors.mean <= one.errors.mean]
     auto, paper = min(fits, key=lambda file: file.point.coded_bytes), findings.files[0]

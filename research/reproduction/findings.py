@@ -41,15 +41,15 @@ from pdecodec.research.reproduction.rope import Rope, RopeSettings, simulate_rop
 from pdecodec.research.reproduction.sweep import Cell, sweep
 
 MAP_RATES = np.geomspace(0.05, 20.0, 12)
-"""Values of alpha and r of the map."""
+"""Values of alpha and r in the map."""
 
 PLAIN_RATE = 0.0
-"""Where the functions are polynomials, of degree 3 in t and 7 in u."""
+"""Rate at which the functions are polynomials, of degree 3 in t and 7 in u."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """One reading of the B-spline baseline: control points a curve, errors of the first curve and of all."""
+    """One reading of the B-spline baseline: control points per curve, errors of the first curve and of all curves."""
 
     name: str
     control_points: int
@@ -58,7 +58,7 @@ class Spline:
 
 
 class Findings:
-    """What is measured of a rope, each when it is first used; errors are over D, of frames 0 to 10."""
+    """Measurements of a rope, each made on first use; errors are over D, at frames 0 to 10."""
 
     def __init__(self, rope: Rope) -> None:
         self.rope = rope
@@ -69,27 +69,27 @@ class Findings:
 
     @cached_property
     def printed_first(self) -> FrameErrors:
-        """The method as printed, of the first curve, measured as the paper does."""
+        """Errors of the first curve by the method as printed, measured as the paper does."""
         return self._errors(PRINTED, self.curves[:1])
 
     @cached_property
     def printed_every(self) -> FrameErrors:
-        """The same of all curves."""
+        """Errors of all curves by the method as printed."""
         return self._errors(PRINTED)
 
     @cached_property
     def honest_first(self) -> FrameErrors:
-        """The first curve with u by index and no elimination, in the scene."""
+        """Errors of the first curve with u by index and no elimination, in the scene."""
         return self._errors(HONEST, self.curves[:1])
 
     @cached_property
     def honest_every(self) -> FrameErrors:
-        """The same of all curves."""
+        """Errors of all curves with u by index and no elimination."""
         return self._errors(HONEST)
 
     @cached_property
     def splines(self) -> list[Spline]:
-        """Every reading of the baseline."""
+        """Errors of every reading of the baseline."""
         found = []
         for name, (count, reading) in bspline.READINGS.items():
             curves = np.stack([reading(curve) for curve in self.curves])
@@ -98,23 +98,23 @@ class Findings:
         return found
 
     def spline(self, reading: Callable[[Float64Array], Float64Array]) -> Spline:
-        """Errors of one reading of :data:`pdecodec.research.reproduction.bspline.READINGS`."""
+        """Measure one reading of :data:`pdecodec.research.reproduction.bspline.READINGS`."""
         names = [name for name, (_, function) in bspline.READINGS.items() if function is reading]
         return next(item for item in self.splines if item.name == names[0])
 
     @cached_property
     def choices(self) -> Choices:
-        """U and the elimination, one at a time; first curve."""
+        """Errors of the first curve when u and the elimination are varied one at a time."""
         return choose_one_at_a_time(self.curves[0], self.diameter)
 
     @cached_property
     def cells(self) -> list[Cell]:
-        """The same method on ropes of other twists, at other frame rates and moments."""
+        """Errors of the same method on ropes with other twists, frame rates and moments."""
         return sweep(self.rope.settings)
 
     @cached_property
     def beam(self) -> dict[int, dict[str, Float64Array]]:
-        """The positive control: see :func:`pdecodec.research.reproduction.physics.beam_errors`."""
+        """Errors of the positive control; see :func:`pdecodec.research.reproduction.physics.beam_errors`."""
         return beam_errors()
 
     @cached_property
@@ -144,7 +144,7 @@ class Findings:
 
     @cached_property
     def printed_chosen(self) -> Variant:
-        """With the alpha and r that the keyframes choose."""
+        """The printed variant with the alpha and r that the keyframes choose."""
         return choose_rates(self.curves[0], PRINTED)
 
     @cached_property
@@ -153,7 +153,7 @@ class Findings:
 
     @cached_property
     def polynomials_over_chosen(self) -> float:
-        """Mean E_A of the honest method of polynomials over that at the chosen rates; first curve."""
+        """Mean E_A with polynomials over that with the chosen rates, for the honest method on the first curve."""
         plain = replace(self.honest_chosen, alpha=PLAIN_RATE, r=PLAIN_RATE)
         return self._errors(plain, self.curves[:1]).mean / self._errors(self.honest_chosen, self.curves[:1]).mean
 
@@ -184,12 +184,12 @@ class Findings:
 
     @cached_property
     def models(self) -> list[Point]:
-        """Every model of several sizes, that of 32 constants first."""
+        """Every model at several sizes, the size of 32 constants first."""
         return every_model(self.rope)
 
     @cached_property
     def files(self) -> list[File]:
-        """Profile paper first, then auto from coarse to fine."""
+        """Files of profile paper, then of auto from coarse to fine."""
         return every_file(self.rope)
 
 
@@ -198,7 +198,7 @@ def measure(settings: RopeSettings, progress: Progress | None = None) -> Finding
     names = [name for name, value in vars(Findings).items() if isinstance(value, cached_property)]
     if progress is not None:
         progress(0, len(names), "simulating the rope")
-    # Times are those of one thread, and small products gain nothing from more.
+    # Times are those of one thread; small products gain nothing from more.
     with one_blas_thread():
         findings = Findings(simulate_rope(settings))
         for done, name in enumerate(names, 1):

@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from pdecodec.mesh.arrays import BoolArray, Float64Array
 
 ALPHA, R = 2.0, 2.0
-"""Rates over t and u in [0, 1] that stand where the paper gives none."""
+"""Default rates over t and u in [0, 1]; the paper gives none."""
 
 TIME_FUNCTIONS, SPACE_FUNCTIONS = 4, 8
-"""Functions of t, Eq. 12, and of u, Eqs. 14 and 16."""
+"""Number of functions of t, Eq. 12, and of u, Eqs. 14 and 16."""
 
 MOST_TERMS = 40
-"""Of the power series, which end where the next term is below rounding: at |rate x| of 60 after about so many."""
+"""Largest number of power series terms, enough for |rate x| up to 60; the sum ends once a term is below rounding."""
 
 SOLVES_EQ_10: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
 """(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
@@ -30,7 +30,7 @@ SOLVES_EQ_10[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K
 SOLVES_EQ_10[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4
 
 ROUNDING = 1e-9
-"""Residual, over the size of its terms, under which an equation counts as solved: high derivatives lose digits."""
+"""Largest relative residual of a solved equation; high derivatives lose digits."""
 
 POINTS = np.linspace(0.0, 1.0, 23)
 """Values of t and of u at which the equations are tested."""
@@ -46,16 +46,16 @@ NAMES_OF_SPACE = (
 
 
 def time_functions(t: ArrayLike, alpha: float) -> Float64Array:
-    """Eq. 12, (..., 4): ``e^{at}, e^{-at}, sin(at), cos(at)``."""
+    """Return the functions of Eq. 12, (..., 4): ``e^{at}, e^{-at}, sin(at), cos(at)``."""
     at = alpha * np.asarray(t, dtype=np.float64)
     return np.stack([np.exp(at), np.exp(-at), np.sin(at), np.cos(at)], axis=-1)  # Eq. 12
 
 
 def space_functions(u: ArrayLike, r: float) -> Float64Array:
-    """Eqs. 14 and 16, (..., 8): ``e^{+-ru}, sin ru, cos ru`` and ``e^{+-su} sin su, e^{+-su} cos su``, s = r / sqrt 2.
+    """Return the functions of Eqs. 14 and 16, (..., 8), with s = r / sqrt 2.
 
-    The paper writes ``r-bar = sqrt(2r)/2``; substituting Eq. 16 into Eq. 15 gives ``r-bar = sqrt(2) r / 2``, which is
-    what is computed here.
+    They are ``e^{+-ru}, sin ru, cos ru`` and ``e^{+-su} sin su, e^{+-su} cos su``. The paper writes ``r-bar =
+    sqrt(2r)/2``; substituting Eq. 16 into Eq. 15 gives ``r-bar = sqrt(2) r / 2``, which is computed here.
     """
     ru = r * np.asarray(u, dtype=np.float64)
     su = ru * np.sqrt(0.5)
@@ -65,22 +65,22 @@ def space_functions(u: ArrayLike, r: float) -> Float64Array:
 
 
 def printed_functions(u: ArrayLike, t: ArrayLike, alpha: float, r: float) -> Float64Array:
-    """Eq. 18, (..., 32): the products in the paper's order, for values of u and t that broadcast."""
+    """Return the products of Eq. 18, (..., 32), in the paper's order, for values of u and t that broadcast."""
     u, t = np.broadcast_arrays(u, t)
     products = time_functions(t, alpha)[..., :, None] * space_functions(u, r)[..., None, :]
     return products.reshape(*products.shape[:-2], TIME_FUNCTIONS * SPACE_FUNCTIONS)  # Eq. 18
 
 
 def series_functions(x: ArrayLike, rate: float, count: int) -> Float64Array:
-    """A basis of the solutions of ``w^(n) = rate^n w``, n = `count`, that stays well conditioned down to rate 0.
+    """Return solutions of ``w^(n) = rate^n w``, n = `count`, that stay well conditioned down to rate 0.
 
-    ``phi_j(x) = sum over k of rate^(n k) x^(n k + j) / (n k + j)!``, (..., count): at rate 0 the monomials of degree
-    below n. All terms of one function have the same sign: nothing cancels for x in [-1, 1].
+    ``phi_j(x) = sum over k of rate^(n k) x^(n k + j) / (n k + j)!``, (..., count). At rate 0 they are the monomials
+    of degree below n. All terms of a function have the same sign, so nothing cancels for x in [-1, 1].
     """
     x = np.asarray(x, dtype=np.float64)[..., None]
     power = (rate * x) ** count
     total = np.ones((*x.shape[:-1], count))
-    # Horner's scheme from the smallest term.
+    # Horner's scheme, from the smallest term on.
     for k in range(_series_terms(float(np.abs(power).max(initial=0.0)), count), 0, -1):
         quotients = [math.prod(range(count * (k - 1) + j + 1, count * k + j + 1)) for j in range(count)]
         total = 1.0 + total * (power / np.array(quotients, np.float64))
@@ -89,7 +89,7 @@ def series_functions(x: ArrayLike, rate: float, count: int) -> Float64Array:
 
 
 def _series_terms(largest: float, count: int) -> int:
-    """Terms of the power series beyond the first that are not below rounding, `largest` being the greatest power."""
+    """Return how many terms beyond the first exceed rounding; `largest` is the greatest power."""
     term = 1.0
     for k in range(1, MOST_TERMS):
         term *= largest / math.prod(range(count * (k - 1) + 1, count * k + 1))
@@ -99,18 +99,18 @@ def _series_terms(largest: float, count: int) -> int:
 
 
 def unit_basis(x: ArrayLike, rate: float, count: int) -> Float64Array:
-    """:func:`series_functions` of the same space over x in [0, 1]: it is centred, and the rate halved."""
+    """Return :func:`series_functions` of the same space for x in [0, 1], centred and with half the rate."""
     return series_functions(2 * np.asarray(x) - 1, rate / 2, count)
 
 
 def time_derivatives(alpha: float, order: int) -> Float64Array:
-    """A derivative of the functions of Eq. 12 at :data:`POINTS`, (4, points)."""
+    """Return a derivative of the functions of Eq. 12 at :data:`POINTS`, (4, points)."""
     growing, fading, turning = (_derivative(rate, order) for rate in (alpha, -alpha, 1j * alpha))
     return np.stack([growing.real, fading.real, turning.imag, turning.real])
 
 
 def space_derivatives(r: float, order: int) -> Float64Array:
-    """A derivative of the functions of Eqs. 14 and 16 at :data:`POINTS`, (8, points)."""
+    """Return a derivative of the functions of Eqs. 14 and 16 at :data:`POINTS`, (8, points)."""
     growing, fading, turning = (_derivative(rate, order) for rate in (r, -r, 1j * r))
     diagonal = r * np.sqrt(0.5)  # r-bar
     out, back = (_derivative(rate, order) for rate in (diagonal * (1 + 1j), diagonal * (-1 + 1j)))
@@ -123,9 +123,9 @@ def _derivative(rate: complex, order: int) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Largest residual of each equation, over the size of its terms, for the 4 x 8 functions: of Eq. 10,
-    ``m w_tt = K w_uuuu``; of ``m w_tt = -K w_uuuu``, the sign of the Euler-Bernoulli beam; of
-    ``w_tttt = (K/m)^2 w_uuuuuuuu``.
+    """Largest residual of three equations, relative to the size of their terms, for the 4 x 8 functions.
+
+    Eq. 10, ``m w_tt = K w_uuuu``; the Euler-Bernoulli beam, ``m w_tt = -K w_uuuu``; ``w_tttt = (K/m)^2 w_uuuuuuuu``.
     """
 
     printed: Float64Array
@@ -134,7 +134,7 @@ class Residuals:
 
 
 def residuals(alpha: float, r: float) -> Residuals:
-    """Put every function of Eq. 18 into the three equations, with ``K/m = (alpha / r^2)^2`` as below Eq. 12."""
+    """Insert every function of Eq. 18 into the three equations, with ``K/m = (alpha / r^2)^2`` as below Eq. 12."""
     ratio = (alpha / r**2) ** 2
 
     def term(order_t: int, order_u: int) -> Float64Array:
@@ -153,10 +153,10 @@ def residuals(alpha: float, r: float) -> Residuals:
 
 
 def growth_exponent(waves: float, alpha: float, r: float) -> float:
-    """Natural logarithm of the growth over t from 0 to 1 of a wave of so many periods over u from 0 to 1, by Eq. 10.
+    """Return the logarithm of the growth over t in [0, 1], by Eq. 10, of a wave with `waves` periods over u in [0, 1].
 
-    With the sign of Eq. 10, ``w = e^(st) sin(ku)`` gives ``s = k^2 sqrt(K/m)``, and ``sqrt(K/m) = alpha / r^2``: it
-    grows without limit as waves become shorter, which is what an ill-posed initial value problem means. With the beam's
-    sign s is imaginary.
+    With the sign of Eq. 10, ``w = e^(st) sin(ku)`` gives ``s = k^2 sqrt(K/m)``, and ``sqrt(K/m) = alpha / r^2``.
+    Shorter waves grow without limit: the initial value problem is ill-posed. With the sign of the beam, s is
+    imaginary.
     """
     return (2 * math.pi * waves) ** 2 * alpha / r**2

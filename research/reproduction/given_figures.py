@@ -1,4 +1,4 @@
-"""Figures of what the decoder is given: the parameter that is the answer, and the matrix that takes motion away."""
+"""Charts of what the decoder is given: the parameter that contains the answer, and the matrix that removes motion."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from pdecodec.research.reproduction.sweep import (
     GIVEN_NAME,
     HONEST_NAME,
     KNOWN_NAME,
+    LEVEL_RATIO,
     METHODS,
     PHASES,
     PRINTED_NAME,
     TURNS,
-    WITHIN,
     median_ratio,
     share_at_level,
     times_table_1,
 )
 
-LISTED = 8
-"""Every so many points of the knot are in its table."""
+TABLE_STRIDE = 8
+"""Stride of the knot's points in its table."""
 
 
-LEAST_SHOWN = 1e-4
-"""Errors below, those of rounding, are drawn at the left edge."""
+SMALLEST_ERROR_SHOWN = 1e-4
+"""Smaller errors, at the level of rounding, are drawn at the left edge."""
 
 
 def choices_figure(findings: Findings) -> Figure:
-    """The table of both choices."""
+    """Chart both choices as a table."""
     found = findings.choices
     rows = tuple(KNOWN_TO_A_DECODER)
     given, known = rows[0], rows[-1]
@@ -48,7 +48,7 @@ def choices_figure(findings: Findings) -> Figure:
     for (y, x), ratio in np.ndenumerate(ratios):
         errors = found[rows[y], list(ELIMINATIONS)[x]]
         text = f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion"
-        panel.text(x, y, text, "white" if ratio > DARK else "black", align="center")
+        panel.text(x, y, text, "white" if ratio > WHITE_TEXT_RATIO else "black", align="center")
 
     kept, plain = ({row: found[row, column] for row in rows} for column in ("Eq. 23, kept", "nothing removed"))
     return Figure(
@@ -81,18 +81,21 @@ def choices_figure(findings: Findings) -> Figure:
 
 
 def leak_figure(findings: Findings) -> Figure:
-    """What remains of the accuracy when the decoder is given less of the answer."""
+    """Chart the accuracy that is left when the decoder is given less of the answer."""
     rungs = findings.rungs
 
     labels = Axis.of_rows([f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs])
     panel = Panel(
-        Axis("error over D, mean E_A to largest E_M", LEAST_SHOWN, 1.0, log=True), labels, width=480, height=330
+        Axis("error over D, mean E_A to largest E_M", SMALLEST_ERROR_SHOWN, 1.0, log=True),
+        labels,
+        width=480,
+        height=330,
     )
     for row, rung in enumerate(rungs):
         for errors, colour, at, width in ((rung.aligned, GREY, row - 0.16, 3), (rung.scene, ORANGE, row + 0.12, 6)):
-            mean, largest = max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN)
+            mean, largest = max(errors.mean, SMALLEST_ERROR_SHOWN), max(errors.largest, SMALLEST_ERROR_SHOWN)
             panel.segments([(mean, largest, at, at, colour)], width=width)
-            text = "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
+            text = "exact" if errors.largest < SMALLEST_ERROR_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
             panel.text(largest, at, text, colour, dx=6, size=10.5)
     panel.legend({"after Eq. 23, as the\npaper measures": GREY, "in the scene": ORANGE})
 
@@ -125,7 +128,7 @@ def leak_figure(findings: Findings) -> Figure:
 
 
 def knot_figure(findings: Findings) -> Figure:
-    """The rope's constants at a knot's parameter."""
+    """Chart the rope's constants evaluated at a knot's parameter."""
     shape = findings.other_shape
     shown = {
         "fitted": (shape.fitted, BLUE, "the constants were fitted to this rope ..."),
@@ -140,7 +143,7 @@ def knot_figure(findings: Findings) -> Figure:
         panel.line(points[:, 0], points[:, 1], colour, width=2.2)
         panels.append(panel)
 
-    listed = slice(0, None, LISTED)
+    listed = slice(0, None, TABLE_STRIDE)
     columns = {
         f"{name} {axis}": points[listed, k] for name, (points, *_) in shown.items() for k, axis in enumerate("xyz")
     }
@@ -158,7 +161,7 @@ def knot_figure(findings: Findings) -> Figure:
 
 
 def elimination_figure(findings: Findings) -> Figure:
-    """Eq. 23's matrices: how far from rotations, and what they take along."""
+    """Chart the matrices of Eq. 23: how far they are from rotations, and how much motion they remove."""
     found = findings.elimination
     frames = np.arange(len(found.motion_left))
     names = ("largest", "middle", "smallest")
@@ -195,15 +198,15 @@ def elimination_figure(findings: Findings) -> Figure:
 
 
 SMALLEST_SHOWN, LARGEST_SHOWN = 0.25, 8.0
-"""Multiples of Table 1 at which the colours end."""
+"""Multiples of Table 1 at which the colour scale ends."""
 
 
-DARK = 1.7
-"""Multiples of Table 1 from which on a cell is so dark that its words are white."""
+WHITE_TEXT_RATIO = 1.7
+"""Multiple of Table 1 above which cells are so dark that their text is white."""
 
 
 def sweep_figure(findings: Findings) -> Figure:
-    """Maps of every method over twist and frame rate, for each phase."""
+    """Chart maps of every method over twist and frame rate, for each phase."""
     found = findings.cells
     grids = {
         (name, phase): np.reshape(
@@ -232,8 +235,11 @@ def sweep_figure(findings: Findings) -> Figure:
         )
         panel.cells(at_x, at_y, np.log2(grid), colours="cividis", low=low, high=high, title=title, marks=marks)
         panel.borders(at_x, at_y, grid > 1.0)
-        panel.borders(at_x, at_y, grid > WITHIN, dashes=DASHES)
-        words = [(j, i, f"{value:.1f}", "white" if value > DARK else "black") for (i, j), value in np.ndenumerate(grid)]
+        panel.borders(at_x, at_y, grid > LEVEL_RATIO, dashes=DASHES)
+        words = [
+            (j, i, f"{value:.1f}", "white" if value > WHITE_TEXT_RATIO else "black")
+            for (i, j), value in np.ndenumerate(grid)
+        ]
         panel.texts(words, align="center", size=10)
         panels.append(panel)
 
@@ -246,8 +252,8 @@ def sweep_figure(findings: Findings) -> Figure:
         name="twist-and-frame-rate",
         title="Twist, frame rate and moment: where Table 1's level is reached",
         lesson=(
-            f"{len(found)} ropes and windows, first curve. Table 1's level within a factor {WITHIN:g} is reached by "
-            f"the method as printed in {share_at_level(found, PRINTED_NAME):.0%} of them; with u by index and Eq. 23 "
+            f"{len(found)} ropes and windows, first curve. Table 1's level within a factor {LEVEL_RATIO:g} is reached "
+            f"by the method as printed in {share_at_level(found, PRINTED_NAME):.0%} of them; with u by index and Eq. 23 "
             f"still kept in {share_at_level(found, KNOWN_NAME):.0%}; with u of Eq. 24 in the scene in "
             f"{share_at_level(found, GIVEN_NAME):.0%}; with u by index in the scene, which is what a decoder can do "
             f"without being given anything, in {share_at_level(found, HONEST_NAME):.0%}. Giving u away is worth "

@@ -1,9 +1,9 @@
-"""The leak of Eq. 24: the parameter is the answer, scaled to [0, 1]; and what Eq. 23 takes away.
+"""The leak of Eq. 24: the parameter is the answer, scaled to [0, 1]. And the motion that Eq. 23 removes.
 
-Both are apart in one table: u known or not, each elimination kept or undone. The leak is shown in three more ways.
-What remains when the decoder is given less and less of it; that the parameter alone, with two numbers a frame and axis,
-gives the curve exactly with no function of Eq. 18 at all; and that constants fitted to the rope draw any other shape
-when they are given the other shape's parameter.
+One table separates the two: u known or not, each elimination kept or undone. Three more experiments show the leak.
+First, the decoder is given less and less of the answer. Second, the parameter alone, with two numbers per frame and
+axis, reproduces the curve exactly without any function of Eq. 18. Third, constants fitted to the rope draw any other
+shape when they are evaluated at that shape's parameter.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ GIVEN_FRAMES: dict[Parameter, float] = {
     "arc length of frame 0": 0.0,
     "index": 0.0,
 }
-"""Share of the clip's coordinates that each parameter hands to the decoder."""
+"""Fraction of the clip's coordinates that each parameter hands to the decoder."""
 
 NO_FUNCTIONS = "u of Eq. 24 and no functions: low + u (high - low)"
 
 
 @dataclass(frozen=True)
 class Rung:
-    """What the decoder is given, the share of the clip's coordinates that this is, and how well the same 32 functions
-    do.
+    """What the decoder is given, the fraction of the clip's coordinates that this is, and the errors of the same 32
+    functions.
 
-    Errors of the first curve: `aligned` as the paper measures, after Eqs. 19 to 23, whose matrices are given at every
-    frame and never undone; `scene` without any elimination, where a viewer sees them.
+    Errors are those of the first curve: `aligned` as the paper measures, after Eqs. 19 to 23, whose matrices are
+    given at every frame and never undone; `scene` without any elimination, as a viewer sees them.
     """
 
     given: str
@@ -57,7 +57,9 @@ class Rung:
 
 
 def ladder(curves: Float64Array, diameter: float) -> list[Rung]:
-    """From everything to nothing of the answer, all else as printed; curves are (curves, frames, points, 3) [m]."""
+    """Measure the printed method while the decoder is given less of the answer; curves (curves, frames, points,
+    3) [m].
+    """
     removals: tuple[Removal, ...] = (PRINTED.removal, "none")
     rungs = [Rung(NO_FUNCTIONS, 1.0, *(_without_functions(curves, removal, diameter) for removal in removals))]
     for parameter in PARAMETERS:
@@ -79,7 +81,7 @@ KNOWN_TO_A_DECODER: dict[Parameter, str] = {
     "arc length of frame 0": "u by arc length, from a stored reference frame",
     "index": "u by index, nothing stored",
 }
-"""The rows of the table of choices."""
+"""Rows of the table of choices."""
 
 ELIMINATIONS: dict[str, tuple[Removal, bool]] = {
     "nothing removed": ("none", False),
@@ -88,13 +90,13 @@ ELIMINATIONS: dict[str, tuple[Removal, bool]] = {
     "a rotation, kept": ("rotation", False),
     "a rotation, undone": ("rotation", True),
 }
-"""Its columns: what is removed, and whether it is undone before errors are measured."""
+"""Columns of the table of choices: what is removed, and whether it is undone before errors are measured."""
 
 Choices = dict[tuple[Parameter, str], FrameErrors]
 
 
 def choose_one_at_a_time(curve: Float64Array, diameter: float) -> Choices:
-    """Errors of every u with every elimination, kept or undone, all else as printed; of (frames, points, 3) [m]."""
+    """Measure every u with every elimination, kept or undone, all else as printed; curve (frames, points, 3) [m]."""
     found: Choices = {}
     for parameter in KNOWN_TO_A_DECODER:
         for name, (removal, is_undone) in ELIMINATIONS.items():
@@ -106,10 +108,11 @@ def choose_one_at_a_time(curve: Float64Array, diameter: float) -> Choices:
 
 @dataclass(frozen=True, eq=False)
 class OtherShape:
-    """Constants of the rope at the parameter of a knot, over their own range axis by axis, (points, 3) float64 each.
+    """Constants of the rope evaluated at the parameter of a knot, in units of each axis' range, (points, 3) float64
+    each.
 
-    The curve the constants were fitted to; the curve whose parameter they were given; what came out; and its mean
-    distance from the knot, over the diagonal of the unit cube.
+    The curve that the constants were fitted to; the curve that gave the parameter; the result; and its mean distance
+    from the knot, over the diagonal of the unit cube.
     """
 
     fitted: Float64Array
@@ -132,7 +135,7 @@ def draw_another_shape(curve: Float64Array, *, frame: int = 5) -> OtherShape:
         columns = printed_functions(u[..., axis], t, PRINTED.alpha, PRINTED.r)[KEYFRAMES].reshape(-1, 32)
         constants = least_squares(columns, aligned[KEYFRAMES][..., axis].reshape(-1, 1))
         drawn[:, axis] = (printed_functions(given[:, axis], t[frame], PRINTED.alpha, PRINTED.r) @ constants)[:, 0]
-    # Into the unit cube by the range the rope has there: nothing of the knot is used.
+    # Scale into the unit cube by the rope's own range: nothing of the knot is used.
     low, high = aligned[frame].min(axis=0), aligned[frame].max(axis=0)
     drawn = (drawn - low) / (high - low)
     error = float(np.linalg.norm(drawn - given, axis=1).mean() / np.sqrt(3.0))
@@ -140,7 +143,7 @@ def draw_another_shape(curve: Float64Array, *, frame: int = 5) -> OtherShape:
 
 
 def trefoil(points: int) -> Float64Array:
-    """A closed knot that has nothing to do with a rope that hangs, (points, 3)."""
+    """Return a trefoil knot, (points, 3): a closed curve unrelated to a hanging rope."""
     angle = np.linspace(0.0, 2 * np.pi, points)
     return np.stack(
         [np.sin(angle) + 2 * np.sin(2 * angle), np.cos(angle) - 2 * np.cos(2 * angle), -np.sin(3 * angle)], axis=-1
@@ -149,8 +152,10 @@ def trefoil(points: int) -> Float64Array:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """What Eq. 23 does to the first curve: singular values of its matrix, (frames, 3), all 1 if it were a rotation; rms
-    distance from frame 0 after it over that after Eq. 19 alone, (frames,).
+    """Effect of Eq. 23 on the first curve.
+
+    Singular values of its matrix, (frames, 3), all 1 for a rotation; rms distance from frame 0 after Eq. 23 over
+    that after Eq. 19 alone, (frames,).
     """
 
     singular_values: Float64Array

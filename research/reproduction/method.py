@@ -1,11 +1,11 @@
 """The paper's method on one curve, with everything it leaves open as an option.
 
-Sections 4.3 to 4.5: eliminate the transformation (Eqs. 19 to 23), give every point a parameter u (Eq. 24), fit the 32
-functions to the keyframes (Eq. 25), evaluate them at all frames (Eq. 17), measure (Eqs. 26 and 27). Eq. 25 are normal
-equations; here its minimiser is found by singular values, and all 32 functions by the basis of the same space that
-stays well conditioned, so that what is seen is the method and not rounding. Where one u serves all frames and axes the
-functions are products, and so is the fit. What each of these takes is measured in the section on cost, what rounding
-does to the printed equations in the report on stability.
+Sections 4.3 to 4.5: eliminate the transformation (Eqs. 19 to 23), give every point a parameter u (Eq. 24), fit the
+32 functions to the keyframes (Eq. 25), evaluate them at all frames (Eq. 17), measure (Eqs. 26 and 27). Eq. 25 states
+normal equations. Here singular values find their minimiser, with a well-conditioned basis of the space of all 32
+functions, so that results show the method and not rounding. Where one u serves all frames and axes, the functions
+are products, and so is the fit. `cost.py` measures the time of each step; the stability atlas shows the effect of
+rounding on the printed equations.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ PARAMETERS: tuple[Parameter, ...] = (
     "arc length of frame 0",
     "index",
 )
-"""Where u comes from; only the last three are known to a decoder that has the shape at frame 0."""
+"""Sources of u; a decoder that has the shape at frame 0 knows only the last three."""
 
 SHARED_PARAMETERS: tuple[Parameter, ...] = ("arc length of frame 0", "index")
-"""One u for all frames and axes."""
+"""Sources that give one u for all frames and axes."""
 
 PARAMETERS_COMPARED: tuple[Parameter, ...] = ("Eq. 24, every frame", "arc length of frame 0", "index")
 
@@ -53,20 +53,20 @@ REMOVALS: tuple[Removal, ...] = ("none", "rotation", "Eq. 23")
 Functions = Literal["all 32", "16 that solve Eq. 10", "the other 16"]
 FUNCTION_SETS: tuple[Functions, ...] = ("all 32", "16 that solve Eq. 10", "the other 16")
 
-RANK = 1e-12
-"""Relative singular value under which a direction of the scaled columns counts as rounding."""
+COLUMN_RANK_TOLERANCE = 1e-12
+"""Relative singular value below which a direction of the scaled columns counts as rounding."""
 
 RATES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0)
-"""Values of alpha and of r that are tried where they are chosen; at 0 all 32 functions are polynomials."""
+"""Candidate values of alpha and r where they are chosen; at 0 all 32 functions are polynomials."""
 
-RANK_OF_CURVE = 1e-9
-"""The same of a straight or planar curve, which leaves a direction of Eq. 23 undetermined."""
+CURVE_RANK_TOLERANCE = 1e-9
+"""Relative singular value for straight or planar curves, which leave a direction of Eq. 23 undetermined."""
 
-LEAST_TURN = 1e-9 / 4.0
-"""Share of a curve's energy that pulls towards no rotation: it decides where a straight curve may spin freely."""
+NO_TURN_WEIGHT = 1e-9 / 4.0
+"""Fraction of a curve's energy that pulls towards no rotation; it decides where a straight curve could spin freely."""
 
-THINNED = 16
-"""Every so many points take part where rates are chosen: 8 functions along a curve need no 832 points."""
+POINT_STRIDE = 16
+"""Stride of the points used to choose rates: 8 functions along a curve do not need 832 points."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +97,12 @@ class Variant:
 
     @property
     def is_product(self) -> bool:
-        """Whether the columns are all products of functions of t and of one u."""
+        """Whether all columns are products of functions of t and of one u."""
         return self.parameter in SHARED_PARAMETERS and self.functions == "all 32" and not self.affine_functions
 
     @property
     def numbers(self) -> int:
-        """Constants a curve and axis."""
+        """Number of constants per curve and axis."""
         return (32 if self.functions == "all 32" else 16) + (16 if self.affine_functions else 0)
 
 
@@ -110,7 +110,7 @@ PRINTED = Variant()
 """The method as printed: positions, Eq. 23 literally, Eq. 24 at every frame, all 32 functions."""
 
 HONEST = Variant(parameter="index", removal="none")
-"""The same with nothing but what a decoder knows: the number of a point, for which nothing is stored."""
+"""The printed method with only what a decoder knows: the index of a point as u, for which nothing is stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +127,9 @@ class Alignment:
 class Reconstruction:
     """A curve fitted and evaluated at all frames, (frames, points, 3) float64 each [m].
 
-    `wanted` is the aligned curve, which the paper measures against; `found` the functions in its coordinates; `decoded`
-    the same in the scene's, the elimination undone with the transformations of keyframes, interpolated between them.
+    `wanted` is the aligned curve, which the paper measures against. `found` is the fit in the same coordinates.
+    `decoded` is the fit in the scene's coordinates: the elimination is undone with the keyframes' transformations,
+    interpolated between them.
     """
 
     wanted: Float64Array
@@ -156,7 +157,8 @@ def reconstruct(curve: Float64Array, variant: Variant) -> Reconstruction:
 
 
 def product_fit(values: Float64Array, u: Float64Array, alpha: float, r: float) -> Float64Array:
-    """Eqs. 25 and 17 where one u serves all frames and axes, at all frames: the same minimiser, factor by factor.
+    """Solve Eqs. 25 and 17 at all frames where one u serves all frames and axes: the same minimiser, factor by
+    factor.
 
     Parameters
     ----------
@@ -174,7 +176,9 @@ def product_fit(values: Float64Array, u: Float64Array, alpha: float, r: float) -
 
 
 def reconstruct_in_pieces(curve: Float64Array, pieces: int, alpha: float = ALPHA, r: float = R) -> Float64Array:
-    """The honest method on a curve cut into pieces of equal length, 32 constants each: (frames, points, 3) float64."""
+    """Apply the honest method to a curve cut into pieces of equal length, 32 constants each: (frames, points,
+    3) float64.
+    """
     return np.concatenate(
         [
             product_fit(piece, np.linspace(0.0, 1.0, piece.shape[1]), alpha, r)
@@ -185,7 +189,7 @@ def reconstruct_in_pieces(curve: Float64Array, pieces: int, alpha: float = ALPHA
 
 
 def align(curve: Float64Array, removal: Removal) -> Alignment:
-    """Transformation elimination, Eqs. 19 to 23. As printed the matrix acts about the origin of the scene."""
+    """Eliminate the transformation, Eqs. 19 to 23. As printed, the matrix acts about the origin of the scene."""
     frames = len(curve)
     matrices = np.broadcast_to(np.eye(3), (frames, 3, 3)).copy()
     if removal == "none":
@@ -199,42 +203,44 @@ def align(curve: Float64Array, removal: Removal) -> Alignment:
 
 
 def rotation_between(moved: Float64Array, target: Float64Array) -> Float64Array:
-    """The proper rotation that brings `moved` closest to `target`, (points, 3) each, about the origin (Kabsch 1976).
+    """Return the proper rotation that brings `moved` closest to `target`, (points, 3) each, about the origin (Kabsch
+    1976).
 
-    ``target ~ moved @ matrix`` as in Eq. 21. Where points lie on a line or coincide, it is the one that turns least.
+    ``target ~ moved @ matrix`` as in Eq. 21. For points on a line or at one place, it is the rotation by the
+    smallest angle.
     """
-    moment = moved.T @ target + LEAST_TURN * float((moved * moved).sum()) * np.eye(3)
+    moment = moved.T @ target + NO_TURN_WEIGHT * float((moved * moved).sum()) * np.eye(3)
     left, _, right = np.linalg.svd(moment)
     handed = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
     return np.asarray((left * handed) @ right, dtype=np.float64)
 
 
 def affine_between(moved: Float64Array, target: Float64Array) -> Float64Array:
-    """The literal Eq. 23, (3, 3): the matrix of least summed squared distance, orthogonal or not.
+    """Return the literal Eq. 23, (3, 3): the matrix of least summed squared distance, orthogonal or not.
 
-    Of all minimisers (a straight or planar curve has many) the one nearest to zero.
+    A straight or planar curve has many minimisers; this is the one nearest to zero.
     """
-    return np.asarray(np.linalg.lstsq(moved, target, rcond=RANK_OF_CURVE)[0], np.float64)  # Eqs. 20 and 23
+    return np.asarray(np.linalg.lstsq(moved, target, rcond=CURVE_RANK_TOLERANCE)[0], np.float64)  # Eqs. 20 and 23
 
 
 def _undo(found: Float64Array, alignment: Alignment) -> Float64Array:
     matrices, shifts = between_keyframes(alignment.matrices), between_keyframes(alignment.shifts)
-    # Straight at frame 0, a curve says little about the matrix across it: the inverse is that of least squares.
+    # A curve that is straight at frame 0 says little about the matrix across it: invert by least squares.
     return (found - alignment.pivot) @ np.linalg.pinv(matrices) + alignment.pivot + shifts
 
 
 def between_keyframes(values: Float64Array) -> Float64Array:
-    """Values of keyframes as they are, those between as the mean of their neighbours."""
+    """Keep values of keyframes; frames between get the mean of their neighbours."""
     filled = values.copy()
     filled[1::2] = 0.5 * (values[:-1:2] + values[2::2])
     return filled
 
 
 def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
-    """The parameter u of every frame, point and axis, (frames, points, 3 or 1): all axes share one where 1."""
+    """Return u of every frame, point and axis, (frames, points, 3 or 1): 1 where all axes share it."""
     frames, points, _ = aligned.shape
     if parameter.startswith("Eq. 24"):
-        # Across a straight curve Eq. 24 is 0 / 0, and one number is all that there is to fit: any u will do.
+        # Across a straight curve Eq. 24 is 0 / 0, and there is only one number to fit: any u will do.
         literal = np.nan_to_num(coordinate_parameter(aligned), nan=0.0)
         if parameter == "Eq. 24, keyframes":
             return between_keyframes(literal)
@@ -244,20 +250,20 @@ def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
 
 
 def coordinate_parameter(aligned: Float64Array) -> Float64Array:
-    """Eq. 24: each coordinate over its own range at its own frame; not a number where that range is 0."""
+    """Return Eq. 24: each coordinate over its own range at its own frame; NaN where that range is 0."""
     low, high = aligned.min(axis=1, keepdims=True), aligned.max(axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):
         return np.asarray((aligned - low) / (high - low))  # Eq. 24
 
 
 def arc_length(points: Float64Array) -> Float64Array:
-    """Arc length over the whole length, (points,)."""
+    """Return arc length over the whole length, (points,)."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.asarray(along / along[-1])
 
 
 def design(u: Float64Array, time: Float64Array, first: Float64Array, variant: Variant) -> Float64Array:
-    """All columns at all frames and points, (frames, points, columns); `first` are the points at frame 0."""
+    """Return all columns at all frames and points, (frames, points, columns); `first` are the points at frame 0."""
     in_time = unit_basis(time, variant.alpha, TIME_FUNCTIONS)
     if variant.functions == "all 32":
         along = unit_basis(u, variant.r, SPACE_FUNCTIONS)
@@ -274,22 +280,22 @@ def design(u: Float64Array, time: Float64Array, first: Float64Array, variant: Va
 
 
 def least_squares(rows: Float64Array, wanted: Float64Array) -> Float64Array:
-    """The minimiser of Eq. 25, by singular values of columns scaled to length 1."""
+    """Return the minimiser of Eq. 25, by singular values of columns scaled to length 1."""
     size = np.linalg.norm(rows, axis=0)
-    solution = np.linalg.lstsq(rows / size, wanted, rcond=RANK)[0]
+    solution = np.linalg.lstsq(rows / size, wanted, rcond=COLUMN_RANK_TOLERANCE)[0]
     return np.asarray(solution / size[:, None])
 
 
 def _systems(given: Float64Array) -> list[tuple[Float64Array, slice]]:
-    """Parameter and axes of each system of Eq. 25: one for all axes where they share u, one an axis else."""
+    """Return parameter and axes of each system of Eq. 25: one system if all axes share u, else one per axis."""
     if given.shape[-1] == 1:
         return [(given[..., 0], slice(0, 3))]
     return [(given[..., axis], slice(axis, axis + 1)) for axis in range(3)]
 
 
 def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] = RATES) -> Variant:
-    """The alpha and r of least summed squared error at the keyframes, which is all that an encoder may look at."""
-    aligned = align(curve[:, ::THINNED], variant.removal).aligned
+    """Choose alpha and r of least summed squared error at the keyframes, the only frames an encoder may look at."""
+    aligned = align(curve[:, ::POINT_STRIDE], variant.removal).aligned
     first, given = aligned[0], parameters(aligned, variant.parameter)[KEYFRAMES]
     keyframes = aligned[KEYFRAMES] - (first if variant.target == "displacement" else 0.0)
     time = np.linspace(0.0, 1.0, len(aligned))[KEYFRAMES]
@@ -306,7 +312,7 @@ def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] =
             total += float(((columns @ least_squares(columns, wanted) - wanted) ** 2).sum())
         return total
 
-    # At rate 0 the printed functions are dependent; only all 32 have another basis here.
+    # At rate 0 the printed functions are dependent; only the set of all 32 has another basis here.
     tried = [rate for rate in rates if rate > 0 or variant.functions == "all 32"]
     alpha, r = min(product(tried, tried), key=error)
     return replace(variant, alpha=alpha, r=r)
@@ -314,8 +320,10 @@ def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] =
 
 @dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """Errors frame by frame over D: E_An of Eq. 26 and E_Mn of Eq. 27, (frames,) float64; `relative` is the root mean
-    square error of all frames over that of the distances from frame 0, which is the motion that there is to rebuild.
+    """Errors frame by frame over D: E_An of Eq. 26 and E_Mn of Eq. 27, (frames,) float64.
+
+    `relative` is the root mean square error of all frames over that of the distances from frame 0, the motion to
+    reconstruct.
     """
 
     average: Float64Array
@@ -324,17 +332,17 @@ class FrameErrors:
 
     @property
     def mean(self) -> float:
-        """Mean of the average errors, which the paper quotes."""
+        """Mean of the average errors, as the paper quotes it."""
         return float(self.average.mean())
 
     @property
     def largest(self) -> float:
-        """Largest of the maximum errors, which the paper quotes."""
+        """Largest of the maximum errors, as the paper quotes it."""
         return float(self.maximum.max())
 
 
 def frame_errors(wanted: Float64Array, found: Float64Array, diameter: float) -> FrameErrors:
-    """Eqs. 26 and 27.
+    """Compute the errors of Eqs. 26 and 27.
 
     Parameters
     ----------
@@ -352,8 +360,9 @@ def frame_errors(wanted: Float64Array, found: Float64Array, diameter: float) -> 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one variant gives, its alpha and r chosen by the keyframes' error or fixed: errors as the paper measures;
-    and decoded, in the scene, with the transformations of keyframes alone.
+    """Result of one variant with alpha and r chosen by the keyframes' error or fixed.
+
+    Errors as the paper measures them; and decoded, in the scene, with the keyframes' transformations alone.
     """
 
     variant: Variant
@@ -363,7 +372,7 @@ class Outcome:
 
 
 def every_variant(curve: Float64Array, diameter: float) -> list[Outcome]:
-    """All combinations on one curve, (frames, points, 3) float64 [m], each with fixed and with chosen rates."""
+    """Measure all combinations on one curve, (frames, points, 3) float64 [m], each with fixed and with chosen rates."""
     outcomes = []
     for parameter, target, removal, affine, functions in product(
         PARAMETERS_COMPARED, TARGETS, REMOVALS, (False, True), FUNCTION_SETS
@@ -385,14 +394,14 @@ def _outcome(curves: Float64Array, variant: Variant, is_chosen: bool, diameter: 
 
 
 def reconstruct_all(curves: Float64Array, variant: Variant, diameter: float) -> FrameErrors:
-    """Errors of one variant over all curves, as the paper measures them."""
+    """Measure one variant over all curves, as the paper does."""
     return _outcome(curves, variant, False, diameter).aligned
 
 
 def map_rates(
     curve: Float64Array, variant: Variant, rates: Float64Array, diameter: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Mean E_A and largest E_M over a grid of alpha (rows) and r (columns), (rates, rates) each."""
+    """Measure mean E_A and largest E_M over a grid of alpha (rows) and r (columns), (rates, rates) each."""
     pairs = product(rates.tolist(), rates.tolist())
     errors = [reconstruct_all(curve[None], replace(variant, alpha=alpha, r=r), diameter) for alpha, r in pairs]
     shape = (rates.size, rates.size)

@@ -1,7 +1,7 @@
-"""Where the physics earns its place and where it does not: a vibrating beam, and alpha tied to r by the scene's K/m.
+"""Where the physics helps and where it does not: a vibrating beam, and alpha tied to r by the scene's K/m.
 
-The positive control: a beam that vibrates about its equilibrium in one of its modes moves by products of Eq. 18 if
-alpha is its frequency and r its wave number. And on the rope alpha is not free: below Eq. 12 it is ``r^2 sqrt(K/m)``,
+The beam is the positive control: vibrating about its equilibrium in one mode, it moves by products of Eq. 18 if
+alpha is its frequency and r its wave number. On the rope, alpha is not free: below Eq. 12 it is ``r^2 sqrt(K/m)``,
 and the scene knows its stiffness and mass.
 """
 
@@ -21,13 +21,13 @@ from pdecodec.simulate.scenes import CubeRopeOptions
 from pdecodec.simulate.system import STANDARD_GRAVITY
 
 CLAMPED_FREE = (1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349)
-"""Wave numbers of a beam that is clamped at one end and free at the other: roots of ``cos b cosh b = -1``."""
+"""Wave numbers of a beam clamped at one end and free at the other: roots of ``cos b cosh b = -1``."""
 
 POINTS = 104
-"""Of the curve that vibrates."""
+"""Points of the vibrating curve."""
 
 PERIODS = np.linspace(0.1, 2.0, 20)
-"""Periods of the vibration that a clip of eleven frames shows: six keyframes tell no more than two apart."""
+"""Periods of the vibration that a clip of eleven frames shows: six keyframes cannot resolve more than two."""
 
 PLAIN, TIED, SPLINES, TWO = (
     "polynomials",
@@ -40,26 +40,26 @@ TIED_RATES = np.linspace(0.5, 12.0, 24)
 """Values of r along the curve alpha = r^2 sqrt(K/m)."""
 
 FREE_ALPHAS = (0.0, 1.0, 2.0, 4.0, 8.0)
-"""Values of alpha of which the best is taken where it is free."""
+"""Values of alpha whose best is taken where alpha is free."""
 
 
 def mode(u: Float64Array, beta: float) -> Float64Array:
-    """Shape of a clamped and free beam's mode of wave number beta, at u in [0, 1], largest about 1."""
+    """Return the shape of a clamped-free beam's mode of wave number beta, at u in [0, 1], largest about 1."""
     sigma = (math.cosh(beta) + math.cos(beta)) / (math.sinh(beta) + math.sin(beta))
     bx = beta * u
-    # e^(bx) (1 - sigma) / 2 by itself: the difference of cosh and sinh would lose its digits.
+    # e^(bx) (1 - sigma) / 2 computed directly: the difference of cosh and sinh would lose its digits.
     growing, fading = 0.5 * (1 - sigma) * np.exp(bx), 0.5 * (1 + sigma) * np.exp(-bx)
     return np.asarray(0.5 * (growing + fading - np.cos(bx) + sigma * np.sin(bx)))
 
 
 def vibration(beta: float, omega: float) -> Float64Array:
-    """The clip of one mode, (frames, points, 1): it begins half-way through a swing."""
+    """Return the clip of one mode, (frames, points, 1); it begins half-way through a swing."""
     u, time = np.linspace(0.0, 1.0, POINTS), np.linspace(0.0, 1.0, FRAMES)
     return np.asarray(np.sin(omega * time + 0.7)[:, None, None] * mode(u, beta)[None, :, None])
 
 
 def beam_errors() -> dict[int, dict[str, Float64Array]]:
-    """For each mode, errors of each method over :data:`PERIODS`: rms at all frames, over the motion's."""
+    """Return rms errors at all frames over the motion's rms, of each method over :data:`PERIODS`, for each mode."""
     u = np.linspace(0.0, 1.0, POINTS)
     found: dict[int, dict[str, Float64Array]] = {}
     for number, beta in enumerate(CLAMPED_FREE, 1):
@@ -81,8 +81,10 @@ def beam_errors() -> dict[int, dict[str, Float64Array]]:
 
 @dataclass(frozen=True, eq=False)
 class TiedRates:
-    """Mean errors E_A of the honest method on the rope along r: with alpha tied to it by the scene, with the best of
-    some free alphas, and with polynomials; and the factor sqrt(K/m) over unit times and lengths.
+    """Mean errors E_A of the honest method on the rope along r.
+
+    With alpha tied to r by the scene, with the best of some free alphas, and with polynomials; and the factor
+    sqrt(K/m) over unit times and lengths.
     """
 
     factor: float
@@ -92,10 +94,10 @@ class TiedRates:
 
 
 def stiffness_over_mass(settings: RopeSettings) -> float:
-    """``sqrt(K/m)`` of the rope as a beam, with t over the clip and u over the rope's length.
+    """Return ``sqrt(K/m)`` of the rope as a beam, with t over the clip and u over the rope's length.
 
-    K is the flexural rigidity E I of its square section, m its mass a length: ``sqrt(E / rho) thickness / sqrt(12)``
-    [m^2/s]; times the clip's seconds over the length squared.
+    K is the flexural rigidity E I of its square section, m its mass per length: ``sqrt(E / rho) thickness /
+    sqrt(12)`` [m^2/s], times the clip's seconds over the length squared.
     """
     options = CubeRopeOptions()
     speed = math.sqrt(STANDARD_GRAVITY * options.length / STRETCH)  # sqrt(E / rho) [m/s]
@@ -103,7 +105,7 @@ def stiffness_over_mass(settings: RopeSettings) -> float:
 
 
 def tied_rates(curve: Float64Array, settings: RopeSettings, diameter: float) -> TiedRates:
-    """Try every r on one curve, (frames, points, 3) float64 [m]."""
+    """Measure every r on one curve, (frames, points, 3) float64 [m]."""
     factor = stiffness_over_mass(settings)
 
     def error(alpha: float, r: float) -> float:

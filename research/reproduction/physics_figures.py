@@ -1,4 +1,4 @@
-"""Figures of the equation and its physics: what the functions solve, a beam, and a tied alpha."""
+"""Charts of the equation and its physics: what the functions solve, a beam, and a tied alpha."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pdecodec.research.reproduction.physics import FREE_ALPHAS, PERIODS, PLAIN, 
 
 
 def equation_figure(findings: Findings) -> Figure:
-    """Which products of Eq. 18 solve Eq. 10."""
+    """Chart which products of Eq. 18 solve Eq. 10."""
     found = findings.equation
     solves = found.printed < ROUNDING
     short = growth_exponent(SHORT_WAVES, ALPHA, R) / math.log(10)
@@ -62,7 +62,7 @@ def equation_figure(findings: Findings) -> Figure:
 
 
 def beam_figure(findings: Findings) -> Figure:
-    """The positive control."""
+    """Chart the positive control."""
     found = findings.beam
     second = found[2]
     colours = {TIED: BLUE, PLAIN: ORANGE, SPLINES: GREEN, TWO: PURPLE}
@@ -102,7 +102,7 @@ def beam_figure(findings: Findings) -> Figure:
 
 
 def tied_figure(findings: Findings) -> Figure:
-    """The rope with alpha = r^2 sqrt(K/m)."""
+    """Chart the rope with alpha = r^2 sqrt(K/m)."""
     found = findings.tied
 
     shown = (0.5, 2, 4, 6, 8, 10, 12)

@@ -1,4 +1,4 @@
-"""What the paper prints: Fang et al., Mathematics 2024, 12, 3175, section 5. Quoted, never computed with."""
+"""Figures that the paper prints (Fang et al., Mathematics 2024, 12, 3175, section 5); quoted, never computed with."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ PDE_MEAN, PDE_LARGEST = 0.006986, 0.019478
 """Mean of the average errors and largest of the maximum errors of the PDE method, as the text states them."""
 
 SPLINE_MEAN, SPLINE_LARGEST = 0.046644, 0.270942
-"""The same of B-splines with linear interpolation."""
+"""The same two figures of B-splines with linear interpolation."""
 
 SECONDS_ALL_FRAMES, SECONDS_KEYFRAMES, SECONDS_PDE, SECONDS_SPLINE = 7.442, 4.085, 0.293, 0.034
-"""CPU time of XPBD for 11 frames, for frames 0, 2, 4, 6, 8, 10; of the PDE method; of B-splines."""
+"""CPU times of XPBD for 11 frames and for frames 0, 2, 4, 6, 8, 10; of the PDE method; of B-splines."""
 
 TIME_SHARE = 0.5813
-"""Share of XPBD's time, as the text states it. Its own figures give (4.085 + 0.293) / 7.442 = 0.5883."""
+"""Fraction of XPBD's time, as the text states it. The paper's own figures give (4.085 + 0.293) / 7.442 = 0.5883."""
 
 VERTICES, CURVES, POINTS, FRAMES, CONTROL_POINTS, FUNCTIONS = 19968, 24, 832, 11, 50, 32
-"""The cube-rope: vertices, curves, points of each; frames; control points of a B-spline; functions of Eq. 18."""
+"""The cube-rope: vertices, curves, points per curve; frames; control points of a B-spline; functions of Eq. 18."""
 
 VARIABLES_XPBD, VARIABLES_SPLINE, VARIABLES_PDE = 219_648, 7_200, 768
-"""Design variables as the paper counts them: vertices, control points, constants, each a triple of numbers."""
+"""Design variables as the paper counts them: vertices, control points and constants, each three numbers."""

@@ -1,10 +1,10 @@
-"""Accuracy against what it costs, on the rope: constants, bytes and seconds of every model, and of the codec.
+"""Accuracy against cost on the rope: constants, bytes and seconds of every model, and of the codec.
 
 Every model here is a product, ``X = T C U^T`` for each curve and axis, with T the functions of time at the eleven
-frames and U those along the curve; u is by index, nothing is stored for it. Made orthonormal, fit and evaluation are
-two small products, and rounding C to steps is the best that can be done with so many steps. Constants are counted as
-float32, and once more as the range coder writes them. What a file of the codec spends on the model and on everything
-else is apart.
+frames and U those along the curve; u is by index, and nothing is stored for it. With orthonormal T and U, fit and
+evaluation are two small products each, and rounding C to steps is optimal for that number of steps. Constants are
+counted as float32, and again as the range coder writes them. For a file of the codec, the bytes of the model and all
+others are listed separately.
 """
 
 from __future__ import annotations
@@ -35,38 +35,38 @@ Factors = tuple[Float64Array, Float64Array]
 """T, (frames, a), and U, (points, b), each with orthonormal columns."""
 
 SIZES = ((1, 1), (1, 2), (2, 2), (3, 3), (5, 3), (9, 3), (16, 3))
-"""Pieces that a curve is cut into, and the clip: each has 32 constants an axis, fewer where it has fewer frames."""
+"""Pieces per curve and per clip; each piece has 32 constants per axis, fewer where it has fewer frames."""
 
 TOLERANCES = (1e-1, 7e-2, 5e-2, 4e-2, 3e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4)
-"""Bounds at which profile auto is run, over the rope's diagonal."""
+"""Tolerances of profile auto, over the rope's diagonal."""
 
 RUNS = 4
-"""Of which the least time counts: what others do on the machine only adds."""
+"""Runs per timing; the shortest counts, because other programs can only add time."""
 
 NUMBER_BYTES = 4
-"""Of a constant as float32, which positions are as well."""
+"""Bytes of a constant as float32, as of a position."""
 
-COARSENING = 1.1
-"""Rounding may make the largest error so much larger."""
+ROUNDING_ERROR_RATIO = 1.1
+"""Factor by which rounding the constants may raise the largest error."""
 
 PDE, POLYNOMIALS, SPLINES = "PDE, 4 x 8 functions a piece", "polynomials, 4 x 8 a piece", "B-spline surface"
 AUTO, PAPER = "pdecodec auto", "pdecodec --profile paper"
 
 _MESH = frozenset({"CONN", "ORDR", "ATTR"})
-"""Sections that hold faces and what belongs to them."""
+"""Sections of faces and their attributes."""
 
 _MODEL = frozenset({"TIME", "MODL", "GRUP", "COEF"})
-"""Sections that say which functions there are, and the numbers that multiply them."""
+"""Sections that name the functions, and of the numbers that multiply them."""
 
 
 @dataclass(frozen=True)
 class Point:
     """One model at one size, or one file.
 
-    Constants a curve and axis, None for files; bytes as float32, None for files; bytes as they are coded, connectivity
-    not counted; seconds of CPU that fit and evaluation take, or encoding; errors of all curves at frames 0 to 10,
-    decoded from the coded bytes, and of the model before its constants were rounded; of the same decoded positions the
-    error of Karni and Gotsman [%], and how far edges and normals of the mesh are off.
+    Constants per curve and axis, None for files; bytes as float32, None for files; coded bytes without connectivity;
+    CPU seconds of fit and evaluation, or of encoding; errors of all curves at frames 0 to 10, decoded from the coded
+    bytes, and of the model before its constants were rounded; of the same decoded positions the error of Karni and
+    Gotsman [%], and the errors of edges and normals of the mesh.
     """
 
     model: str
@@ -81,7 +81,7 @@ class Point:
 
 
 def functions_of(model: str, pieces: int, segments: int, points: int) -> Factors:
-    """T and U of a model, of as many constants as 4 x 8 functions on so many pieces of a curve and of the clip."""
+    """Return T and U of a model with 4 x 8 functions on each of the given pieces of curve and clip."""
     if model == SPLINES:
         return tuple(  # type: ignore[return-value]  # two, as there are two pairs below
             np.linalg.qr(
@@ -94,7 +94,7 @@ def functions_of(model: str, pieces: int, segments: int, points: int) -> Factors
 
 
 def in_parts(places: int, parts: int, rate: float, count: int) -> Float64Array:
-    """Functions of one variable on each part of an axis by itself, (places, functions), orthonormal."""
+    """Return functions of one variable on each part of an axis separately, (places, functions), orthonormal."""
     blocks = [
         np.linalg.qr(unit_basis(np.linspace(0, 1, rows.size), rate, count))[0]
         for rows in np.array_split(np.arange(places), parts)
@@ -103,12 +103,12 @@ def in_parts(places: int, parts: int, rate: float, count: int) -> Float64Array:
 
 
 def fit(curves: Float64Array, factors: Factors) -> Float64Array:
-    """Constants of all curves, (a, b, curves, 3), of (curves, frames, points, 3) float64 [m]."""
+    """Return constants of all curves, (a, b, curves, 3), from curves (curves, frames, points, 3) float64 [m]."""
     return np.asarray(np.einsum("ta,ctpk,pb->abck", factors[0], curves, factors[1], optimize=True))
 
 
 def evaluate(constants: Float64Array, factors: Factors) -> Float64Array:
-    """(curves, frames, points, 3) float64 [m]."""
+    """Return curves (curves, frames, points, 3) float64 [m] from their constants."""
     return np.asarray(np.einsum("ta,abck,pb->ctpk", factors[0], constants, factors[1], optimize=True))
 
 
@@ -124,7 +124,8 @@ def measure_model(rope: Rope, model: str, pieces: int, segments: int) -> Point:
         seconds = min(seconds, time.process_time() - started)
     unrounded = frame_errors(curves, found, diameter)
     shape = constants.shape
-    # A step of the largest error hardly shows in functions of length 1; halved until it does not show.
+    # Start at a step of the largest error, which hardly shows with functions of length 1; halve it until it does not
+    # show.
     step = 4 * unrounded.largest * diameter
     while True:
         step /= 2
@@ -133,7 +134,7 @@ def measure_model(rope: Rope, model: str, pieces: int, segments: int) -> Point:
         again = decode_bands(data, *levels.shape).reshape(shape).astype(np.float64) * step
         decoded = evaluate(again, factors)
         errors = frame_errors(curves, decoded, diameter)
-        if errors.largest <= COARSENING * unrounded.largest:
+        if errors.largest <= ROUNDING_ERROR_RATIO * unrounded.largest:
             break
     plain = NUMBER_BYTES * constants.size
     points = as_points(decoded)
@@ -141,7 +142,9 @@ def measure_model(rope: Rope, model: str, pieces: int, segments: int) -> Point:
 
 
 def of_mesh(rope: Rope, points: Float32Array) -> tuple[float, SurfaceDistortion]:
-    """The error of Karni and Gotsman [%] of (frames, vertices, 3) decoded positions, and that of edges and normals."""
+    """Return the error of Karni and Gotsman [%] of decoded positions, (frames, vertices, 3), and that of edges
+    and normals.
+    """
     clip = rope.clip
     meter = DistortionMeter()
     meter.add(clip.points, points)
@@ -151,7 +154,7 @@ def of_mesh(rope: Rope, points: Float32Array) -> tuple[float, SurfaceDistortion]
 
 @dataclass(frozen=True)
 class File:
-    """One file of the codec: its point, its bytes by what they are for, and its bound over the rope's diagonal."""
+    """One file of the codec: its point, its bytes by purpose, and its bound over the rope's diagonal."""
 
     point: Point
     parts: dict[str, int]
@@ -181,7 +184,7 @@ def measure_file(rope: Rope, name: str, settings: EncodeSettings) -> File:
 
 
 def every_model(rope: Rope) -> list[Point]:
-    """Each model with each number of pieces."""
+    """Measure each model with each number of pieces."""
     return [
         measure_model(rope, model, pieces, segments)
         for model in (PDE, POLYNOMIALS, SPLINES)
@@ -190,13 +193,13 @@ def every_model(rope: Rope) -> list[Point]:
 
 
 def every_file(rope: Rope) -> list[File]:
-    """Profile paper, and profile auto over :data:`TOLERANCES`."""
+    """Measure profile paper, and profile auto over :data:`TOLERANCES`."""
     files = [measure_file(rope, PAPER, EncodeSettings(profile="paper"))]
     return files + [measure_file(rope, AUTO, EncodeSettings(tolerance=tolerance)) for tolerance in TOLERANCES]
 
 
 def table_of(points: list[Point]) -> Table:
-    """Return a row of everything that was measured for each point."""
+    """Return a row of every measurement for each point."""
     columns: dict[str, Callable[[Point], Value]] = {
         "model": lambda p: p.model,
         "constants a curve and axis": lambda p: p.constants,

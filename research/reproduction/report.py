@@ -1,4 +1,4 @@
-"""The report on the paper: what `pdecodec reproduce` writes."""
+"""Make the report on the paper; this is the command `pdecodec reproduce`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pdecodec.report.charts.figure import Figure, Report, Section, Table
 from pdecodec.research.reproduction import accuracy, cost_figures, given_figures, physics_figures, printed, shapes
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import PRINTED
-from pdecodec.research.reproduction.sweep import WITHIN
+from pdecodec.research.reproduction.sweep import LEVEL_RATIO
 from pdecodec.research.reproduction.verdicts import Verdict, judge
 
 SECTIONS: tuple[tuple[str, str, tuple[Callable[[Findings], Figure], ...]], ...] = (
@@ -64,11 +64,11 @@ SECTIONS: tuple[tuple[str, str, tuple[Callable[[Findings], Figure], ...]], ...] 
         ),
     ),
 )
-"""Title, introduction and figures, in the order of the page; the verdicts stand before them."""
+"""Title, introduction and charts of each part, in the order of the page; the verdicts precede them."""
 
 
 def make_report(findings: Findings) -> Report:
-    """Return the page: verdicts first, then the figures that they rest on."""
+    """Return the page: verdicts first, then the charts they rest on."""
     settings = findings.rope.settings
     verdicts = judge(findings)
     sections = (
@@ -105,8 +105,8 @@ def _summary(findings: Findings, verdicts: list[Verdict]) -> str:
         f"{counts['reproduced with a condition']} reproduced with a condition, {counts['not reproduced']} not "
         "reproduced. Every figure below was measured in this run; what is quoted from the paper says so.\n\n"
         "The paper's rope is another mesh with another material, and it gives neither frame rate nor alpha nor r. So "
-        f"its errors are compared within a factor {WITHIN:g}, from above alone: smaller ones are no failure. A claim "
-        "that holds as the paper makes and measures it is called reproduced; what it depends on stands beside it."
+        f"its errors are compared within a factor {LEVEL_RATIO:g}, from above alone: smaller ones are no failure. A "
+        "claim that holds as the paper makes and measures it is called reproduced; what it depends on stands beside it."
     )
 
 

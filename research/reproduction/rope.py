@@ -1,8 +1,8 @@
 """The scene: a cube-rope of the paper's size, simulated with the bundled XPBD.
 
-The paper does not say how long a frame is, how stiff its rope, or how it is held. Ours is held at both ends,
-shaken, and falls from rest. A frame is an eighth of a second: within ten of them the rope falls into its curve, as in
-the paper's Figure 2. Ropes of other twists, at other rates and moments: :mod:`pdecodec.research.reproduction.sweep`.
+The paper does not state the length of a frame, the rope's stiffness, or how the rope is held. Ours is held at both
+ends, shaken, and falls from rest. A frame is an eighth of a second: within ten frames the rope falls into its curve,
+as in the paper's Figure 2. For other twists, rates and moments see :mod:`pdecodec.research.reproduction.sweep`.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.simulate import build
 
 FRAMES = 11
-"""Frames 0 to 10."""
+"""Number of frames, 0 to 10."""
 
 KEYFRAMES = slice(0, None, 2)
-"""Frames 0, 2, 4, 6, 8, 10."""
+"""Keyframes 0, 2, 4, 6, 8, 10."""
 
 FINE_STEPS = 3
-"""Simulated frames in one of ours."""
+"""Simulated frames per frame of the clip."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RopeSettings:
-    """Points of a curve and curves, by default the paper's 832 and 24, and frames a second; SettingsError if curves are
-    too short to hold 50 control points.
+    """Size and frame rate of the rope.
+
+    Points per curve and curves, by default the paper's 832 and 24; frames per second. Raises SettingsError if curves
+    are too short for 50 control points.
     """
 
     rings: int = 832
@@ -45,7 +47,7 @@ class RopeSettings:
 
 @dataclass(frozen=True, eq=False)
 class Rope:
-    """Simulated frames 0 to 30, :data:`FINE_STEPS` of them in one of ours, and the CPU time of the simulation [s]."""
+    """Simulated frames 0 to 30, :data:`FINE_STEPS` per frame of the clip, and the CPU time of the simulation [s]."""
 
     settings: RopeSettings
     fine: ArraySequence
@@ -63,36 +65,36 @@ class Rope:
 
     @cached_property
     def curves(self) -> Float64Array:
-        """(curves, frames, points, 3) float64 [m]: ``w_nk`` of every curve, frames 0 to 10."""
+        """``w_nk`` of every curve at frames 0 to 10, (curves, frames, points, 3) float64 [m]."""
         return as_curves(self.fine.points[::FINE_STEPS], self.settings)
 
     @cached_property
     def diameter(self) -> float:
-        """D of Eqs. 26 and 27: distance of the two furthest points of the first curve, at frame 0 [m]."""
+        """D of Eqs. 26 and 27: the largest distance between points of the first curve at frame 0 [m]."""
         return diameter_of(self.curves[0, 0])
 
 
 def diameter_of(points: Float64Array) -> float:
-    """Distance of the two furthest of some points, (points, 3) [m]: D of Eqs. 26 and 27."""
+    """Return the largest distance between points, (points, 3) [m]: D of Eqs. 26 and 27."""
     from scipy.spatial.distance import pdist
 
     return float(pdist(points).max())
 
 
 def as_curves(points: Float32Array, settings: RopeSettings) -> Float64Array:
-    """Positions of the rope's vertices, curve by curve: (curves, frames, points, 3) float64 [m]."""
+    """Return positions of the rope's vertices, curve by curve: (curves, frames, points, 3) float64 [m]."""
     shaped = points.astype(np.float64).reshape(len(points), settings.sides, settings.rings, 3)
     return np.ascontiguousarray(shaped.transpose(1, 0, 2, 3))
 
 
 def as_points(curves: Float64Array) -> Float32Array:
-    """Undo :func:`as_curves`: (frames, vertices, 3) [m]."""
+    """Undo :func:`as_curves`; return (frames, vertices, 3) [m]."""
     frames = curves.shape[1]
     return np.ascontiguousarray(curves.transpose(1, 0, 2, 3)).reshape(frames, -1, 3).astype(np.float32)
 
 
 def simulate_rope(settings: RopeSettings) -> Rope:
-    """Simulate it."""
+    """Simulate the rope."""
     started = time.process_time()
     fine = simulate(settings, frames=FINE_STEPS * (FRAMES - 1) + 1, fps=settings.fps * FINE_STEPS)
     return Rope(settings, fine, time.process_time() - started)
@@ -106,13 +108,15 @@ def simulate(
     substeps: int | None = None,
     turns: float | None = None,
 ) -> ArraySequence:
-    """The rope at any frame rate; `substeps` a frame and `turns` of its section, by default the scene's own."""
+    """Simulate the rope at any frame rate; `substeps` per frame and `turns` of its section default to the
+    scene's own.
+    """
     twist = {} if turns is None else {"turns": turns}
     scene = build("cube-rope", rings=settings.rings, sides=settings.sides, **twist)
     return scene.simulate(frames=frames, fps=fps or settings.fps, substeps=substeps).to_array()
 
 
 def own_substeps(settings: RopeSettings) -> int:
-    """Substeps that the scene wants in one of our frames."""
+    """Return the number of substeps that the scene needs per frame of the clip."""
     scene = build("cube-rope", rings=settings.rings, sides=settings.sides)
     return FINE_STEPS * int(np.ceil(scene.substeps * 24.0 / (settings.fps * FINE_STEPS)))

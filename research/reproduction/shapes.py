@@ -1,4 +1,4 @@
-"""Figures 2 to 6 of the paper drawn again at its frames, with the meshes of frame 5 close up."""
+"""Draw Figures 2 to 6 of the paper at its frames, with close-ups of the meshes at frame 5."""
 
 from __future__ import annotations
 
@@ -14,43 +14,43 @@ from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import HONEST, PRINTED, frame_errors, reconstruct
 
-GIVEN = replace(PRINTED, removal="none")
+PRINTED_WITHOUT_REMOVAL = replace(PRINTED, removal="none")
 """The printed method without Eq. 23, whose matrices cannot be undone: what can be drawn in the scene."""
 
 MESH_FRAME = 5
-"""The frame that is drawn as a mesh: in the middle, and no keyframe."""
+"""Frame that is drawn as a mesh: in the middle, and not a keyframe."""
 
 ERROR_SHOWN = 0.05
-"""Error over D at which the colours of the meshes end."""
+"""Error over D at which the colour scale of the meshes ends."""
 
 CLOSE_UP = (0.45, 0.52)
-"""Part of the rope's length that is seen close up."""
+"""Part of the rope's length that the close-up shows."""
 
-THINNED = 4
-"""Every so many rings are drawn where the whole rope is in the picture: a quad is less than a dot there."""
+RING_STRIDE = 4
+"""Stride of the rings drawn where the whole rope is visible; smaller quads would be less than a dot."""
 
-AIR = 0.4
-"""Around what is drawn [m]."""
+MARGIN = 0.4
+"""Margin around the drawing [m]."""
 
 PLAIN_COLOUR = (0.36, 0.52, 0.72)
 
 
-BAR = ("error over D", ("0", f"{ERROR_SHOWN / 2:g}", f"{ERROR_SHOWN:g} and more"))
-"""Title and marks of the scale of colours."""
+COLOUR_SCALE = ("error over D", ("0", f"{ERROR_SHOWN / 2:g}", f"{ERROR_SHOWN:g} and more"))
+"""Title and marks of the colour scale."""
 
 FRAMES_SHOWN = tuple(range(10))
 """Frames of Figures 2 and 4."""
 
-BETWEEN = (1, 3, 5, 7, 9)
+FRAMES_BETWEEN = (1, 3, 5, 7, 9)
 """Frames of Figure 5, which no method was fitted to."""
 
 
 def figure_2(findings: Findings) -> Figure:
-    """Figure 2: the simulation from frame 0 to frame 9."""
+    """Draw Figure 2: the simulation from frame 0 to frame 9."""
     curves = findings.rope.curves
     quads = _thinned_quads(findings)
     seen = {frame: as_seen(curves[:, frame].reshape(-1, 3)) for frame in FRAMES_SHOWN}
-    corners = extent(*seen.values(), margin=AIR)
+    corners = extent(*seen.values(), margin=MARGIN)
 
     def picture() -> str:
         found = Picture(1050, 640)
@@ -73,14 +73,14 @@ def figure_2(findings: Findings) -> Figure:
 
 
 def figure_3(findings: Findings) -> Figure:
-    """Figure 3: the model."""
+    """Draw Figure 3: the model."""
     rope = findings.rope
     quads = polygons_of(rope.clip.connectivity)[0]
     seen = as_seen(rope.curves[:, 0].reshape(-1, 3))
 
     def picture() -> str:
         found = Picture(1050, 400)
-        found.view((10, 20, 1030, 110), extent(seen, margin=AIR)).mesh(seen, [quads], [_plain(quads)])
+        found.view((10, 20, 1030, 110), extent(seen, margin=MARGIN)).mesh(seen, [quads], [_plain(quads)])
         _close_up(found, (10, 170, 1030, 220), seen, quads, _plain(quads), _part(seen), 0.1)
         return found.svg()
 
@@ -100,16 +100,16 @@ def figure_3(findings: Findings) -> Figure:
 
 
 def figure_4(findings: Findings) -> Figure:
-    """Figure 4: all curves at frames 0 to 9."""
+    """Draw Figure 4: all curves at frames 0 to 9."""
     curves = findings.rope.curves
     seen = as_seen(curves.reshape(-1, 3)).reshape(curves.shape)
-    corners = extent(seen, margin=AIR)
+    corners = extent(seen, margin=MARGIN)
 
     def picture() -> str:
         found = Picture(1050, 640)
         titles = [f"frame {frame}" for frame in FRAMES_SHOWN]
         for frame, view in enumerate(found.grid(5, 2, corners, titles, bar=False)):
-            view.curves(seen[:, frame, ::THINNED], [BLUE] * len(seen), width=0.4)
+            view.curves(seen[:, frame, ::RING_STRIDE], [BLUE] * len(seen), width=0.4)
         return found.svg()
 
     lengths = np.linalg.norm(np.diff(curves, axis=2), axis=-1).sum(axis=2)
@@ -132,37 +132,37 @@ def figure_4(findings: Findings) -> Figure:
 
 
 def figure_5(findings: Findings) -> Figure:
-    """Figure 5: meshes at the frames between the keyframes."""
+    """Draw Figure 5: meshes at the frames between the keyframes."""
     rope, curves = findings.rope, findings.rope.curves
     quads = _thinned_quads(findings)
     rebuilt = {
         "XPBD": curves,
-        "PDE, u of Eq. 24 given": np.stack([reconstruct(curve, GIVEN).found for curve in curves]),
+        "PDE, u of Eq. 24 given": np.stack([reconstruct(curve, PRINTED_WITHOUT_REMOVAL).found for curve in curves]),
         "PDE, u by index": np.stack([reconstruct(curve, HONEST).found for curve in curves]),
         "B-splines, fair": np.stack([bspline.fair(curve) for curve in curves]),
     }
     errors = {name: np.linalg.norm(points - curves, axis=-1) / rope.diameter for name, points in rebuilt.items()}
-    corners = extent(as_seen(curves[:, list(BETWEEN)].reshape(-1, 3)), margin=AIR)
+    corners = extent(as_seen(curves[:, list(FRAMES_BETWEEN)].reshape(-1, 3)), margin=MARGIN)
 
     def picture() -> str:
         found = Picture(1150, 640)
         titles = [
-            (f"{name}\n" if frame == BETWEEN[0] else "")
+            (f"{name}\n" if frame == FRAMES_BETWEEN[0] else "")
             + (f"frame {frame}" if name == "XPBD" else f"E_A {errors[name][:, frame].mean():.4f}")
-            for frame in BETWEEN
+            for frame in FRAMES_BETWEEN
             for name in rebuilt
         ]
-        views = iter(found.grid(len(BETWEEN), len(rebuilt), corners, titles, bar=True))
-        for frame in BETWEEN:
+        views = iter(found.grid(len(FRAMES_BETWEEN), len(rebuilt), corners, titles, bar=True))
+        for frame in FRAMES_BETWEEN:
             for name, points in rebuilt.items():
                 shares = None if name == "XPBD" else errors[name][:, frame].ravel() / ERROR_SHOWN
                 next(views).mesh(as_seen(points[:, frame].reshape(-1, 3)), [quads], [_colours(quads, shares)])
-        found.colour_bar(*BAR, x=1062, y=220, height=200)
+        found.colour_bar(*COLOUR_SCALE, x=1062, y=220, height=200)
         return found.svg()
 
     rows = tuple(
         (frame, name, float(values[:, frame].mean()), float(values[:, frame].max()))
-        for frame in BETWEEN
+        for frame in FRAMES_BETWEEN
         for name, values in errors.items()
         if name != "XPBD"
     )
@@ -182,10 +182,10 @@ def figure_5(findings: Findings) -> Figure:
 
 
 def _thinned_quads(findings: Findings) -> Int32Array:
-    """Faces of the rope, (quads, 4) int32, over every so many rings."""
+    """Return faces of the rope, (quads, 4) int32, over every few rings."""
     settings = findings.rope.settings
     places = np.arange(settings.sides * settings.rings, dtype=np.int32)
-    grid = places.reshape(settings.sides, settings.rings)[:, ::THINNED]
+    grid = places.reshape(settings.sides, settings.rings)[:, ::RING_STRIDE]
     on = np.roll(grid, -1, axis=0)
     return np.stack([grid[:, :-1], grid[:, 1:], on[:, 1:], on[:, :-1]], axis=-1).reshape(-1, 4)
 
@@ -195,12 +195,14 @@ def _plain(quads: Int32Array) -> Float64Array:
 
 
 def _colours(quads: Int32Array, shares: Float64Array | None) -> Float64Array:
-    """Return a colour for each quad: that of its largest error, of errors by vertex over the largest one shown."""
+    """Return one colour per quad, by the largest of its vertices' errors, which are relative to the largest one
+    shown.
+    """
     return _plain(quads) if shares is None else heat_colours(shares[quads].max(axis=1))
 
 
 def _part(seen: Float64Array) -> Float64Array:
-    """Return the points that are seen close up: a part of the rope along x."""
+    """Return the points of the close-up: a part of the rope along x."""
     start, end = np.quantile(seen[:, 0], CLOSE_UP)
     return np.asarray(seen[(seen[:, 0] >= start) & (seen[:, 0] <= end)])
 
@@ -214,7 +216,7 @@ def _close_up(
     part: Float64Array,
     margin: float,
 ) -> View:
-    """Draw the quads with a vertex near a part of the picture's plane."""
+    """Draw the quads that have a vertex near a part of the picture's plane."""
     low, high = corners = extent(part, margin=margin)
     is_near = np.all((seen[:, :2] > low) & (seen[:, :2] < high), axis=1)[quads].any(axis=1)
     view = picture.view(box, corners)
@@ -223,7 +225,7 @@ def _close_up(
 
 
 def figure_6(findings: Findings) -> Figure:
-    """Figure 6 as the paper draws it."""
+    """Draw Figure 6 as the paper does."""
     curve = findings.rope.curves[0]
     return _overlays(
         findings,
@@ -231,7 +233,7 @@ def figure_6(findings: Findings) -> Figure:
         "Figure 6: the first curve as the paper has it",
         {
             "B-spline at u of Eq. 24": (GREEN, bspline.printed(curve)),
-            "PDE at u of Eq. 24": (ORANGE, reconstruct(curve, GIVEN).found),
+            "PDE at u of Eq. 24": (ORANGE, reconstruct(curve, PRINTED_WITHOUT_REMOVAL).found),
         },
         "With u of Eq. 24 given at every frame, the PDE's curve lies on XPBD's, and the B-spline that is fitted "
         "along the curve and evaluated at u of Eq. 24 leaves it where coordinate and index part. That is the paper's "
@@ -240,7 +242,7 @@ def figure_6(findings: Findings) -> Figure:
 
 
 def figure_6_known(findings: Findings) -> Figure:
-    """Figure 6 with what a decoder knows."""
+    """Draw Figure 6 with only what a decoder knows."""
     curve = findings.rope.curves[0]
     return _overlays(
         findings,
@@ -268,13 +270,13 @@ def _overlays(
     x = Axis("", low[0] - margin[0], high[0] + margin[0])
     y = Axis("", low[1] - 2 * margin[1], high[1] + 2 * margin[1])
     panels = []
-    for frame, points in enumerate(curve[:, ::THINNED]):
+    for frame, points in enumerate(curve[:, ::RING_STRIDE]):
         title = f"frame {frame}" + (", keyframe" if frame % 2 == 0 else "")
         labels = replace(x, title="x [m]" if frame > 7 else ""), replace(y, title="y [m]" if frame % 3 == 0 else "")
         panel = Panel(*labels, title=title, width=230, height=150)
         panel.line(points[:, 0], points[:, 1], BLUE, name="XPBD", width=3.2)
         for row, (label, (colour, found)) in enumerate(drawn.items()):
-            panel.line(found[frame, ::THINNED, 0], found[frame, ::THINNED, 1], colour, name=label, width=1.1)
+            panel.line(found[frame, ::RING_STRIDE, 0], found[frame, ::RING_STRIDE, 1], colour, name=label, width=1.1)
             error = f"E_A {errors[label].average[frame]:.4f}"
             panel.text_at(error, 226, 140 - 15.0 * row, colour, align="right", size=10)
         panels.append(panel)
@@ -286,11 +288,13 @@ def _overlays(
 
 
 def meshes_figure(findings: Findings) -> Figure:
-    """The meshes of frame 5, coloured by their errors."""
+    """Draw the meshes of frame 5, coloured by their errors."""
     rope, curves = findings.rope, findings.rope.curves
     rebuilt = {
         "XPBD": curves[:, MESH_FRAME],
-        "PDE, u of Eq. 24 given": np.stack([reconstruct(curve, GIVEN).found[MESH_FRAME] for curve in curves]),
+        "PDE, u of Eq. 24 given": np.stack(
+            [reconstruct(curve, PRINTED_WITHOUT_REMOVAL).found[MESH_FRAME] for curve in curves]
+        ),
         "PDE, u by index": np.stack([reconstruct(curve, HONEST).found[MESH_FRAME] for curve in curves]),
         "B-splines, fair": np.stack([bspline.fair(curve)[MESH_FRAME] for curve in curves]),
         "B-splines at u of Eq. 24": np.stack([bspline.printed(curve)[MESH_FRAME] for curve in curves]),
@@ -312,11 +316,11 @@ def meshes_figure(findings: Findings) -> Figure:
             view.mesh(points, [quads], [colours])
             near = _close_up(found, (720, top, 320, 120), points, quads, colours, _part(seen["XPBD"]), 0.5)
             for each in (view, near) if shares is None else ():
-                # A metre in each picture says how much closer the one is.
+                # A metre in each picture shows the magnification of the close-up.
                 each.curves([np.array([[0.0, 0.0], [1.0, 0.0]]) + each.low], ["black"], width=2.5)
                 each.text(each.low + np.array([0.0, 0.08]), "1 m")
         found.text(720, 22, "close up")
-        found.colour_bar(*BAR, x=1062, y=300, height=200)
+        found.colour_bar(*COLOUR_SCALE, x=1062, y=300, height=200)
         return found.svg()
 
     return Figure(

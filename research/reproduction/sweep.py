@@ -1,8 +1,8 @@
-"""Does Table 1 hang on the rope? Twist, frame rate and the moment that is looked at, each varied alone.
+"""Does Table 1 depend on the rope? Twist, frame rate and the moment of the clip, each varied alone.
 
-The paper says neither how much its rope is twisted nor how long its frames are. So the same method is run on ropes of
-0 to 4 turns, at 8 to 48 frames a second, from rest, falling and in full swing. Every cell is one simulation's first
-curve, measured as in Table 1, and set against Table 1's level.
+The paper states neither how much its rope is twisted nor how long its frames are. So the same method runs on ropes
+of 0 to 4 turns, at 8 to 48 frames per second, from rest, falling and in full swing. Every cell is the first curve of
+one simulation, measured as in Table 1 and compared with its level.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from pdecodec.research.reproduction.rope import FRAMES, RopeSettings, diameter_o
 TURNS = (0.0, 1.0, 2.0, 3.0, 4.0)
 
 FINE_RATE = 48
-"""Simulated frames a second, of which each frame rate takes some."""
+"""Simulated frames per second; each frame rate takes a part of them."""
 
 FRAME_RATES = (8, 12, 16, 24, 48)
 
 PHASES = {"from rest": 0.0, "falling": 0.5, "in full swing": 1.0}
-"""Seconds at which a window begins."""
+"""Start of a window [s]."""
 
-WITHIN = 2.0
-"""Errors up to this factor above the paper's count as its level: rope, stiffness and frame are not theirs."""
+LEVEL_RATIO = 2.0
+"""Errors up to this factor above the paper's count as its level: rope, stiffness and frame are not the paper's."""
 
 METHODS: dict[str, Variant] = {
     "u of Eq. 24, Eq. 23 kept (as printed)": PRINTED,
@@ -43,7 +43,7 @@ METHODS: dict[str, Variant] = {
     "u of Eq. 24, in the scene": replace(PRINTED, removal="none"),
     "u by index, in the scene": HONEST,
 }
-"""From printed to honest: the rows differ in u alone, or in the elimination alone."""
+"""Methods from printed to honest: neighbouring rows differ in u alone, or in the elimination alone."""
 
 PRINTED_NAME, KNOWN_NAME, GIVEN_NAME, HONEST_NAME = METHODS
 
@@ -52,7 +52,7 @@ SPLINES = "B-splines, 300 control points, in the scene"
 
 @dataclass(frozen=True)
 class Cell:
-    """One rope through one window: the errors of each of :data:`METHODS` and of B-splines, by name; first curve."""
+    """One rope through one window: errors of the first curve by each of :data:`METHODS` and by B-splines, by name."""
 
     turns: float
     frame_rate: int
@@ -61,12 +61,14 @@ class Cell:
 
 
 def times_table_1(errors: FrameErrors) -> float:
-    """The larger of mean E_A and largest E_M, each over Table 1's: at most 1 where both are as small as printed."""
+    """Return the larger of mean E_A and largest E_M, each over Table 1's: at most 1 where both are as small as
+    printed.
+    """
     return max(errors.mean / printed.PDE_MEAN, errors.largest / printed.PDE_LARGEST)
 
 
 def sweep(settings: RopeSettings) -> list[Cell]:
-    """Every twist, frame rate and phase; a simulation a twist, of which each window takes eleven frames."""
+    """Measure every twist, frame rate and phase; windows of eleven frames come from one simulation per twist."""
     cells = []
     last = round(max(PHASES.values()) * FINE_RATE) + (FRAMES - 1) * FINE_RATE // FRAME_RATES[0]
     for turns in TURNS:
@@ -86,10 +88,10 @@ def _errors(curve: Float64Array, diameter: float) -> dict[str, FrameErrors]:
 
 
 def share_at_level(cells: list[Cell], name: str) -> float:
-    """Share of all cells in which a method's errors are Table 1's, or less, within :data:`WITHIN`."""
-    return float(np.mean([times_table_1(cell.errors[name]) <= WITHIN for cell in cells]))
+    """Return the fraction of cells in which a method's errors are at most :data:`LEVEL_RATIO` times Table 1's."""
+    return float(np.mean([times_table_1(cell.errors[name]) <= LEVEL_RATIO for cell in cells]))
 
 
 def median_ratio(cells: list[Cell], above: str, below: str) -> float:
-    """Median over the cells of the mean error of one method over that of another."""
+    """Return the median over the cells of the mean error of one method over that of another."""
     return float(np.median([cell.errors[above].mean / cell.errors[below].mean for cell in cells]))

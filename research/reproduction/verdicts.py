@@ -1,7 +1,8 @@
-"""The paper's claims, one by one, each judged by the figures of one run.
+"""Judge the paper's claims, one by one, by the figures of one run.
 
-A claim that holds as the paper makes and measures it is called reproduced, and what else one should know is said beside
-it. A condition is something that the paper does not say and without which the figures here do not show the claim.
+A claim that holds as the paper makes and measures it is called reproduced; other facts that matter stand in the
+reason. A condition is something that the paper does not state and without which the figures here do not show the
+claim.
 """
 
 from __future__ import annotations
@@ -15,22 +16,22 @@ from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.functions import ROUNDING
 from pdecodec.research.reproduction.method import PRINTED, RATES
 from pdecodec.research.reproduction.physics import PERIODS, PLAIN, TIED
-from pdecodec.research.reproduction.sweep import WITHIN, times_table_1
+from pdecodec.research.reproduction.sweep import LEVEL_RATIO, times_table_1
 
 Judgement = Literal["reproduced", "reproduced with a condition", "not reproduced"]
 
-QUICK = 2.0
-"""A fit that takes up to this many times the seconds that the paper prints is as quick."""
+EQUAL_SPEED_RATIO = 2.0
+"""A fit counts as equally fast if it takes up to this many times the seconds that the paper prints."""
 
 SAME_SHARE = 1.1
-"""Errors within ten per cent of each other are called equal."""
+"""Errors within ten per cent of each other count as equal."""
 
-MOST = 0.5
-"""Share of ropes and windows from which on a thing is said to hold on them."""
+MAJORITY = 0.5
+"""Fraction of ropes and windows above which a finding counts as holding on them."""
 
 
 class Verdict(NamedTuple):
-    """A claim, what the paper prints for it, what this run found, the judgement, and why."""
+    """A claim, what the paper prints for it, what this run found, the judgement, and the reason."""
 
     claim: str
     printed: str
@@ -40,7 +41,7 @@ class Verdict(NamedTuple):
 
 
 def judge(findings: Findings) -> list[Verdict]:
-    """Every claim in the order in which the paper makes it."""
+    """Judge every claim in the order in which the paper makes it."""
     return [claim(findings) for claim in CLAIMS]
 
 
@@ -69,7 +70,7 @@ def _solutions(findings: Findings) -> Verdict:
 def _rigid(findings: Findings) -> Verdict:
     values = findings.elimination.singular_values
     rotation = findings.choices["Eq. 24, every frame", "a rotation, kept"]
-    holds = times_table_1(rotation) <= WITHIN
+    holds = times_table_1(rotation) <= LEVEL_RATIO
     return Verdict(
         "Rigid transformations are removed by the rotation of Eqs. 20 to 23.",
         "a rotation matrix",
@@ -78,8 +79,8 @@ def _rigid(findings: Findings) -> Verdict:
         f"a proper rotation in their place: mean E_A {rotation.mean:.4f}, largest E_M {rotation.largest:.4f}",
         "reproduced with a condition" if holds else "not reproduced",
         "The condition: the matrix is kept orthogonal, which Eq. 20 means and Eq. 23 does not say; then errors stay "
-        f"within a factor {WITHIN:g} of Table 1. Literally Eq. 23 gives an affine map, which takes deformation out "
-        "along with the motion and cannot be undone where a singular value is near 0.",
+        f"within a factor {LEVEL_RATIO:g} of Table 1. Literally Eq. 23 gives an affine map, which takes deformation "
+        "out along with the motion and cannot be undone where a singular value is near 0.",
     )
 
 
@@ -92,8 +93,8 @@ def _accuracy(findings: Findings) -> Verdict:
         f"mean E_A {printed.PDE_MEAN}, largest E_M {printed.PDE_LARGEST}",
         f"as printed, alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: {found.mean:.4f} and {found.largest:.4f}; with u "
         f"by index and all else as printed {known.mean:.4f} and {known.largest:.4f}. Over twists, frame rates and "
-        f"moments {share:.0%} and {share_known:.0%} reach that level within a factor {WITHIN:g}",
-        _by(times_table_1(found) <= WITHIN and share >= MOST, "not reproduced"),
+        f"moments {share:.0%} and {share_known:.0%} reach that level within a factor {LEVEL_RATIO:g}",
+        _by(times_table_1(found) <= LEVEL_RATIO and share >= MAJORITY, "not reproduced"),
         "Measured as the paper measures, after Eq. 23. u of Eq. 24 is each coordinate scaled to [0, 1], at the frames "
         f"between the keyframes too: that hands the decoder the curve. It is worth "
         f"{known.mean / found.mean:.1f} times in the error here and is not necessary for this level.",
@@ -109,9 +110,9 @@ def _in_the_scene(findings: Findings) -> Verdict:
         "pictures of five frames",
         f"errors in the scene: with u of Eq. 24 given {given.mean:.4f} and {given.largest:.4f}; with u by index "
         f"{honest.mean:.4f} and {honest.largest:.4f}. Over twists, frame rates and moments {shares[0]:.0%} and "
-        f"{shares[1]:.0%} reach Table 1's level within a factor {WITHIN:g}",
-        _by(times_table_1(honest) <= WITHIN, "reproduced with a condition")
-        if times_table_1(given) <= WITHIN
+        f"{shares[1]:.0%} reach Table 1's level within a factor {LEVEL_RATIO:g}",
+        _by(times_table_1(honest) <= LEVEL_RATIO, "reproduced with a condition")
+        if times_table_1(given) <= LEVEL_RATIO
         else "not reproduced",
         "The condition: the decoder is given u of Eq. 24 at every frame, or the rope is little twisted or its frames "
         "short. With three turns and eight frames a second four functions of time do not follow the fall, and eight "
@@ -134,7 +135,10 @@ def _better_than_splines(findings: Findings) -> Verdict:
         f"printed {found.mean:.4f} and {found.largest:.4f}, {fair.mean / found.mean:.1f} and "
         f"{fair.largest / found.largest:.1f} times better than the first of them; by index in the scene "
         f"{findings.honest_first.mean:.4f} and {findings.honest_first.largest:.4f}",
-        _by(is_better and found.mean * printed.SPLINE_MEAN / printed.PDE_MEAN <= WITHIN * fair.mean, "not reproduced"),
+        _by(
+            is_better and found.mean * printed.SPLINE_MEAN / printed.PDE_MEAN <= LEVEL_RATIO * fair.mean,
+            "not reproduced",
+        ),
         "Given u and measured after Eq. 23 the PDE is ahead, but not by the printed factors; with neither, B-splines "
         "fitted and evaluated at one parameter are as accurate at equal numbers of constants, and more accurate with "
         "the paper's. Why the paper's are worse can only be guessed: fitted along the curve "
@@ -195,7 +199,7 @@ def _fit_time(findings: Findings) -> Verdict:
         f"{printed.SECONDS_PDE} s, {printed.SECONDS_PDE / printed.SECONDS_ALL_FRAMES:.1%} of XPBD's time",
         f"as printed, by normal equations, {normal.seconds:.2f} s; with u by index {product.seconds:.3f} s, "
         f"{product.seconds / fine:.1%} of our XPBD's time ({fine:.2f} s)",
-        _by(min(normal.seconds, product.seconds) <= QUICK * printed.SECONDS_PDE, "not reproduced"),
+        _by(min(normal.seconds, product.seconds) <= EQUAL_SPEED_RATIO * printed.SECONDS_PDE, "not reproduced"),
         "One thread of numpy against the paper's C++.",
     )
 
@@ -262,4 +266,4 @@ CLAIMS: tuple[Callable[[Findings], Verdict], ...] = (
     _continuous,
     _physics,
 )
-"""In the order of the paper."""
+"""Claims in the order of the paper."""

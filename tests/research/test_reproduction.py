@@ -47,10 +47,10 @@ from pdecodec.research.reproduction.method import (
 from pdecodec.research.reproduction.physics import CLAMPED_FREE, PERIODS, PLAIN, TIED, TWO, beam_errors, mode
 from pdecodec.research.reproduction.rates import (
     AUTO,
-    COARSENING,
     PAPER,
     PDE,
     POLYNOMIALS,
+    ROUNDING_ERROR_RATIO,
     SPLINES,
     measure_file,
     measure_model,
@@ -197,7 +197,7 @@ def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
         assert errors[0] > errors[1] > errors[2]
         # From the coded bytes: hardly worse than before rounding, and less than the constants as float32.
         for point in sizes:
-            assert point.errors.largest <= COARSENING * point.unrounded.largest
+            assert point.errors.largest <= ROUNDING_ERROR_RATIO * point.unrounded.largest
             assert point.coded_bytes < (point.plain_bytes or 0)
         # Of the mesh that the curves are: all that is measured of it falls with them.
         for of_mesh in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
