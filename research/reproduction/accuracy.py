@@ -61,8 +61,8 @@ def table_1_figure(findings: Findings) -> Figure:
         title="Table 1, printed and found",
         lesson=(
             f"Given u of Eq. 24, the PDE method {reached} within a factor {LEVEL_RATIO:g} of the paper's errors on our "
-            f"rope at alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}), "
-            f"largest E_M {found.largest:.4f} (paper {printed.PDE_LARGEST}); over all curves "
+            f"rope, alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}) "
+            f"and largest E_M {found.largest:.4f} (paper {printed.PDE_LARGEST}); over all curves "
             f"{every.mean:.4f} and {every.largest:.4f}. B-splines evaluated at u of "
             f"Eq. 24 leave {spline.first.mean:.4f} and {spline.first.largest:.4f} (paper {printed.SPLINE_MEAN} and "
             f"{printed.SPLINE_LARGEST}). First curve; last row: mean of E_A, largest E_M."

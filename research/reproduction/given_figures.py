@@ -253,8 +253,8 @@ def sweep_figure(findings: Findings) -> Figure:
         title="Twist, frame rate and moment: where Table 1's level is reached",
         lesson=(
             f"{len(found)} ropes and windows, first curve. Table 1's level within a factor {LEVEL_RATIO:g} is reached "
-            f"by the method as printed in {share_at_level(found, PRINTED_NAME):.0%} of them; with u by index and Eq. 23 "
-            f"still kept in {share_at_level(found, KNOWN_NAME):.0%}; with u of Eq. 24 in the scene in "
+            f"by the method as printed in {share_at_level(found, PRINTED_NAME):.0%} of them; with u by index and "
+            f"Eq. 23 still kept in {share_at_level(found, KNOWN_NAME):.0%}; with u of Eq. 24 in the scene in "
             f"{share_at_level(found, GIVEN_NAME):.0%}; with u by index in the scene, which is what a decoder can do "
             f"without being given anything, in {share_at_level(found, HONEST_NAME):.0%}. Giving u away is worth "
             f"{median_ratio(found, HONEST_NAME, GIVEN_NAME):.1f} times in the scene and "
