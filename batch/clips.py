@@ -18,6 +18,7 @@ from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import gather_frames, is_frame_pattern, sequence_name, sequences_in
 from pdecodec.formats.base.registry import known_extensions
+from pdecodec.system.reading import read_regular
 from pdecodec.system.storage import RemoteFile, is_address
 
 MANIFESTS = (".csv", ".json", ".jsonl")
@@ -52,9 +53,11 @@ class ClipOptions(InputOptions):
         check_one_target(self.settings, rms=self.rms, size=self.size)
 
     def to_json(self) -> dict[str, Any]:
-        """As a JSON object, for the record of what a clip was made with: of the mesh its name alone, wherever it is."""
+        """As a JSON object, for the record of what a clip was made with: of files and folders not where they are."""
         mesh = None if self.mesh is None else os.path.basename(self.mesh)
-        return {**asdict(self), "objects": list(self.objects), "mesh": mesh}
+        values = {**asdict(self), "objects": list(self.objects), "mesh": mesh}
+        del values["asset_folders"]
+        return values
 
     def with_values(self, values: Mapping[str, Any]) -> ClipOptions:
         """With some options in place of these, by name; text is read as what the option holds.
@@ -85,7 +88,7 @@ _KINDS: dict[str, type] = {
     **dict.fromkeys(("tolerance", "max_error", "rms", "uv_tolerance", "alpha", "r", "fps", "scale"), float),
     **dict.fromkeys(("size", "max_memory", "group_frames", "segment_frames", "piece_points"), int),
     **dict.fromkeys(("skip_unsupported", "isolate", "why"), bool),
-    "objects": tuple,
+    **dict.fromkeys(("objects", "asset_folders"), tuple),
 }
 """What options hold that is no text."""
 
@@ -221,6 +224,8 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
             raise SettingsError(f"clip {number}: {error}", code=error.code, path=path) from error
         if own.mesh is not None and "mesh" in values:
             own = replace(own, mesh=_seen_from(path, own.mesh))
+        if "asset_folders" in values:
+            own = replace(own, asset_folders=tuple(_seen_from(path, folder) for folder in own.asset_folders))
         whole = _seen_from(path, source)
         unnamed.append((whole, _below(whole, str(path.parent))))
         places.append((number, Clip(source=whole, output=_checked_output(output, path, number), options=own)))
@@ -231,7 +236,7 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
 def _rows(path: Path) -> list[tuple[int, Any]]:
     """Clips of a manifest as they stand there, numbered from 1; those of a JSON object complete with its defaults."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_regular(path).decode("utf-8-sig")
         if path.suffix.lower() == ".csv":
             found: Any = list(csv.DictReader(text.splitlines(), restkey="a column without a name", strict=True))
         elif path.suffix.lower() == ".jsonl":

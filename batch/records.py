@@ -132,7 +132,7 @@ def read_record(folder: str, output: str) -> Record | None:
         if values.pop("version") != RECORD_VERSION or values.pop("output") != output:
             return None
         return Record(**values)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
 

@@ -45,7 +45,7 @@ SAID_EVERY = 30.0
 _OF_CLIPS = (
     "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",
     "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "displacement", "transforms",
-    "skip_unsupported", "isolate", "up_axis", "scale", "unit",
+    "skip_unsupported", "isolate", "asset_folders", "up_axis", "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that hold for every clip whose manifest says nothing else."""
 

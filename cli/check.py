@@ -49,7 +49,7 @@ def check(
     limits = decode_limits(max_memory, max_output)
     checked, sizes = list[FileCheck](), list[int]()
     for source in sources:
-        with standard_input(source) as path:
+        with standard_input(source, only_animations=True) as path:
             checked.append(dataclasses.replace(check_file(path, deep=deep, limits=limits), path=source))
             sizes.append(Path(path).stat().st_size)
     if as_json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices, say_rounding
-from pdecodec.cli.options import fps_option, fraction, json_option, within_limits
+from pdecodec.cli.options import assets_option, fps_option, fraction, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ TIME_TOLERANCE = 1e-6
 @click.option("--at-frames", is_flag=True, help="Evaluate B, a .pdeanim, at the times of A's frames.")
 @within_limits
 @fps_option
+@assets_option(expose_value=False)
 @json_option
 @click.pass_context
 def compare(

@@ -16,6 +16,7 @@ import click
 from pdecodec.cli.console import byte_size, counted, extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.jobs import STREAM, Job, for_each_job, job_options, say_plan, say_start
 from pdecodec.cli.options import (
+    assets_option,
     bytes_of,
     decode_limits,
     frames_option,
@@ -65,6 +66,7 @@ MUCH_OUTPUT = 10 * 10**9
 )
 @click.option("--clip", metavar="NAME", help="Which animation of ORIGINAL the motion replaces (glTF); the first.")
 @click.option("--layer", is_flag=True, help="USD: write only a layer over ORIGINAL: points, normals and velocities.")
+@assets_option(expose_value=False)
 @write_options
 @place_options
 @click.option(
@@ -88,7 +90,7 @@ def decode(context: click.Context, /, **options: Any) -> None:
     With --salvage the exit code is 1 where a file was decoded and something of it is missing, 4 where nothing could be
     saved. Frames come at their own times; files numbered by frame count up from the first.
     """
-    if not for_each_job(_decode)(**options):
+    if not for_each_job(_decode, only_animations=True)(**options):
         context.exit(PdecodecError.exit_code)
 
 

@@ -83,7 +83,9 @@ job_options = option_group(
 """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
 
 
-def for_each_job(work: Callable[..., bool | None], *, default: str = "") -> Callable[..., bool]:
+def for_each_job(
+    work: Callable[..., bool | None], *, default: str = "", only_animations: bool = False
+) -> Callable[..., bool]:
     """Return the function of a command with :data:`job_options` that calls `work` for each of its jobs.
 
     Parameters
@@ -92,6 +94,8 @@ def for_each_job(work: Callable[..., bool | None], *, default: str = "") -> Call
         ``work(job, dry_run=..., as_json=..., **options)``, with files in place of streams.
     default : str
         Extension of outputs in a folder or on standard output, where none is asked for.
+    only_animations : bool
+        Whether inputs are `.pdeanim` files.
 
     Returns
     -------
@@ -112,7 +116,7 @@ def for_each_job(work: Callable[..., bool | None], *, default: str = "") -> Call
             raise SettingsError("-o - and --json both want standard output; leave out one")
         is_whole, lost = True, None
         for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
-            with streamed(job, extension=extension or default, dry_run=dry_run) as one:
+            with streamed(job, extension=extension or default, dry_run=dry_run, only_animations=only_animations) as one:
                 try:
                     is_whole &= work(one, dry_run=dry_run, as_json=as_json, **options) is not False
                 except ReportLostError as error:
@@ -209,17 +213,24 @@ def _stem(source: str) -> str:
 
 
 @contextmanager
-def standard_input(source: str) -> Iterator[str]:
-    """The path of an input; where it is standard input, of a file of what comes in, which errors name as such."""
+def standard_input(source: str, *, only_animations: bool = False) -> Iterator[str]:
+    """The path of an input; where it is standard input, of a file of what comes in, which errors name as such.
+
+    Where the first bytes are of no format that is read, or with `only_animations` of no `.pdeanim` file, no more are
+    taken: there may be no end of them.
+    """
     if source != STREAM:
         yield source
         return
     with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
         path = Path(folder) / "stdin"
+        from pdecodec.formats.base.registry import LONGEST_MAGIC, format_of_head
+
         with path.open("wb") as file:
+            size = LONGEST_MAGIC
             while True:
                 try:
-                    piece = sys.stdin.buffer.read(COPY_BYTES)
+                    piece = sys.stdin.buffer.read(size)
                 except OSError as error:
                     raise unreadable(error, STANDARD_INPUT, "name a file instead of -") from error
                 if not piece:
@@ -229,8 +240,19 @@ def standard_input(source: str) -> Iterator[str]:
                     file.flush()
                 except OSError as error:
                     raise unreadable(error, folder, "name a file instead of -", doing="written") from error
+                is_known = size != LONGEST_MAGIC or _begins_animation(piece)
+                if not is_known and (only_animations or format_of_head(piece) is None):
+                    break
+                size = COPY_BYTES
         with _named(str(path), STANDARD_INPUT):
             yield str(path)
+
+
+def _begins_animation(head: bytes) -> bool:
+    """Whether the first bytes are those of a `.pdeanim` file, or of one that is damaged there."""
+    from pdecodec.codec.container import IDENTIFIER
+
+    return sum(one == wanted for one, wanted in zip(head, IDENTIFIER, strict=False)) >= len(IDENTIFIER) // 2
 
 
 @contextmanager
@@ -245,7 +267,7 @@ def _named(path: str, name: str) -> Iterator[None]:
 
 
 @contextmanager
-def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job]:
+def streamed(job: Job, *, extension: str, dry_run: bool = False, only_animations: bool = False) -> Iterator[Job]:
     """The job with files in place of standard input and output, and the folder of its output made.
 
     Raises
@@ -254,7 +276,7 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
         If nobody says which format goes to standard output, or it is more than one file.
     """
     with ExitStack() as stack:
-        source, output = stack.enter_context(standard_input(job.source)), job.output
+        source, output = stack.enter_context(standard_input(job.source, only_animations=only_animations)), job.output
         if output == STREAM:
             if not extension:
                 raise SettingsError("-o -: say which format goes to standard output, as --to glb")

@@ -130,6 +130,31 @@ velocities_option = click.option(
     "--velocities", is_flag=True, help="Also write velocities, units a second: in OUT where its format holds them."
 )
 
+
+def _allow_folders(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    """Click callback: files that are read until the command ends may name files in these folders."""
+    folders = tuple(map(os.path.abspath, value))
+    if folders:
+        from pdecodec.system.reading import asset_folders_allowed
+
+        context.with_resource(asset_folders_allowed(folders))
+    return folders
+
+
+def assets_option(**keywords: Any) -> Decorator:
+    """``--assets``; the command gets it where it is told."""
+    return click.option(
+        "--assets",
+        "asset_folders",
+        multiple=True,
+        metavar="DIR",
+        callback=_allow_folders,
+        help="Folder in which files that are read may name others, besides their own folder: buffers, layers, heavy "
+        "data. May be given more than once; PDECODEC_ASSET_FOLDERS lists more.",
+        **keywords,
+    )
+
+
 read_options = option_group(
     fps_option,
     click.option("--mesh", metavar="FILE", help="Where a point cache (MDD, PC2) has its faces and names from."),
@@ -154,6 +179,7 @@ read_options = option_group(
     click.option(
         "--isolate", is_flag=True, help="Read IN in a process of its own, which a file damaged on purpose may end."
     ),
+    assets_option(),
 )
 """How the input is read: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 

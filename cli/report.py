@@ -10,6 +10,7 @@ import click
 
 from pdecodec.cli.console import outputs_written, print_json, progress_bar, put, say, say_notices, visible
 from pdecodec.cli.options import (
+    assets_option,
     check_growth,
     effort_option,
     fps_option,
@@ -64,6 +65,7 @@ NAMED_PROFILES = ("auto", "paper")
 )
 @within_limits
 @fps_option
+@assets_option(expose_value=False)
 @json_option
 @click.pass_context
 def report(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pdecodec.cli.console import byte_size, counted, put, say
-from pdecodec.cli.options import check_apart, fps_option, loudness_options, within_limits
+from pdecodec.cli.options import assets_option, check_apart, fps_option, loudness_options, within_limits
 from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", metavar="OUT", help="The page; FILE with the extension .html where nothing is said.")
 @click.option("--overwrite", "-y", is_flag=True, help="Replace a page that exists.")
 @fps_option
+@assets_option(expose_value=False)
 @within_limits
 @loudness_options
 def view(

@@ -37,7 +37,8 @@ class ErrorCode(StrEnum):
 
     INVALID_INPUT = "invalid-input", "An input has a wrong type or shape, or contradicts itself."
     FILE_MISSING = "file-missing", "There is no such file, folder or address."
-    UNREADABLE = "unreadable", "A file cannot be opened or read: access rights, a failing disk or server."
+    UNREADABLE = "unreadable", "A file cannot be opened or read: access rights, a pipe or a device, a failing disk."
+    OUTSIDE_FOLDER = "outside-folder", "A file names another one outside its folder, which was not allowed."
     UNKNOWN_FORMAT = "unknown-format", "The format of a file is not known, or not what its name says."
     UNSUPPORTED_FORMAT = "unsupported-format", "A known format that cannot be read or written here."
     AMBIGUOUS_INPUT = "ambiguous-input", "A name stands for several files, sequences or objects."

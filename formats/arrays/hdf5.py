@@ -9,6 +9,7 @@ from __future__ import annotations
 import glob
 import io
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, chec
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.system.reading import FileScope
 from pdecodec.system.storage import RemoteFile
 
 CHUNK_BYTES = 2**20
@@ -30,6 +32,9 @@ CHUNK_BYTES = 2**20
 
 MOST_VIRTUAL = 8
 """Virtual datasets that may refer to each other in a row."""
+
+MOST_LINKS = 16
+"""Links that may lead to each other; HDF5 follows as many."""
 
 _UNLIMITED = 2**63
 """Counts of a selection from here on are HDF5's mark for a selection that grows with its dataset."""
@@ -45,16 +50,16 @@ class Hdf5Sequence(LaidOutSequence):
     """
 
     def __init__(self, path: Path | RemoteFile, *, fps: float | None) -> None:
-        self._path = path
+        self._path, scope = path, FileScope(path)
         with _file_errors(path):
             self._file = h5py.File(path if isinstance(path, Path) else path.open(), "r")
         try:
             with _file_errors(path):
-                names = _dataset_names(self._file, path)
+                names = _dataset_names(self._file, scope)
                 check_has_points(names, "dataset")
-                self._points = self._file["points"]
-                check_stored(self._points, path)
-                self._take(names, lambda name: _read(self._file[name], path), fps, "dataset")
+                self._points = linked_item(self._file, "points", scope)
+                check_stored(self._points, scope)
+                self._take(names, lambda name: _read(linked_item(self._file, name, scope), scope), fps, "dataset")
         except InputError:
             self._file.close()
             raise
@@ -141,7 +146,7 @@ def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:
     return min(frames, max(1, CHUNK_BYTES // (12 * vertices))), vertices_of_chunk, 3
 
 
-def _dataset_names(file: Any, path: Path | RemoteFile) -> list[str]:
+def _dataset_names(file: Any, scope: FileScope) -> list[str]:
     """Return the names of all datasets, those that are links too; InputError where a link leads nowhere."""
     names: list[str] = []
     links: list[str] = []
@@ -156,47 +161,75 @@ def _dataset_names(file: Any, path: Path | RemoteFile) -> list[str]:
 
     file.visititems(note)
     file.visititems_links(note_link)
-    linked = [name for name in links if isinstance(linked_item(file, name, path), h5py.Dataset)]
+    linked = [name for name in links if isinstance(linked_item(file, name, scope), h5py.Dataset)]
     return list(dict.fromkeys([*names, *linked]))
 
 
-def linked_item(file: Any, name: str, path: Path | RemoteFile) -> Any:
+def linked_item(file: Any, name: str, scope: FileScope) -> Any:
     """Return what a file of HDF5 has under a name, None where it has no such name.
 
     Raises
     ------
     InputError
-        If it is a link to what is not there.
+        If it is a link to what is not there, or one of the links on the way leads to a file outside the scope.
     """
+    _check_links(file, name, scope, 0)
     item = file.get(name)
+    if isinstance(item, h5py.Dataset) and item.external is not None:
+        # HDF5 would look for the raw data in the current folder. A dataset that is open keeps the way it was opened.
+        home, name = item.file, item.name
+        del item
+        access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+        access.set_efile_prefix(b"${ORIGIN}")
+        return h5py.Dataset(h5py.h5d.open(home.id, name.encode(), access))
     link = file.get(name, getlink=True) if item is None and name in file else None
     if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
         place = repr(link.filename) if isinstance(link, h5py.ExternalLink) else "the file itself"
         raise InputError(
             f"{name!r} is a link to {link.path!r} in {place}, which is missing; restore it",
             code="file-missing",
-            path=path,
+            path=scope.path,
         )
     return item
 
 
-def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
+def _check_links(file: Any, name: str, scope: FileScope, depth: int) -> None:
+    """Raise InputError where a link on the way to a name leads outside the scope, before HDF5 follows it."""
+    group, parts = file, [part for part in name.split("/") if part not in ("", ".")]
+    while parts:
+        link = group.get(parts[0], getlink=True)
+        if isinstance(link, h5py.HardLink):
+            group, parts = group.get(parts[0]), parts[1:]
+            if not isinstance(group, h5py.Group):
+                return
+            continue
+        if depth >= MOST_LINKS:
+            raise InputError(f"{name!r} is behind more than {MOST_LINKS} links", code="too-large", path=scope.path)
+        rest = "/".join(parts[1:])
+        if isinstance(link, h5py.SoftLink):
+            _check_links(file if link.path.startswith("/") else group, f"{link.path}/{rest}", scope, depth + 1)
+        elif isinstance(link, h5py.ExternalLink):
+            there = found_beside(link.filename, file.file, scope, f"{name!r} is a link to {link.path!r} in")
+            with h5py.File(there, "r") as other:
+                _check_links(other, f"{link.path}/{rest}", scope, depth + 1)
+        return
+
+
+def check_stored(dataset: Any, scope: FileScope, depth: int = 0) -> None:
     """Raise InputError where values of a dataset were never written: HDF5 gives its fill value for them.
 
     Parameters
     ----------
     dataset : h5py.Dataset
         Its chunks and the sources of a virtual dataset are looked at, not its values.
-    path : pathlib.Path or RemoteFile
-        The file that it is in.
+    scope : FileScope
+        Where the files lie that it may have values in.
     depth : int
         Virtual datasets that lie between the one that is read and this one.
     """
     if dataset.size in (None, 0):
         return
-    name = dataset.name
-    if isinstance(path, Path):
-        path = Path(dataset.file.filename)  # a link leads to another file
+    name, path = dataset.name, _home(dataset, scope)
     if depth > MOST_VIRTUAL:
         raise InputError(
             f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row",
@@ -204,7 +237,7 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
             path=path,
         )
     if dataset.is_virtual:
-        _check_sources(dataset, path, depth)
+        _check_sources(dataset, scope, depth)
     elif dataset.chunks is not None:
         total = math.prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
         written = dataset.id.get_num_chunks()
@@ -215,14 +248,19 @@ def check_stored(dataset: Any, path: Path | RemoteFile, depth: int = 0) -> None:
             )
     elif dataset.external is not None:
         for file, _, _ in dataset.external:
-            _found_beside(str(file), path, name)
+            found_beside(str(file), dataset.file, scope, f"dataset {name!r} has its values in", of_raw_data=True)
     elif dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_NOT_ALLOCATED:
         raise damaged(f"dataset {name!r} was never written; write the file again", path=path)
 
 
-def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
+def _home(dataset: Any, scope: FileScope) -> Path | RemoteFile:
+    """Return the path of the file that a dataset is in: a link leads to another one."""
+    return Path(dataset.file.filename) if isinstance(scope.path, Path) else scope.path
+
+
+def _check_sources(dataset: Any, scope: FileScope, depth: int) -> None:
     """Raise InputError where a source of a virtual dataset is missing or too small, or values have none."""
-    covered, is_open = 0, False
+    covered, is_open, path = 0, False, _home(dataset, scope)
     for space, pattern, source_name, selected in dataset.virtual_sources():
         numbers: Iterable[int] = (0,)
         if space.is_regular_hyperslab():
@@ -239,20 +277,21 @@ def _check_sources(dataset: Any, path: Path | RemoteFile, depth: int) -> None:
         for number in numbers if "%b" in pattern + source_name else (0,):
             file_name, inner = (text.replace("%b", str(number)) for text in (pattern, source_name))
             if file_name == ".":
-                source = dataset.file[inner]
+                source = _source(dataset.file, inner, scope)
                 _check_extent(source, selected, count, path)
-                check_stored(source, path, depth + 1)
+                check_stored(source, scope, depth + 1)
                 continue
-            file_path = _found_beside(file_name, path, dataset.name)
+            file_path = found_beside(file_name, dataset.file, scope, f"dataset {dataset.name!r} has its values in")
             with h5py.File(file_path, "r") as file:
-                if inner not in file:
+                source = _source(file, inner, scope)
+                if source is None:
                     raise InputError(
                         f"has no dataset {inner!r}, which {dataset.name!r} is made of",
                         code="damaged-input",
                         path=file_path,
                     )
-                _check_extent(file[inner], selected, count, file_path)
-                check_stored(file[inner], file_path, depth + 1)
+                _check_extent(source, selected, count, file_path)
+                check_stored(source, scope, depth + 1)
     if not is_open and covered < dataset.size:
         lost = dataset.size - covered
         raise damaged(
@@ -293,27 +332,50 @@ def _has_later_file(pattern: str, path: Path | RemoteFile, first: int) -> bool:
     return any(number.isdecimal() and int(number) >= first for number in numbers)
 
 
-def _found_beside(name: str, path: Path | RemoteFile, dataset: str) -> Path:
-    """Return the path of a file that a dataset has its values in, looked for where HDF5 looks for it.
+def _source(file: Any, name: str, scope: FileScope) -> Any:
+    """Return a source of a virtual dataset, None where there is none; InputError where its raw data lie elsewhere.
+
+    HDF5 itself opens it, and looks for raw data in the current folder.
+    """
+    _check_links(file, name, scope, 0)
+    source = file.get(name)
+    if not isinstance(source, h5py.Dataset):
+        return None
+    for raw, _, _ in source.external or ():
+        scope.regular(str(raw), Path())
+    return source
+
+
+def found_beside(name: str, file: Any, scope: FileScope, what: str, *, of_raw_data: bool = False) -> Path:
+    """Return the path of a file that one of HDF5 names, looked for where HDF5 looks for it.
+
+    Parameters
+    ----------
+    name : str
+    file : h5py.File
+        The one that names it.
+    scope : FileScope
+    what : str
+        What names it, for a message.
+    of_raw_data : bool
+        Whether it is sought in the folder of `file` alone, as raw data are.
 
     Raises
     ------
     InputError
-        If it is missing.
+        If it is missing, no regular file, or outside the scope.
     """
-    folders = [path.absolute().parent, path.resolve().parent] if isinstance(path, Path) else []
-    for found in (*(folder / part for folder in folders for part in (name, Path(name).name)), Path(name)):
-        if found.is_file():
-            return found
-    raise InputError(
-        f"dataset {dataset!r} has its values in {name!r}, which is missing; restore that file",
-        code="file-missing",
-        path=path,
-    )
+    path = Path(file.filename) if isinstance(scope.path, Path) else None
+    folders = [] if path is None else [path.absolute().parent, path.resolve().parent]
+    places = [(folder, part) for folder in folders for part in (name, os.path.basename(name))]
+    for folder, part in places[:1] if of_raw_data and places else [*places, (Path(), name)]:
+        if "\0" not in name and os.path.lexists(folder / part):
+            return scope.regular(part, folder)
+    raise InputError(f"{what} {name!r}, which is missing; restore that file", code="file-missing", path=path)
 
 
-def _read(dataset: Any, path: Path | RemoteFile) -> NDArray[Any]:
-    check_stored(dataset, path)
+def _read(dataset: Any, scope: FileScope) -> NDArray[Any]:
+    check_stored(dataset, scope)
     if h5py.check_string_dtype(dataset.dtype) is not None:
         return np.asarray(dataset.asstr()[()], dtype=np.str_)
     return np.asarray(dataset[()])

@@ -31,7 +31,7 @@ class InputOptions:
 
     Attributes
     ----------
-    fps, mesh, clip, displacement, transforms, skip_unsupported, isolate
+    fps, mesh, clip, displacement, transforms, skip_unsupported, isolate, asset_folders
         As :func:`pdecodec.open_sequence` takes them.
     frames : str or None
         Frames to take, as :func:`select_frames` reads them.
@@ -48,6 +48,7 @@ class InputOptions:
     transforms: Transforms = "bake"
     skip_unsupported: bool = False
     isolate: bool = False
+    asset_folders: tuple[str, ...] = ()
     frames: str | None = None
     objects: tuple[str, ...] = ()
     up_axis: str | None = None
@@ -92,6 +93,7 @@ def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSeq
         transforms=options.transforms,
         skip_unsupported=options.skip_unsupported,
         isolate=options.isolate,
+        asset_folders=options.asset_folders,
     )
 
 

@@ -71,5 +71,5 @@ def _named_by(path: Path) -> Iterator[Path]:
             found = name if isinstance(name, Path) else path.parent / name
             if "\0" not in str(name) and found.is_file():
                 yield found
-    except (MissingExtraError, OSError, ValueError, AttributeError, RecursionError, SyntaxError):
+    except (InputError, MissingExtraError, OSError, ValueError, AttributeError, RecursionError, SyntaxError):
         return

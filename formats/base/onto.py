@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, me
 from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
+from pdecodec.system.reading import asset_folders_allowed
 
 LOST = 1e-5
 """Largest error over the largest coordinate of what a transform that flattens may leave of positions."""
@@ -62,6 +63,7 @@ def write_onto(
     velocities: MeshSequence | None = None,
     progress: Progress | None = None,
     meshopt: bool = False,
+    asset_folders: Iterable[str | os.PathLike[str]] = (),
 ) -> tuple[str, ...]:
     """Write a file with everything that another of its format has, and a sequence's motion in the place of its own.
 
@@ -79,6 +81,8 @@ def write_onto(
         USD: only a layer over the original, which it names: points, normals and velocities.
     overwrite, fps, velocities, progress, meshopt
         As of :func:`pdecodec.formats.write_sequence`.
+    asset_folders : iterable of path
+        As of :func:`pdecodec.open_sequence`; packages take files of theirs alone, too.
 
     Returns
     -------
@@ -126,7 +130,11 @@ def write_onto(
     output = Output(
         path=where, rate=rate, overwrite=overwrite, velocities=speeds, progress=progress, meshopt=meshopt, layer=layer
     )
-    with open_sequence(source, clip=clip, skip_unsupported=True) as there, naming_file(where):
+    with (
+        asset_folders_allowed(asset_folders),
+        open_sequence(source, clip=clip, skip_unsupported=True) as there,
+        naming_file(where),
+    ):
         _check_space(placed, there, source)
         fits, notices = fitted(placed, there, source)
         if entry.times != "exact":

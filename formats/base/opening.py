@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 import weakref
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
 
@@ -45,6 +47,7 @@ def open_sequence(
     transforms: Transforms = "bake",
     skip_unsupported: bool = False,
     isolate: bool = False,
+    asset_folders: Iterable[str | os.PathLike[str]] = (),
 ) -> MeshSequence:
     """Open a mesh sequence of any registered format.
 
@@ -74,6 +77,9 @@ def open_sequence(
     isolate : bool
         Read in a process of its own: a file that is damaged on purpose can end the libraries that read Alembic, USD
         and VTK, and the process with them. Costs half a second, and the way of every frame.
+    asset_folders : iterable of path
+        Folders in which the file may name others, and below them, besides its own: buffers, layers, heavy data. The
+        environment variable ``PDECODEC_ASSET_FOLDERS`` lists more.
 
     Returns
     -------
@@ -83,7 +89,7 @@ def open_sequence(
     Raises
     ------
     InputError
-        If there is nothing there, no format knows it, or it is damaged.
+        If there is nothing there, no format knows it, it is damaged, is no regular file, or names one elsewhere.
     SettingsError
         If `mesh`, `clip` or `displacement` is given for a format that has no use for it.
     MissingExtraError
@@ -97,9 +103,14 @@ def open_sequence(
         "transforms": transforms,
         "skip_unsupported": skip_unsupported,
     }
-    if is_address(path):
-        return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
-    where = Path(path)
+    with asset_folders_allowed(asset_folders):
+        if is_address(path):
+            return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
+        return _open_here(Path(path), fps, given, isolate=isolate)
+
+
+def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate: bool) -> MeshSequence:
+    """A sequence at a path, with the options `given` of :func:`open_sequence`."""
     finish_interrupted(where if where.is_dir() else where.parent)
     entry = format_to_read(where)
     for name in _OF_FORMATS:
@@ -109,7 +120,8 @@ def open_sequence(
         from pdecodec.formats.base.isolated import IsolatedSequence
 
         with naming_file(where):
-            files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
+            mesh = given["mesh"]
+            files = {"mesh": None if mesh is None else os.path.abspath(mesh), "asset_folders": allowed_folders()}
             return IsolatedSequence(where, open_sequence, {**given, **files, "fps": fps})
     reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):

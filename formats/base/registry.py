@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, unreadable
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.system.reading import open_regular
 from pdecodec.system.storage import RemoteFile
 from pdecodec.system.whole_output import whole_file
 
@@ -231,8 +232,12 @@ def format_of_extension(path: Path) -> Format | None:
 
 
 def _by_magic(path: Path) -> Format | None:
-    with read_errors(path), path.open("rb") as file:
-        head = file.read(LONGEST_MAGIC)
+    with read_errors(path), open_regular(path) as file:
+        return format_of_head(file.read(LONGEST_MAGIC))
+
+
+def format_of_head(head: bytes) -> Format | None:
+    """Return the format whose files begin with the first :data:`LONGEST_MAGIC` bytes of one, if there is one."""
     return _first(lambda entry: any(head.startswith(magic) for magic in entry.magic))
 
 

@@ -17,11 +17,12 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, damaged, naming_file
+from pdecodec.errors import damaged, naming_file
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY, check_types
 from pdecodec.mesh.arrays import Float32Array, Int32Array
+from pdecodec.system.reading import FileScope, read_regular
 
 GLB_HEADER = struct.Struct("<4sII")
 
@@ -158,7 +159,7 @@ def named_buffers(path: Path) -> list[str]:
     """Return the names of the files that a ``.gltf`` file has its buffers in; ValueError or the like for others."""
     if path.suffix.lower() != ".gltf":
         return []
-    uris = [str(one.get("uri", "")) for one in json.loads(path.read_bytes()).get("buffers", [])]
+    uris = [str(one.get("uri", "")) for one in json.loads(read_regular(path)).get("buffers", [])]
     return [unquote(uri) for uri in uris if not uri.startswith("data:")]
 
 
@@ -171,7 +172,7 @@ def read_gltf(path: Path) -> GltfFile:
         If it is no glTF 2.0 file, is damaged, or needs an extension that is not read.
     """
     with read_errors(path):
-        data = path.read_bytes()
+        data = read_regular(path)
     text, chunk = _split_glb(data, path) if data.startswith(GLB_MAGIC) else (data, None)
     try:
         root = json.loads(text)
@@ -187,7 +188,8 @@ def read_gltf(path: Path) -> GltfFile:
     missing = [name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(LOOKS)]
     if missing:
         raise damaged(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
-    buffers = tuple(_buffer(entry, index, chunk, path) for index, entry in enumerate(root.get("buffers", [])))
+    scope = FileScope(path)
+    buffers = tuple(_buffer(entry, index, chunk, scope) for index, entry in enumerate(root.get("buffers", [])))
     return GltfFile(root, buffers)
 
 
@@ -213,8 +215,8 @@ def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
     return chunks[b"JSON"], chunks.get(b"BIN\0")
 
 
-def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, path: Path) -> bytes:
-    uri = entry.get("uri")
+def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, scope: FileScope) -> bytes:
+    uri, path = entry.get("uri"), scope.path
     if uri is None:
         if any(name in entry.get("extensions", {}) for name in MESHOPT_NAMES):
             # Only the size of what compressed views become.
@@ -229,13 +231,7 @@ def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, path: Pat
             raise damaged(f"buffer {index} is damaged ({error}); export the file again", path=path) from error
     if "://" in uri:
         raise damaged(f"buffer {index} lies elsewhere ({uri[:60]}); export the file with its data", path=path)
-    beside = path.parent / unquote(uri)
-    try:
-        return beside.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"its buffer {beside.name} cannot be read ({error.strerror})", code="unreadable", path=path
-        ) from error
+    return scope.read(unquote(uri), entry.get("byteLength"))
 
 
 def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:

@@ -126,7 +126,7 @@ _ROOT: dict[str, Any] = {
             "extensions": {name: {**_BYTES, "count": COUNT, "mode": _text, "filter": _text} for name in MESHOPT_NAMES},
         }
     ],
-    "buffers": [{"uri": _text, "extensions": {}}],
+    "buffers": [{"uri": _text, "byteLength": COUNT, "extensions": {}}],
     "materials": [{"pbrMetallicRoughness": {}, "extensions": {}}],
     "textures": [{}],
     "images": [{}],

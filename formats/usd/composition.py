@@ -1,4 +1,4 @@
-"""Open USD stages, and name the files that they are composed of but that cannot be opened: USD goes on without them."""
+"""What USD says of a stage: failures, and files that cannot be opened, without which USD goes on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pxr import Pcp, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils
+from pxr import Pcp, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.scene_reading import Refusals, listed
@@ -50,15 +50,6 @@ def stage_errors(path: Path) -> Iterator[None]:
         raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
     finally:
         del warnings
-
-
-def open_stage(path: Path) -> Any:
-    """Open a stage, all that it is composed of read anew where files are open already."""
-    known = Sdf.Layer.Find(str(path))
-    if known is not None:
-        # USD keeps files that are open: this one may have been written again since.
-        known.Reload()
-    return Usd.Stage.Open(str(path))
 
 
 def check_rates(stage: Any) -> None:
@@ -118,18 +109,3 @@ def _is_look(prim: Any) -> bool:
         any(prim.IsA(schema) for schema in (UsdShade.Material, UsdShade.Shader, UsdShade.NodeGraph, UsdGeom.Camera))
         or "Light" in str(prim.GetTypeName())
     )
-
-
-def layer_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a stage is made of, those of value clips too; of packages, none."""
-    if path.suffix.lower() == ".usdz":
-        return
-    try:
-        with stage_errors(path):
-            layers, _, _ = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(path)))
-    except InputError:
-        # A layer below is damaged; who reads the stage says so.
-        yield path
-        return
-    # A layer within a package is called package[layer].
-    yield from dict.fromkeys(Path(layer.realPath.partition("[")[0]) for layer in layers if layer.realPath)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.normals import NormalRows, normal_rows
 from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
 from pdecodec.formats.base.registry import Output
@@ -24,6 +24,7 @@ from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import NORMALS
 from pdecodec.formats.usd.attributes_writer import int_array
 from pdecodec.formats.usd.implicit import Implicit
+from pdecodec.formats.usd.layers import check_package, usd_scope
 from pdecodec.formats.usd.metadata import SAMPLED
 from pdecodec.formats.usd.reader import UsdSequence
 from pdecodec.formats.usd.writer import layer_file, packed, stage_folder, vectors
@@ -60,6 +61,7 @@ def write_usd_onto(
                 UsdUtils.ModifyAssetPaths(layer, lambda text: _anchored(below, text))
         _Over(sequence, original, fits, Usd.Stage.Open(layer), output).write()
         if to_package:
+            check_package(file, usd_scope(source))
             file = packed(file, path)
         else:
             place = path.parent.resolve()
@@ -68,7 +70,18 @@ def write_usd_onto(
             file = file.with_name(f"whole{path.suffix}")
             layer.Export(str(file))
         move_into(file, path, overwrite=output.overwrite)
-    return ()
+    return () if to_package else _notice(original, path, of_root=output.layer)
+
+
+def _notice(original: UsdSequence, path: Path, *, of_root: bool) -> tuple[str, ...]:
+    """Return a line where layers that a new file names lie outside its folder, the root layer with `of_root`."""
+    place = os.path.join(path.parent.resolve(), "")
+    files = [one.realPath for one in original.layers if one.realPath and (of_root or one != original.root_layer)]
+    folders = sorted({os.path.dirname(one) for one in map(os.path.realpath, files) if not one.startswith(place)})
+    if not folders:
+        return ()
+    text = "layers that it names lie in another folder"
+    return (Notice(text, setting="asset_folders", value=os.path.commonpath(folders), purpose="when it is read"),)
 
 
 def _hand_on(below: Any, layer: Any, name: str) -> None:

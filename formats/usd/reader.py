@@ -26,8 +26,9 @@ from pdecodec.formats.base.times import (
     snapped_times,
     without_gaps,
 )
-from pdecodec.formats.usd.composition import check_composition, check_rates, open_stage, stage_errors
+from pdecodec.formats.usd.composition import check_composition, check_rates, stage_errors
 from pdecodec.formats.usd.instances import placed_in_scene
+from pdecodec.formats.usd.layers import open_stage
 from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
 from pdecodec.formats.usd.walk import shapes_of
@@ -114,6 +115,11 @@ class UsdSequence(SceneSequence):
     def root_layer(self) -> Any:
         """The layer that the stage begins with."""
         return self._stage.GetRootLayer()
+
+    @property
+    def layers(self) -> list[Any]:
+        """All layers that the stage is made of."""
+        return list(self._stage.GetUsedLayers())
 
     def prim_matrices(self, prim: Any, times: Float64Array) -> Float64Array:
         """(times, 4, 4) from the space of a prim of the stage to the scene's at times [s], for points that are rows."""

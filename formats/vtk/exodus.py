@@ -7,7 +7,7 @@ nodal variables that Exodus' own programs take for displacements, see :func:`dis
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.arrays.hdf5 import check_stored
+from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
@@ -24,6 +24,7 @@ from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, not_kept
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
+from pdecodec.system.reading import FileScope, open_regular
 
 KINDS = {
     "triangle": ("TRI", "TRIANGLE", "TRISHELL"),
@@ -86,8 +87,9 @@ class ExodusSequence(MeshSequence):
 
     def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
         self._path, self._asked = path, displacement
+        self._variables: Any = None
         try:
-            self._variables = _open_variables(path)
+            self._variables = _Variables(path)
             self._open(fps)
         except _DAMAGE as error:
             self.close()
@@ -190,7 +192,7 @@ class ExodusSequence(MeshSequence):
                 f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
             )
         if isinstance(variable, h5py.Dataset):
-            check_stored(variable, self._path)
+            check_stored(variable, self._variables.scope)
 
     def _numbers_of_nodes(self) -> Int64Array:
         """(nodes,): what the file calls its nodes; from 1 where it does not say."""
@@ -237,10 +239,8 @@ class ExodusSequence(MeshSequence):
 
     def close(self) -> None:
         self._moving = {}
-        close = getattr(getattr(self, "_variables", None), "close", None)
-        if close is not None:
-            close()
-        self._variables = {}
+        if self._variables is not None:
+            self._variables.close()
 
 
 def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
@@ -293,15 +293,40 @@ def _fill_of(variable: Any) -> float:
     return fill or np.nan  # zero is a number that files do hold
 
 
-def _open_variables(path: Path) -> Any:
-    """A mapping of names to arrays that are read when they are sliced."""
-    with path.open("rb") as file:
-        classic = file.read(3) == b"CDF"
-    if not classic:
-        return h5py.File(path, "r")
-    from scipy.io import netcdf_file
+class _Variables(Mapping[str, Any]):
+    """The arrays of a file by their names, read when they are sliced."""
 
-    return dict(netcdf_file(path, "r", mmap=False).variables)
+    def __init__(self, path: Path) -> None:
+        self.scope = FileScope(path)
+        with open_regular(path) as file:
+            classic = file.read(3) == b"CDF"
+        if classic:
+            from scipy.io import netcdf_file
+
+            self._held: Any = dict(netcdf_file(path, "r", mmap=False).variables)
+        else:
+            self._held = h5py.File(path, "r")
+
+    def __getitem__(self, name: str) -> Any:
+        if isinstance(self._held, dict):
+            return self._held[name]
+        found = linked_item(self._held, name, self.scope)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._held if isinstance(self._held, dict) else self._held.get(name, getlink=True) is not None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._held)
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def close(self) -> None:
+        if not isinstance(self._held, dict):
+            self._held.close()
 
 
 def _kind_of(block: Any) -> Any:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.vtk.motion import quoted
+from pdecodec.system.reading import FileScope, open_regular, read_regular
 
 PARTS = {".pvtu": "PUnstructuredGrid", ".pvtp": "PPolyData", ".vtm": "vtkMultiBlockDataSet"}
 """Types of files that list parts, by extension."""
@@ -25,17 +26,17 @@ class Entry:
     part: str | None
 
 
-def listed_parts(path: Path) -> list[Path]:
+def listed_parts(path: Path, scope: FileScope) -> list[Path]:
     """Return the files of the parts of a data set.
 
     Raises
     ------
     InputError
-        If it is damaged, of another type, lists none, or one that is missing.
+        If it is damaged, of another type, lists none, one that is missing, or one outside the scope.
     """
     kind = PARTS[path.suffix.lower()]
     try:
-        root = ElementTree.parse(path).getroot()
+        root = _root(path)
         found = root.find(kind)
         if root.get("type") != kind or found is None:
             raise ValueError(f"its type is {root.get('type')}")
@@ -45,25 +46,30 @@ def listed_parts(path: Path) -> list[Path]:
     if kind == PARTS[".vtm"]:
         # A block without data stands without a file.
         names = [one.get("file", "") for one in found.iter("DataSet") if one.get("file")]
-    files = [path.parent / name for name in names]
-    if not files:
+    if not names:
         raise damaged("lists no files; write it again", path=path)
-    missing = [name for name, file in zip(names, files, strict=True) if not name or not file.is_file()]
+    files = [scope.checked(name, path.parent) for name in names]
+    missing = [name for name, file in zip(names, files, strict=True) if not name or not file.exists()]
     if missing:
         raise InputError(f"lists {missing[0]!r}, which is missing; restore that file", code="file-missing", path=path)
     return files
 
 
-def read_pvd(path: Path) -> tuple[list[float], list[list[Path]]]:
+def _root(path: Path) -> ElementTree.Element:
+    with open_regular(path) as file:
+        return ElementTree.parse(file).getroot()
+
+
+def read_pvd(path: Path, scope: FileScope) -> tuple[list[float], list[list[Path]]]:
     """Return the times [s] of a PVD file and the files of each: parts of it, in their order.
 
     Raises
     ------
     InputError
-        If it is damaged, or several files are of one part at one time.
+        If it is damaged, several files are of one part at one time, or one is outside the scope.
     """
     try:
-        rows = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
+        rows = _root(path).findall("./Collection/DataSet")
         found = [
             (
                 float(row.get("timestep", "nan")),
@@ -76,7 +82,7 @@ def read_pvd(path: Path) -> tuple[list[float], list[list[Path]]]:
     except (ElementTree.ParseError, OSError, ValueError) as error:
         raise damaged(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
     entries = [
-        Entry(time, path.parent / file, None if part is None else f"{group or ''} {part}".strip())
+        Entry(time, scope.checked(file, path.parent), None if part is None else f"{group or ''} {part}".strip())
         for time, file, part, group in found
         if file
     ]
@@ -85,25 +91,26 @@ def read_pvd(path: Path) -> tuple[list[float], list[list[Path]]]:
     return _by_time(entries, path)
 
 
-def read_series(path: Path) -> tuple[list[float] | None, list[list[Path]]]:
+def read_series(path: Path, scope: FileScope) -> tuple[list[float] | None, list[list[Path]]]:
     """Return the times [s] of a ParaView file series, None where it has none, and the file of each.
 
     Raises
     ------
     InputError
-        If it is damaged, or several files are of one time.
+        If it is damaged, several files are of one time, or one is outside the scope.
     """
     try:
-        files = json.loads(path.read_bytes())["files"]
+        files = json.loads(read_regular(path))["files"]
         found = [(str(one["name"]), None if one.get("time") is None else float(one["time"])) for one in files]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise damaged(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
     times = [time for _, time in found if time is not None]
     if not found or 0 < len(times) < len(found) or not all(map(math.isfinite, times)):
         raise damaged("lists no files with times; write it again", path=path)
+    listed = [scope.checked(name, path.parent) for name, _ in found]
     if not times:
-        return None, [[path.parent / name] for name, _ in found]
-    entries = [Entry(time, path.parent / name, "0") for (name, _), time in zip(found, times, strict=True)]
+        return None, [[file] for file in listed]
+    entries = [Entry(time, file, "0") for file, time in zip(listed, times, strict=True)]
     return _by_time(entries, path)
 
 
@@ -134,26 +141,28 @@ def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[li
 
 
 def named_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a list names, and those that they name in turn; none where it is damaged."""
-    suffix = path.suffix.lower()
-    try:
-        if suffix == ".pvd":
-            files = [file for frame in read_pvd(path)[1] for file in frame]
-        elif suffix == ".series":
-            files = [file for frame in read_series(path)[1] for file in frame]
-        else:
-            files = listed_parts(path) if suffix in PARTS else []
-    except InputError:
-        return
-    for file in files:
-        yield file
-        if file != path and file.suffix.lower() in PARTS:
-            yield from named_files(file)
+    """Yield the files that a list names, and those that they name in turn; none of one that is damaged."""
+    scope, left, seen = FileScope(path), [path], {path}
+    while left:
+        one = left.pop()
+        suffix = one.suffix.lower()
+        try:
+            if suffix in (".pvd", ".series") and one == path:
+                read = read_pvd if suffix == ".pvd" else read_series
+                files = [file for frame in read(path, scope)[1] for file in frame]
+            else:
+                files = listed_parts(one, scope) if suffix in PARTS else []
+        except InputError:
+            continue
+        files = [file for file in dict.fromkeys(files) if file not in seen]
+        seen.update(files)
+        left += files
+        yield from files
 
 
 def named_by_xdmf(path: Path) -> Iterator[str]:
     """Yield the names of the files of numbers that an XDMF file refers to, and of those that it includes."""
-    for item in ElementTree.parse(path).getroot().iter():
+    for item in _root(path).iter():
         if item.get("Format", "").upper() in ("HDF", "BINARY"):
             yield (item.text or "").strip().partition(":")[0]
         elif str(item.tag).endswith("}include"):

@@ -19,6 +19,7 @@ import numpy as np
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import sequence_of_files
+from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells
 from pdecodec.formats.vtk.file_lists import PARTS, listed_parts, read_pvd, read_series
@@ -26,6 +27,7 @@ from pdecodec.formats.vtk.grid_files import GridFile, GridReader, grid_of_cells,
 from pdecodec.formats.vtk.library import else_vtk
 from pdecodec.formats.vtk.xml_files import XML_DAMAGE, XmlFile
 from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.system.reading import FileScope, open_regular
 
 KINDS = frozenset({"line", "triangle", "quad", "polygon", "tetra", "pyramid", "wedge", "hexahedron"})
 """meshio's names of kinds of cells, without numbers of nodes."""
@@ -61,7 +63,7 @@ def open_frame_files(path: Path, *, fps: float | None, displacement: str | None 
         times = reader.times(files)
         return timing_of_numbers(found.numbers, fps) if times is None else timing_of_stored(np.array(times), fps)
 
-    return _sequence(files, timing, displacement)
+    return _sequence(files, timing, displacement, FileScope(found.paths[0]))
 
 
 def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
@@ -72,35 +74,37 @@ def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) 
     InputError
         If it is damaged, steps have one time, or the first file cannot be used.
     """
-    times, files = read_pvd(path)
+    scope = FileScope(path)
+    times, files = read_pvd(path, scope)
     timing = timing_of_stored(np.array(times), fps)
-    return _sequence(files, lambda reader: timing, displacement)
+    return _sequence(files, lambda reader: timing, displacement, scope)
 
 
 def open_series(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
     """Open a ParaView file series; frames of one without times are counted at `fps`. Errors as of :func:`open_pvd`."""
-    times, files = read_series(path)
+    scope = FileScope(path)
+    times, files = read_series(path, scope)
     timing = timing_of_numbers(range(len(files)), fps) if times is None else timing_of_stored(np.array(times), fps)
-    return _sequence(files, lambda reader: timing, displacement)
+    return _sequence(files, lambda reader: timing, displacement, scope)
 
 
 def _sequence(
-    files: Sequence[Sequence[Path]], timing: Callable[[GridReader], Timing], displacement: str | None
+    files: Sequence[Sequence[Path]], timing: Callable[[GridReader], Timing], displacement: str | None, scope: FileScope
 ) -> MeshSequence:
     """Return the sequence of files of frames; their times are asked for when all files were read."""
-    reader = GridReader(read_grid, displacement)
+    reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope), displacement)
     sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
     return sequence
 
 
-def read_grid(path: Path, wanted: str | None, depth: int = 0) -> GridFile:
+def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) -> GridFile:
     """Return the grid of a file of any kind of VTK, with vectors of a name that may be in it.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or is of another kind.
+        If the file cannot be read, is of another kind, or lists one outside the scope.
     """
     suffix = path.suffix.lower()
     if suffix in PARTS:
@@ -108,7 +112,7 @@ def read_grid(path: Path, wanted: str | None, depth: int = 0) -> GridFile:
             raise InputError(
                 f"is one of more than {_MOST_LISTS} lists that list each other", code="too-large", path=path
             )
-        return joined_grids([read_grid(part, wanted, depth + 1) for part in listed_parts(path)])
+        return joined_grids([read_grid(part, wanted, scope, depth + 1) for part in listed_parts(path, scope)])
     if suffix not in _READERS:
         known = ", ".join((*_READERS, *PARTS))
         raise InputError(
@@ -116,6 +120,8 @@ def read_grid(path: Path, wanted: str | None, depth: int = 0) -> GridFile:
             code="unsupported-feature",
             path=path,
         )
+    with read_errors(path), open_regular(path):  # VTK and meshio would wait for a pipe
+        pass
     return else_vtk(_READERS[suffix])(path, wanted)
 
 

@@ -125,7 +125,7 @@ class GridReader:
 
     def __call__(self, path: Path) -> MeshFile:
         """Return the mesh of a file, moved by the vectors that are chosen from the first one."""
-        if not path.is_file():
+        if not path.exists():
             raise InputError("there is no such file; restore it", code="file-missing", path=path)
         grid = self._read(path, self._chosen)
         if not self._is_chosen:

@@ -11,6 +11,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.formats.vtk.grid_files import TIME, GridFile, Read, gathered, is_vectors
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
+from pdecodec.system.reading import open_regular, read_regular
 from pdecodec.system.workers import Worker
 
 ORIGINAL = "vtkOriginalPointIds"
@@ -34,6 +36,9 @@ LEAST_MEMORY, MEMORY_FACTOR = 2**32, 256
 
 FIRST_LISTED = 42
 """First of VTK's numbers of cells with more to them than their points: polyhedra, and those of any order."""
+
+_ALONE = ("UnstructuredGrid", "PolyData", "StructuredGrid", "RectilinearGrid", "ImageData")
+"""Types of VTK's XML files that name no other files: of others it would read whatever they name."""
 
 MOST_NUMBERED = 2**62
 """More points than any cell has: what is not to be followed never has enough."""
@@ -118,8 +123,9 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
     from vtkmodules.vtkIOXML import vtkXMLGenericDataObjectReader
 
     vtkObject.GlobalWarningDisplayOff()
-    with path.open("rb") as file:
-        is_legacy = file.read(len(b"# vtk")) == b"# vtk"
+    is_legacy = read_regular(path, len(b"# vtk")) == b"# vtk"
+    if not is_legacy and (kind := _xml_type(path)) not in _ALONE:
+        raise damaged(f"its type is {kind}, which its name does not say; rename or export it again", path=path)
     reader = vtkGenericDataObjectReader() if is_legacy else vtkXMLGenericDataObjectReader()
     reader.SetFileName(str(path))
     reader.Update()
@@ -179,6 +185,16 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
     connectivity = Connectivity(len(points), *faces, *lines)
     mesh = MeshFile(points, connectivity, attributes, left_out_notice(gather, nodes))
     return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added, time)
+
+
+def _xml_type(path: Path) -> str | None:
+    """Return the type that the root of an XML file says, None where it says none."""
+    try:
+        with open_regular(path) as file:
+            root: ElementTree.Element = next(ElementTree.iterparse(file, ("start",)))[1]
+            return root.get("type")
+    except (ElementTree.ParseError, StopIteration, ValueError):
+        return None
 
 
 def _check_cells(data: Any, path: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.system.reading import FileScope
 
 Element = ElementTree.Element
 
@@ -36,6 +37,8 @@ class Document:
     Attributes
     ----------
     path : pathlib.Path
+    scope : FileScope
+        Where the files lie that it may name.
     root : xml.etree.ElementTree.Element
         Elements that are included in several places are in all of them.
 
@@ -46,12 +49,12 @@ class Document:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.scope = path, FileScope(path)
         self._roots: dict[Path, Element] = {}
         self._homes: dict[Element, tuple[Path, Element]] = {}
         self._found: dict[tuple[Element, str], list[Element]] = {}
         self._parents: dict[Element, dict[str, list[Element]]] = {}
-        self.root = self._parse(path)
+        self.root = self._parse(path.name, path.parent)
         self._include()
         self._check_finite()
 
@@ -98,19 +101,17 @@ class Document:
             )
         return found[0] if found else None
 
-    def _parse(self, path: Path) -> Element:
+    def _parse(self, name: str, folder: Path) -> Element:
+        path = self.scope.checked(name, folder)
         key = path.resolve()
         if key not in self._roots:
             if len(self._roots) >= MOST_DOCUMENTS:
                 raise InputError(f"includes more than {MOST_DOCUMENTS:,} files", code="too-large", path=self.path)
-            if path != self.path and not path.is_file():
-                raise InputError(
-                    f"includes {path.name!r}, which is missing; restore that file", code="file-missing", path=self.path
-                )
-            try:
-                self._roots[key] = ElementTree.parse(path).getroot()
-            except (ElementTree.ParseError, OSError) as error:
-                raise damaged(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
+            with self.scope.open(name, folder) as file:
+                try:
+                    self._roots[key] = ElementTree.parse(file).getroot()
+                except (ElementTree.ParseError, OSError, ValueError) as error:
+                    raise damaged(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
             self._homes.update(dict.fromkeys(self._roots[key].iter(), (path.parent, self._roots[key])))
         return self._roots[key]
 
@@ -140,7 +141,7 @@ class Document:
         if include.get("parse", "xml") != "xml" or (not name and not pointer) or "://" in name:
             raise damaged(f"includes {name or 'text'!r}, which is no XDMF file beside it", path=self.path)
         if name:
-            root = self._parse(self.folder(include) / name)
+            root = self._parse(name, self.folder(include))
         if not pointer:
             return [root]
         xpointer, numbers = _XPOINTER.fullmatch(pointer), _CHILDREN.fullmatch(pointer)

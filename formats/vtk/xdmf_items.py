@@ -8,7 +8,7 @@ import re
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.vtk.xdmf_document import Document, Element
+from pdecodec.system.reading import read_at_most
 
 _JOIN = re.compile(r"JOIN\(\s*(?P<parts>\$\d+(?:\s*[,;]\s*\$\d+)*)\s*\)", re.IGNORECASE)
 """The function that puts items beside each other."""
@@ -29,13 +30,13 @@ _SIZES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2}
 
 _ORDERS = {"BIG": ">", "LITTLE": "<", "NATIVE": "=", "": "="}
 
-_UNPACKED: dict[str, Callable[[bytes], bytes]] = {
-    "": bytes,
-    "RAW": bytes,
-    "ZLIB": zlib.decompress,
-    "BZIP2": bz2.decompress,
+_UNPACKED: dict[str, Callable[[BinaryIO, int], bytes]] = {
+    "": read_at_most,
+    "RAW": read_at_most,
+    "ZLIB": lambda file, most: zlib.decompressobj().decompress(file.read(), max(1, most)),
+    "BZIP2": lambda file, most: bz2.BZ2Decompressor().decompress(file.read(), most),
 }
-"""How data of a Compression become bytes."""
+"""How data of a Compression become bytes, at most so many."""
 
 Selection = tuple[slice, ...]
 
@@ -144,13 +145,14 @@ class Items:
                 raise self._refused(f"the part of a dataset {text!r} is not understood")
             start, stride, count, _ = ([int(number) for number in part.split()] for part in parts)
             selection = _selection(start, stride, count)
-        file = self._open(self._document.folder(item) / name, name)
-        dataset = linked_item(file, place, self._document.folder(item) / name)
+        scope = self._document.scope
+        file = self._open(name, self._document.folder(item))
+        dataset = linked_item(file, place, scope)
         if not isinstance(dataset, h5py.Dataset):
             raise damaged(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
         key = Path(file.filename), place
         if key not in self._checked:
-            check_stored(dataset, Path(file.filename))
+            check_stored(dataset, scope)
             self._checked.add(key)
         if selection is None:
             return np.asarray(dataset[()])
@@ -162,11 +164,10 @@ class Items:
             )
         return np.asarray(dataset[self._inside(selection, dataset.shape)])
 
-    def _open(self, path: Path, name: str) -> Any:
+    def _open(self, name: str, folder: Path) -> Any:
+        path = folder / name
         if path not in self._files:
-            if not path.is_file():
-                raise damaged(f"is damaged, or its HDF5 file is missing: restore {name!r}", path=self._path)
-            self._files[path] = h5py.File(path, "r")
+            self._files[path] = h5py.File(self._document.scope.regular(name, folder), "r")
         return self._files[path]
 
     def _of_binary(self, item: Element) -> NDArray[Any]:
@@ -178,16 +179,10 @@ class Items:
             raise self._refused(f"the binary data in {name!r} ({dict(item.items())}) are not read")
         size = int(item.get("Precision", _SIZES.get(number, 4)))
         dtype = np.dtype(f"{_ORDERS[order]}{_KINDS[number]}{size}")
-        path = self._document.folder(item) / name
-        if not path.is_file():
-            raise InputError(
-                f"its data in {name!r} are missing; restore that file", code="file-missing", path=self._path
-            )
-        with path.open("rb") as file:
-            file.seek(int(item.get("Seek", "0").split()[0]))
-            stored = file.read(math.prod(shape) * dtype.itemsize if _UNPACKED[packing] is bytes else -1)
-        raw = _UNPACKED[packing](stored)
         wanted = math.prod(shape) * dtype.itemsize
+        with self._document.scope.open(name, self._document.folder(item)) as file:
+            file.seek(int(item.get("Seek", "0").split()[0]))
+            raw = _UNPACKED[packing](file, wanted)
         if len(raw) < wanted:
             raise InputError(
                 f"{name!r} ends before the {math.prod(shape)} numbers of an item", code="damaged-input", path=self._path

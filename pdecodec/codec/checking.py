@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, BinaryIO
 
 from pdecodec.codec.container import CHUNK_SECTIONS
@@ -15,6 +14,7 @@ from pdecodec.codec.mending import Finding, damaged_sections, mended
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, ErrorCode, unreadable
+from pdecodec.system.reading import open_regular
 
 OF_A_GROUP = (ErrorCode.GROUP_CHECKSUM, ErrorCode.GROUP_CONTENT)
 """Codes of what is wrong with one group of frames alone."""
@@ -66,9 +66,9 @@ def check_file(path: str | os.PathLike[str], *, deep: bool = False, limits: Deco
     """
     limits = chosen_limits(limits)
     try:
-        with Path(path).open("rb") as file:
+        with open_regular(path) as file:
             return _Check(os.fspath(path), file, deep=deep, limits=limits).run()
-    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+    except OSError as error:
         raise unreadable(error, path) from error
 
 

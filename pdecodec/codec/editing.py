@@ -33,6 +33,7 @@ from pdecodec.mesh.jumps import jumps_across, shifted
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.mesh.times import SHORTEST_TIME_STEP
+from pdecodec.system.reading import open_regular
 from pdecodec.system.whole_output import check_writable
 
 SHARED_SECTIONS = ("CONN", "ORDR", "REST", "MODL", "ATTR")
@@ -87,7 +88,7 @@ class CodedFile:
         self.path = os.fspath(path)
         with ExitStack() as stack:
             self.animation: Animation = stack.enter_context(open_animation(path))
-            self._file: BinaryIO = stack.enter_context(Path(path).open("rb"))
+            self._file: BinaryIO = stack.enter_context(open_regular(path))
             table = stored_sections(self._file)
             self._sections = dict(table)
             if len(self._sections) < len(table):

@@ -11,7 +11,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from pdecodec.errors import CorruptFileError, LimitError, unreadable
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
+from pdecodec.system.reading import open_regular
 
 Frames = tuple[int, int]
 """The first frame, and the one after the last."""
@@ -112,8 +112,8 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
     limits = chosen_limits(limits)
     with ExitStack() as stack:
         try:
-            file = stack.enter_context(Path(path).open("rb"))
-        except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+            file = stack.enter_context(open_regular(path))
+        except OSError as error:
             raise unreadable(error, path, doing="opened") from error
         try:
             view, _, _ = mended(file, os.fspath(path), limits.max_memory)

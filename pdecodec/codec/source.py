@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
 from pdecodec import _core
 from pdecodec.codec.container import before_groups
 from pdecodec.errors import CorruptFileError, InputError, LimitError, unreadable
+from pdecodec.system.reading import open_regular
 from pdecodec.system.shares import thread_count
 from pdecodec.system.storage import is_address, open_range_reader
 
@@ -97,8 +97,8 @@ def open_source(source: str | os.PathLike[str] | bytes | BinaryIO) -> Source:
         remote.read_ahead(before_groups(remote.head))
         return Source(cast("BinaryIO", remote), str(source), str(source))
     try:
-        file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
-    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+        file = open_regular(source, is_buffered=False)  # the animation keeps it open until it is closed
+    except OSError as error:
         raise unreadable(error, source, doing="opened") from error
     return Source(file, os.fspath(source), os.path.abspath(source))
 

@@ -321,8 +321,9 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
         "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "why": True, "segment_frames": 4,
         "piece_points": 4, "alpha": 1.5, "r": 2.0, "frames": "0:3", "objects": ["a", "b"], "fps": 25.0, "mesh": "m.obj",
         "clip": "walk", "displacement": "u", "transforms": "keep", "skip_unsupported": True, "isolate": True,
-        "up_axis": "Z", "scale": 2.0, "unit": "cm",
+        "up_axis": "Z", "scale": 2.0, "unit": "cm", "asset_folders": ["a", "b"],
     }  # fmt: skip
+    read = {"objects": ("a", "b"), "mesh": os.path.join("clips", "m.obj"), "asset_folders": ("clips/a", "clips/b")}
     assert sorted(values) == sorted(OPTION_NAMES)
     for name, value in values.items():
         own = {
@@ -336,7 +337,7 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
         assert of_json == of_csv
         options = of_json.options
         held = {**vars(options.settings.paper), **vars(options.settings), **vars(options)}
-        assert held[name] == {"objects": ("a", "b"), "mesh": os.path.join("clips", "m.obj")}.get(name, value)
+        assert held[name] == read.get(name, value)
     Path("clips/m.csv").write_text("source,size,max_memory\na.npz,2kB,1.5GiB\n")
     [clip] = clips_of("clips/m.csv")
     assert (clip.options.size, clip.options.settings.max_memory) == (2000, 3 * 2**29)

@@ -31,12 +31,12 @@ CODES = re.findall(
     r"[a-z-]+",
     """
 failed invalid-setting conflicting-settings setting-unsupported unknown-name frame-out-of-range time-out-of-range
-invalid-input file-missing unreadable unknown-format unsupported-format ambiguous-input frame-missing no-frames
-no-vertices damaged-input file-changed unsupported-feature object-missing object-mismatch connectivity-changes
-invalid-times not-finite too-large interrupted worker-ended output-exists output-unwritable disk-full
-overwrites-input corrupt-file identifier version header-checksum table table-checksum truncated trailing-bytes
-section-unknown section-unknown-required section-checksum section-content group-checksum group-content memory-limit
-output-limit missing-extra
+invalid-input file-missing unreadable outside-folder unknown-format unsupported-format ambiguous-input frame-missing
+no-frames no-vertices damaged-input file-changed unsupported-feature object-missing object-mismatch
+connectivity-changes invalid-times not-finite too-large interrupted worker-ended output-exists output-unwritable
+disk-full overwrites-input corrupt-file identifier version header-checksum table table-checksum truncated
+trailing-bytes section-unknown section-unknown-required section-checksum section-content group-checksum group-content
+memory-limit output-limit missing-extra
 """,
 )
 

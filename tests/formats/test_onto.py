@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +36,9 @@ def others(source: MeshSequence, frames: int = 4, seed: int = 3) -> ArraySequenc
     return ArraySequence(points, objects=source.objects, times=times, fps=24.0, metadata=source.metadata)
 
 
-def assert_moves(path: Path, clip: MeshSequence) -> None:
+def assert_moves(path: Path, clip: MeshSequence, asset_folders: Sequence[Path] = ()) -> None:
     """Objects of a file move as those of their names in a sequence, at its times."""
-    with open_sequence(path) as read:
+    with open_sequence(path, asset_folders=asset_folders) as read:
         frames = [int(np.abs(read.times - time).argmin()) for time in clip.times]
         assert np.abs(read.times[frames] - clip.times).max() < 1e-6
         points = np.stack([read.read_frames(frame, frame + 1)[0] for frame in frames])
@@ -271,9 +272,13 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     source.write_text(USDA)
     with open_sequence(source) as read:
         clip = others(FrameSelection(read, range(4)))
-    write_onto(clip, source, out, layer=layer, velocities=velocities_of(clip))
+    lost = write_onto(clip, source, out, layer=layer, velocities=velocities_of(clip))
     assert source.read_text() == USDA
-    assert_moves(out, clip)
+    if layer:
+        assert lost[-1].startswith("layers that it names lie in another folder; set asset_folders=")
+        with pytest.raises(InputError, match=r"names '.*a\.usda', which lies outside its folder"):
+            open_sequence(out)
+    assert_moves(out, clip, asset_folders=[tmp_path] if layer else ())
     stage = Usd.Stage.Open(str(out))
     mesh = stage.GetPrimAtPath("/World/Root/Skin")
     assert mesh.GetAttribute("studio:shot").Get() == "12a"

@@ -142,7 +142,7 @@ def test_an_included_file_names_its_data_from_its_own_folder(tmp_path: Path) -> 
     assert heights(path) == ([0, 0.5, 1], flat(0, 0.5, 1))
     assert len(input_files(str(path))) == 4
     (tmp_path / "below" / "m1.xdmf").unlink()
-    with pytest.raises(InputError, match=r"includes 'm1.xdmf', which is missing"):
+    with pytest.raises(InputError, match=r"names 'below/m1.xdmf', which is missing"):
         open_sequence(path)
 
 

@@ -1,0 +1,184 @@
+"""Files that are opened for reading: regular ones, and of those that a file names only the ones near it.
+
+A pipe would hang who reads it, a device fill the memory, and a file of a stranger may name any other: what is in that
+would come back as positions. :func:`open_regular` opens what a caller names, a :class:`FileScope` what a file names.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import BinaryIO
+
+from pdecodec.errors import InputError, damaged, unreadable
+from pdecodec.system.storage import RemoteFile
+
+FOLDERS_VARIABLE = "PDECODEC_ASSET_FOLDERS"
+"""Environment variable that lists more folders in which files may name others, as PATH lists its own."""
+
+LONGEST_SHOWN = 200
+"""Characters of a name that an error shows."""
+
+_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+
+_allowed: ContextVar[tuple[str, ...]] = ContextVar("folders in which files may name others", default=())
+
+
+@contextmanager
+def asset_folders_allowed(folders: Iterable[str | os.PathLike[str]]) -> Iterator[None]:
+    """Within, files that are opened may name files in these folders as well, and below them."""
+    token = _allowed.set((*_allowed.get(), *(os.path.realpath(os.fspath(folder)) for folder in folders)))
+    try:
+        yield
+    finally:
+        _allowed.reset(token)
+
+
+def allowed_folders() -> tuple[str, ...]:
+    """Return the folders of :func:`asset_folders_allowed`, without the environment's."""
+    return _allowed.get()
+
+
+def open_regular(path: str | os.PathLike[str], *, is_buffered: bool = True) -> BinaryIO:
+    """Open a regular file for reading, without waiting for anybody who writes to it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is a folder.
+    InputError
+        If it is a pipe, a socket or a device, or no file can have its name.
+    """
+    try:
+        _check_mode(path, os.stat(path).st_mode)  # a device may act when it is opened
+        return open(path, "rb", -1 if is_buffered else 0, opener=_opened)
+    except ValueError as error:  # a NUL, or half a surrogate pair
+        raise unreadable(error, path, "check the name", doing="opened") from error
+
+
+def read_regular(path: Path, most: int | None = None) -> bytes:
+    """Return the bytes of a regular file, at most so many from its beginning on; errors as of :func:`open_regular`."""
+    with open_regular(path) as file:
+        return file.read() if most is None else read_at_most(file, most)
+
+
+def read_at_most(file: BinaryIO, most: int) -> bytes:
+    """Return the next bytes of a regular file, at most so many: room is taken for those that are there alone."""
+    return file.read(max(0, min(most, os.fstat(file.fileno()).st_size - file.tell())))
+
+
+def _opened(path: str, flags: int) -> int:
+    number = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    try:
+        _check_mode(path, os.fstat(number).st_mode)
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
+def _check_mode(path: str | os.PathLike[str], mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "a special file")
+        raise InputError(f"is {kind}, and only regular files are read; copy it to one", code="unreadable", path=path)
+
+
+class FileScope:
+    """Where the files lie that a file may name: in its folder and below, and in folders that are allowed besides.
+
+    Links count by where they lead. What is allowed is that of :func:`asset_folders_allowed` and of the environment when
+    the scope is made: files may be opened later.
+
+    Parameters
+    ----------
+    path : pathlib.Path or RemoteFile
+        The file that a caller opened; it stands for those that it names in turn.
+    folders : iterable of str
+        Folders that are allowed besides.
+    """
+
+    def __init__(self, path: Path | RemoteFile, folders: Iterable[str] = ()) -> None:
+        self.path = path
+        own = (os.path.dirname(os.path.abspath(path)), os.path.dirname(os.path.realpath(path)))
+        listed = os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)
+        named = (*(own if isinstance(path, Path) else ()), *folders, *(one for one in listed if one))
+        self._folders = (*map(os.path.realpath, named), *_allowed.get())
+
+    def checked(self, name: str, folder: Path | None = None) -> Path:
+        """Return the path of a file if it lies inside; whether it is there is not looked at.
+
+        Parameters
+        ----------
+        name : str
+            What a file calls it.
+        folder : pathlib.Path, optional
+            Where the name is seen from. Default: the folder of :attr:`path`.
+
+        Raises
+        ------
+        InputError
+            If it lies elsewhere, or no file can have the name.
+        """
+        place = os.path.join(os.path.dirname(self.path) if folder is None else folder, name)
+        try:
+            real = os.path.realpath(place)
+        except ValueError as error:
+            raise damaged(
+                f"names a file {_shown(name)}, as none can be called; export it again", path=self.path
+            ) from error
+        if not any(_is_below(real, allowed) for allowed in self._folders):
+            raise InputError(
+                f"names {_shown(name)}, which lies outside its folder and is not read",
+                code="outside-folder",
+                path=self.path,
+                setting="asset_folders",
+                value=os.path.dirname(real)[:LONGEST_SHOWN],
+                purpose="if that is meant",
+            )
+        return Path(place)
+
+    def regular(self, name: str, folder: Path | None = None) -> Path:
+        """Return the path of a regular file that lies inside, for a library to open; errors as of :meth:`open`."""
+        with self.open(name, folder) as file:
+            return Path(file.name)
+
+    def open(self, name: str, folder: Path | None = None) -> BinaryIO:
+        """Open a regular file that lies inside.
+
+        Raises
+        ------
+        InputError
+            If it lies elsewhere, is missing, cannot be read, or is no regular file.
+        """
+        path = self.checked(name, folder)
+        try:
+            return open_regular(path)
+        except FileNotFoundError as error:
+            message = f"names {_shown(name)}, which is missing; restore that file"
+            raise InputError(message, code="file-missing", path=self.path) from error
+        except OSError as error:
+            message = f"names {_shown(name)}, which cannot be read ({error.strerror})"
+            raise InputError(message, code="unreadable", path=self.path) from error
+
+    def read(self, name: str, most: int | None = None, folder: Path | None = None) -> bytes:
+        """Return the bytes of a file, at most so many from its beginning on; errors as of :meth:`open`."""
+        with self.open(name, folder) as file:
+            return file.read() if most is None else read_at_most(file, most)
+
+
+def _shown(name: str) -> str:
+    return repr(name if len(name) <= LONGEST_SHOWN else f"{name[:LONGEST_SHOWN]}...")
+
+
+def _is_below(path: str, folder: str) -> bool:
+    try:
+        return os.path.commonpath((path, folder)) == os.path.normpath(folder)
+    except ValueError:  # on another drive
+        return False
