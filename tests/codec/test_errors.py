@@ -175,4 +175,4 @@ def test_nothing_looks_into_the_words_of_an_error() -> None:
                 asked = [node.value]
             found += [(place, node.lineno) for one in asked if is_words(one)]
     # The exception is USD's own, which says the line of a file in its text alone.
-    assert {place for place, _ in found} <= {"formats/usd/reader.py"}
+    assert {place for place, _ in found} <= {"formats/usd/composition.py"}
