@@ -117,11 +117,12 @@ BUILT_IN = (
         write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
-        "of each run, ids of points that come and go, transforms (kept apart on request), irregular times, up axis, "
+        "of each run, ids of points, transforms (kept apart on request), irregular times, the stage's range, up axis, "
         "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
         "become polygons, instances objects",
-        loses="stored velocities, primvars that change, creases, tetrahedra but for their surface, cameras and lights, "
-        "materials but for their names, visibility, NURBS, instances that come and go",
+        loses="stored velocities, primvars that change, creases, tetrahedra but for their surface, widths, cameras and "
+        "lights, materials but for their names, custom attributes, variants that are not selected, visibility, NURBS, "
+        "instances that come and go",
     ),
     Format(
         name="gltf",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -70,8 +70,10 @@ class Refusals:
             )
         self.found.append(Unsupported(name, feature, frame))
 
-    def notices(self, shapes: Sequence[Shape]) -> tuple[str, ...]:
-        """A line for each object that was left out, one for what is no geometry, one for what shapes lose.
+    def notices(self, shapes: Sequence[Shape], left_out: Iterable[str] = ()) -> tuple[str, ...]:
+        """A line for each object that was left out, one for what is no geometry, one for what is not kept.
+
+        That is what shapes lose, and other things of the file that are `left_out`, by name.
 
         Raises
         ------
@@ -99,7 +101,7 @@ class Refusals:
         if self.tessellated:
             kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
             notices.append(f"shapes without vertices became polygons: {kinds}")
-        names = not_kept(name for shape in shapes for name in shape.left_out)
+        names = not_kept((*(name for shape in shapes for name in shape.left_out), *left_out))
         return (*notices, *names, *hidden_notices(shapes))
 
 
@@ -154,6 +156,15 @@ def listed(names: Sequence[str]) -> str:
     """Names for a line: the first few, and how many more there are."""
     more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
     return ", ".join([*map(repr, names[:MOST_NAMES]), *more])
+
+
+def lost_textures(count: int, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the line that names textures, or images, that are not kept; none where there are none."""
+    if not names and not count:
+        return ()
+    textures = f"{count} texture{'s' * (count != 1)}" if count else "images"
+    named = f" of {listed(names)}" if names else ""
+    return (f"not kept: {textures}{named}; the motion written onto this file keeps them",)
 
 
 @dataclass(kw_only=True, eq=False)

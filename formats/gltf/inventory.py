@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from pdecodec.formats.base.scene_reading import listed
+from pdecodec.formats.base.scene_reading import listed, lost_textures
 from pdecodec.formats.gltf.animation import Clip, Nodes
 from pdecodec.formats.gltf.file import READABLE_EXTENSIONS, GltfFile
 
@@ -36,15 +36,10 @@ _NOTED = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {
 """Keys of extras that our writer leaves, by the list that they are in."""
 
 
-def lost_textures(file: GltfFile) -> tuple[str, ...]:
+def textures_of(file: GltfFile) -> tuple[str, ...]:
     """Return the line that names textures, or images, that are not kept; none where there are none."""
     images = [_name(one, "image", number) for number, one in enumerate(file.listed("images"))]
-    textures = len(file.listed("textures"))
-    if not images and not textures:
-        return ()
-    named = f" of {listed(images)}" if images else ""
-    count = f"{textures} texture{'s' * (textures != 1)}" if textures else "images"
-    return (f"not kept: {count}{named}; the motion written onto this file keeps them",)
+    return lost_textures(len(file.listed("textures")), images)
 
 
 def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Collection[int]) -> Iterator[str]:

@@ -33,7 +33,7 @@ from pdecodec.formats.base.times import (
 )
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
-from pdecodec.formats.gltf.inventory import left_out_of_file, lost_textures
+from pdecodec.formats.gltf.inventory import left_out_of_file, textures_of
 from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, default_weights, read_mesh
 from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
@@ -115,7 +115,7 @@ class GltfSequence(SceneSequence):
         on = {part.node for part in parts}.union(*(part.skin.joints for part in parts if part.skin is not None))
         left_out += left_out_of_file(file, self.nodes, chosen, {k for node in on for k in self.nodes.above(node)})
         lost = (*not_kept(left_out), *hidden_notices(parts))
-        self.notices = (*lost_textures(file), *clip_notices, *time_notices, *lost)
+        self.notices = (*textures_of(file), *clip_notices, *time_notices, *lost)
 
     def _pose(self, start: int, stop: int) -> Pose:
         """Where nodes are at some frames, which shapes have in common."""

@@ -14,8 +14,8 @@ from pxr import Pcp, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.scene_reading import Refusals, listed
 
-PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
-"""What USD says of text that does not parse; behind "matching" stands a name of its sources."""
+PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: (?:parse error matching \S+ (?P<place>at .*)|(?P<what>.*))")
+"""What USD says of text that it does not take; behind "matching" stands a name of its sources."""
 
 WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
 """What USD's messages begin with: a place in its own sources."""
@@ -42,7 +42,8 @@ def stage_errors(path: Path) -> Iterator[None]:
         try:
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
             if found := PARSE_ERROR.search(str(error)):
-                lines = [f"line {found['line']} does not parse {found['place']}"]
+                what = f"does not parse {found['place']}" if found["place"] else f"is wrong: {found['what']}"
+                lines = [f"line {found['line']} {what}"]
         except UnicodeDecodeError:
             # USD's message quotes the file.
             lines = ["its text is not UTF-8"]

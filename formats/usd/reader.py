@@ -28,6 +28,7 @@ from pdecodec.formats.base.times import (
 )
 from pdecodec.formats.usd.composition import check_composition, check_rates, stage_errors
 from pdecodec.formats.usd.instances import placed_in_scene
+from pdecodec.formats.usd.inventory import Inventory
 from pdecodec.formats.usd.layers import open_stage
 from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
@@ -56,9 +57,12 @@ def open_usd(
         scan = ShapeScan(Refusals(skip=skip_unsupported))
         absent = check_composition(stage, scan.refusals)
         shapes = shapes_of(stage, scan)
-        notices = (*absent, *scan.refusals.notices(shapes))
-        codes, timing = _timing(stage, shapes, fps)
-        times, rate, time_notices = timing
+        inventory = Inventory(stage, shapes, scan.refusals)
+        if not shapes:
+            scan.refusals.others.update(inventory.others)
+        told = scan.refusals.notices(shapes, inventory.left_out())
+        codes, (times, rate, time_notices) = _timing(stage, shapes, fps)
+        notices = (*inventory.lost_textures(), *time_notices, *absent, *told)
         metadata = read_metadata(stage, times, _codes_per_second(stage, fps))
     facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
@@ -70,7 +74,15 @@ def open_usd(
 
     per_second = _codes_per_second(stage, fps)
     changes = [np.asarray(one) / per_second for one in scan.changes.values()]
-    return runs_of_scene(times, changes, (times, rate, (*time_notices, *notices)), open_run)
+    return runs_of_scene(times, changes, (times, rate, notices), open_run)
+
+
+def inventory_of(path: Path) -> Inventory:
+    """Return everything that a USD file holds, and what becomes of it where what cannot be read is left out."""
+    with stage_errors(path):
+        stage = open_stage(path)
+        scan = ShapeScan(Refusals(skip=True))
+        return Inventory(stage, shapes_of(stage, scan), scan.refusals)
 
 
 class UsdSequence(SceneSequence):

@@ -274,7 +274,7 @@ def open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None
     at = scan.look(prim, [points.GetPointsAttr() if counted else ids], by_size=counted)
     alone = _points_alone(points, at)
     extras = read_extras(prim, alone, np.zeros(0, np.int64), moves=_moves(points, skinning), at=at)
-    numbers = None if at is None or counted else ids.Get(at)
+    numbers = value_at(ids, at)
     if numbers is not None:
         rows = np.array(numbers, np.int64)
         small = not rows.size or np.abs(rows).max() <= MAX_INDEX

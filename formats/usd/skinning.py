@@ -35,6 +35,14 @@ class Skinning:
         """Whether points end up in the skeleton's space."""
         return bool(self._query.HasJointInfluences())
 
+    @property
+    def paths(self) -> set[str]:
+        """Paths of the prims that deform: skeleton, animation, blend shapes."""
+        binding = UsdSkel.BindingAPI(self._query.GetPrim())
+        shapes = binding.GetBlendShapeTargetsRel().GetForwardedTargets() if self._shapes is not None else []
+        animation = [self._animation.GetPrim().GetPath()] if self._animation else []
+        return {str(path) for path in (self.skeleton_prim.GetPath(), *animation, *shapes)}
+
     def time_codes(self) -> list[float]:
         """Time codes at which the animation is sampled."""
         if not self._animation:

@@ -69,8 +69,6 @@ def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -
             scan.refusals.refuse(
                 name, f"the type {prim.GetTypeName()}, which is no mesh, curve or point set; convert it"
             )
-        elif prim.IsA(UsdGeom.Camera):
-            scan.refusals.others["camera"] += 1
         # Times are of all that changes, be it there at first or not.
         if opened is not None and (opened.connectivity.vertex_count or (scan.is_first and opened.described_at)):
             opened.hidden = _is_hidden(prim)

@@ -272,7 +272,7 @@ def test_points_without_ids_are_others_where_there_are_more_or_fewer(tmp_path: P
     ("kind", "message"),
     [
         ("NurbsPatch", "object 'thing': has the type NurbsPatch"),
-        ("Camera", "no mesh, curve or point animation: there is 1 camera"),
+        ("Camera", "no mesh, curve or point animation: there is 1 Camera"),
     ],
 )
 def test_shapes_beyond_meshes_are_refused_by_type(tmp_path: Path, kind: str, message: str) -> None:
