@@ -49,7 +49,7 @@ def _convert(
     velocities: bool,
     quantize: bool,
     meshopt: bool,
-    rigid: bool,
+    rigid: bool | None,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
@@ -70,7 +70,7 @@ def _convert(
     with open_whole(source, asked) as whole:
         sequence = choose(whole, asked, job.source_name)
         job = job.with_frames(sequence, dry_run=dry_run)
-        bound = rigid_bound(whole, asked.scale) if rigid else None
+        bound = None if velocities and not rigid else rigid_bound(whole, asked.scale, job.output, rigid)
         say_notices(sequence.notices)
         say_start(job, sequence)
 

@@ -133,7 +133,7 @@ def _decode(
         _check_output(sequences, max_output, source)
         say_notices(positions.notices)
         say_start(job, positions)
-        bound = rigid_bound(animation, place.scale) if writing.rigid else None
+        bound = writing.rigid_bound(animation, place.scale, job.output)
         write = partial(writing.write, bound=bound)
         if dry_run:
             say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))
@@ -222,7 +222,7 @@ class _Writing(_Part):
     velocities: bool
     quantize: bool
     meshopt: bool
-    rigid: bool
+    rigid: bool | None
     onto: str | None
     clip: str | None
     layer: bool
@@ -235,6 +235,12 @@ class _Writing(_Part):
         if self.rigid and (self.onto is not None or self.velocities):
             other = "--onto" if self.onto else "--velocities"
             raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {other}")
+
+    def rigid_bound(self, source: MeshSequence, scale: float, output: str) -> float | None:
+        """The bound within which objects move rigidly; None where nobody asks, and nodes are not to be found."""
+        if self.onto is not None or self.velocities:
+            return None
+        return rigid_bound(source, scale, output, self.rigid)
 
     def outputs(self, output: str) -> list[str]:
         """The file of positions, and that of velocities where its format holds none."""

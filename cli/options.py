@@ -226,10 +226,11 @@ write_options = option_group(
     ),
     click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
     click.option(
-        "--rigid",
-        is_flag=True,
+        "--rigid/--no-rigid",
+        default=None,
         help="glTF, Alembic, USD: objects of a .pdeanim file that move rigidly, within the bound it was encoded with, "
-        "become nodes that move; how far off they are is told.",
+        "become nodes that move, in glTF those of several such parts skins; how far off they are is told.  "
+        "[default: in glTF alone]",
     ),
 )
 """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
@@ -241,17 +242,22 @@ def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
         raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
 
 
-def rigid_bound(source: MeshSequence, scale: float) -> float:
-    """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
+def rigid_bound(source: MeshSequence, scale: float, output: str, asked: bool | None) -> float | None:
+    """What ``--rigid`` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.stored_choices import bound_of
+    from pdecodec.formats.base.registry import format_to_write
 
-    if not isinstance(source, Animation) or len(source.runs) > 1:
-        raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")
-    bound = bound_of(source)
-    if bound is None:
-        raise SettingsError("--rigid needs a bound, and the file was encoded without one; leave it out")
-    return scale * bound
+    is_unasked = asked is None and format_to_write(output).finds_rigid_parts
+    if not (asked or is_unasked):
+        return 0.0 if asked is False else None
+    is_animation = isinstance(source, Animation) and len(source.runs) == 1
+    bound = bound_of(source) if isinstance(source, Animation) and is_animation else None
+    if bound is None and asked:
+        needed = "needs a bound, and the file was encoded without one"
+        other = "is for a .pdeanim file of one connectivity, which knows its bound"
+        raise SettingsError(f"--rigid {needed if is_animation else other}; leave it out")
+    return None if bound is None else scale * bound
 
 
 def within_limits(command: Callable[..., None]) -> Callable[..., None]:

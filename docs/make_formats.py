@@ -50,7 +50,9 @@ CONVENTIONS = """\
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
   USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
-  too. Formats without transforms get positions with transforms applied.
+  too. glTF does that unasked (`--no-rigid` does not), and writes a mesh of several such parts, each of connected faces,
+  as a skin whose joints are the parts: 1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target.
+  Formats without transforms get positions with transforms applied.
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
   they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one
   name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are brought into

@@ -136,6 +136,7 @@ BUILT_IN = (
         times="both",
         options=("clip", "transforms"),
         write_options=("quantize", "meshopt", "rigid"),
+        finds_rigid_parts=True,
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
         "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "

@@ -195,7 +195,8 @@ def write_sequence(
         glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
     rigid : float, optional
         glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as nodes
-        that move; how far off that is, is told. Default: only those that move rigidly to the last bits of float32.
+        that move, in glTF objects of several such parts as skins; how far off that is, is told. 0: only those that move
+        rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
 
     Returns
     -------
@@ -237,7 +238,7 @@ def write_sequence(
             code="setting-unsupported",
             path=where,
         )
-    if rigid is not None and (velocities is not None or len(sequence.runs) > 1):
+    if rigid and (velocities is not None or len(sequence.runs) > 1):
         reason = "velocities" if velocities is not None else "connectivity that changes"
         raise SettingsError(
             f"moves shapes that stand, which have no {reason}; leave one out",

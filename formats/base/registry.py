@@ -45,7 +45,8 @@ class Output:
     quantize, meshopt : bool
         Smaller files, of formats that list these options.
     rigid : float or None
-        Distance [scene units] within which objects that move rigidly become nodes that move.
+        Distance [scene units] within which objects that move rigidly become nodes that move; of None and 0 those that
+        do so exactly.
     layer : bool
         Of what goes onto a file: whether it is only a layer over it.
     """
@@ -124,6 +125,8 @@ class Format:
     holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
         Whether the writer can put transforms above objects, velocities beside positions, keep objects without
         vertices, and write a sequence whose connectivity changes.
+    finds_rigid_parts : bool
+        Whether the writer looks unasked for parts of a decoded animation that move rigidly within its bound.
     times : {"exact", "float32", "microseconds", "both"}
         How the writer's times come back: as they were, rounded to float32, only where they are further apart, or both.
     keeps, loses : str
@@ -150,6 +153,7 @@ class Format:
     holds_velocities: bool = False
     holds_nothing: bool = False
     holds_runs: bool = False
+    finds_rigid_parts: bool = False
     times: Literal["exact", "float32", "microseconds", "both"] = "exact"
     keeps: str = ""
     loses: str = ""

@@ -32,6 +32,9 @@ REWEIGHTINGS = 8
 CENTRINGS = 20
 """Steps towards the centre of a ball: after so many it is within a few hundredths of the radius."""
 
+ENCLOSINGS = 4
+"""Times that the place furthest from the centre of some is added to them."""
+
 LEAST_WEIGHT = 1e-3
 """What is added to a distance over the largest one: the vertex that is hit exactly counts again later."""
 
@@ -55,21 +58,27 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
     shape = rest.astype(np.float64)
     moved = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
     moved[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
-    if _error(points, shape, moved) <= bound:
+    if largest_error(points, shape, moved) <= bound:
         return moved
-    found = _least_squares(points, shape)
-    return found if found is not None and _error(points, shape, found) <= bound else None
+    found = least_squares_motion(points, shape)
+    return found if found is not None and largest_error(points, shape, found) <= bound else None
 
 
-def _least_squares(
+def is_line(centred: Float64Array) -> bool:
+    """Whether a shape (vertices, 3) about the origin is a line or a point, whose turns are not known."""
+    # Sums of products: of the numbers themselves there are many.
+    lengths = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0))
+    return not lengths[1] > FLAT * lengths[2]
+
+
+def least_squares_motion(
     points: Float32Array, shape: Float64Array, weights: Float64Array | None = None
 ) -> Float64Array | None:
     """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line.
 
     Squares are weighted by `weights` (frames, vertices), or count alike.
     """
-    lengths = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
-    if lengths.size < 2 or not lengths[1] > FLAT * lengths[0]:
+    if is_line(shape - shape.mean(axis=0)):
         return None
     if weights is None:
         weights = np.ones((1, len(shape)))
@@ -84,16 +93,23 @@ def _least_squares(
     return found
 
 
-def _within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, float] | None:
-    """The rotations and translations that bring a shape within a bound of points, and the largest distance; or None.
+def motion_within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, float] | None:
+    """The rotations and translations that bring a shape within a bound of points, and the largest distance; or None."""
+    fit = nearest_motion(points, shape, bound)
+    return None if fit is None or fit[1].max() > bound else (fit[0], float(fit[1].max()))
 
-    Least squares leave some vertices outside though all can be within: where they do, each vertex is weighted by how
-    far off it was, again and again, which makes the largest distance small (Lawson 1961).
+
+def nearest_motion(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, Float64Array] | None:
+    """The rotations and translations that bring a shape near points, and the largest distance at each frame.
+
+    Least squares leave some vertices outside a bound though all can be within: where they do, each vertex is weighted
+    by how far off it was, again and again, which makes the largest distance small (Lawson 1961). None where none can be
+    within.
     """
-    best = _least_squares(points, shape)
+    best = least_squares_motion(points, shape)
     if best is None:
         return None
-    distances = _distances(points, shape, best)
+    distances = distances_of(points, shape, best)
     if (np.square(distances).mean(axis=1) > bound**2).any():
         return None  # The largest distance is never below the least root of mean squares.
     most = distances.max(axis=1)
@@ -105,17 +121,17 @@ def _within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Fl
         off = distances[left]
         weights[left] *= off / off.max(axis=1, keepdims=True) + LEAST_WEIGHT
         weights[left] /= weights[left].max(axis=1, keepdims=True)
-        found = _least_squares(points[left], shape, weights[left])
+        found = least_squares_motion(points[left], shape, weights[left])
         assert found is not None
-        distances[left] = _distances(points[left], shape, found)
+        distances[left] = distances_of(points[left], shape, found)
         now = distances[left].max(axis=1)
         better = now < most[left]
         best[left[better]], most[left[better]] = found[better], now[better]
-    largest = float(most.max())
-    return (best, largest) if largest <= bound else None
+    return best, most
 
 
-def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
+def largest_error(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
+    """Return the largest difference of a coordinate between a moved shape and points (frames, vertices, 3)."""
     moved = shape @ matrices[:, :3, :3] + matrices[:, 3:, :3]
     # Numbers that are not finite are no rigid motion either.
     return float(np.nan_to_num(np.abs(moved - points), nan=np.inf).max(initial=0))
@@ -139,14 +155,24 @@ def _centres(points: Float64Array) -> Float64Array:
     return centres
 
 
-def _middle(points: Float32Array) -> Float32Array:
+def smallest_centres(points: Float64Array) -> Float64Array:
+    """As :func:`_centres` of many places of each vertex, of which the furthest are enough."""
+    few = _extremes(points)
+    for _ in range(ENCLOSINGS):
+        centres = _centres(few)
+        furthest = np.square(points - centres).sum(axis=2).argmax(axis=0)
+        few = np.concatenate([few, np.take_along_axis(points, furthest[None, :, None], axis=0)])
+    return _centres(few)
+
+
+def middle_of(points: Float32Array) -> Float32Array:
     """(3,) float32: the middle of the box of points (vertices, 3)."""
     found: Float32Array = ((points.min(axis=0) + points.max(axis=0)) / 2).astype(np.float32)
     return found
 
 
-def _distances(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> Float64Array:
-    """Between a moved shape and points: (frames, vertices)."""
+def distances_of(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> Float64Array:
+    """Return distances between a moved shape and points: (frames, vertices)."""
     found: Float64Array = np.linalg.norm(shape @ matrices[:, :3, :3] + matrices[:, 3:, :3] - points, axis=2)
     return found
 
@@ -187,8 +213,8 @@ def rigid_within(
         for index in places if not frames else tuple(extremes):
             own = points[:, places[index]]
             shape = first.setdefault(index, own[0].astype(np.float64))
-            found = _least_squares(own, shape) if np.isfinite(own).all() else None
-            if found is None or _distances(own, shape, found).max() > FIRST_GUESS * bound:
+            found = least_squares_motion(own, shape) if np.isfinite(own).all() else None
+            if found is None or distances_of(own, shape, found).max() > FIRST_GUESS * bound:
                 extremes.pop(index, None)
                 continue
             back = (own - found[:, 3:, :3]) @ found[:, :3, :3].transpose(0, 2, 1)
@@ -199,7 +225,7 @@ def rigid_within(
     for points in blocks() if parts else ():
         for index in tuple(parts):
             shape = shapes[index].astype(np.float64)
-            fit = _within(points[:, places[index]], shape, bound)
+            fit = motion_within(points[:, places[index]], shape, bound)
             if fit is None:
                 del parts[index]
                 continue
@@ -218,77 +244,6 @@ def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[st
     count = f"{len(found)} object{'s' * (len(found) > 1)}"
     more = f", {between:.2g} between frames" if between else ""
     return (f"{count} moved as rigid: vertices are up to {max(found):.2g} off what is decoded{more}",)
-
-
-@dataclass(frozen=True)
-class RigidKeys:
-    """How a node moves a shape.
-
-    Attributes
-    ----------
-    shape : (vertices, 3) float32
-        What is moved; the first frame, where the motion is exact.
-    centre : (3,) float32
-        The point of the shape that is the shape's origin: between frames it moves straight, and the rest turns
-        evenly about it.
-    keys : mapping
-        ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
-        unless there is none.
-    deviation, between : float
-        Largest distance of vertices from where they are at frames, and at the thirds between them; 0 of exact motion.
-    """
-
-    shape: Float32Array
-    centre: Float32Array
-    keys: dict[str, Float32Array]
-    deviation: float = 0.0
-    between: float = 0.0
-
-
-def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
-    """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
-
-    Parameters
-    ----------
-    frames : (frames, vertices, 3) float32
-    between : (2 (frames - 1), vertices, 3) float32 or None
-        At the thirds between frames, where they are known.
-    bound : float, optional
-        Take what moves rigidly within it at its frames, where it does not exactly.
-    """
-    from scipy.spatial.transform import Rotation, Slerp
-
-    shape, matrices = frames[0], rigid_matrices(frames, frames[0])
-    deviation = off_between = 0.0
-    if matrices is None and bound is not None:
-        fit = rigid_within(lambda: [frames], {0: slice(None)}, bound).get(0)
-        if fit is not None:
-            shape, matrices, deviation = fit.shape, fit.matrices, fit.deviation
-    if matrices is None or (matrices == np.eye(4)).all():
-        return None
-    centre = _middle(shape)
-    # Columns are turned by the transpose of what turns rows.
-    turns = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1))
-    centres = centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
-    if between is not None:
-        numbers = np.arange(len(frames))
-        thirds = np.setdiff1d(np.arange(3 * len(frames) - 2), 3 * numbers) / 3
-        found = np.broadcast_to(np.eye(4), (thirds.size, 4, 4)).copy()
-        found[:, :3, :3] = Slerp(numbers, turns)(thirds).as_matrix().transpose(0, 2, 1)
-        straight = np.stack([np.interp(thirds, numbers, column) for column in centres.T], axis=1)
-        found[:, 3, :3] = straight - centre @ found[:, :3, :3]
-        if _error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
-            if bound is None:
-                return None
-            off_between = float(_distances(between, shape.astype(np.float64), found).max())
-    keys = {"translation": centres.astype(np.float32)}
-    if (matrices[:, :3, :3] != np.eye(3)).any():
-        quaternions = turns.as_quat()
-        # Of the two for a rotation the one that is nearer to that before it, so that no turn goes the long way.
-        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
-        quaternions[1:] *= flips[:, None]
-        keys["rotation"] = quaternions.astype(np.float32)
-    return RigidKeys(shape, centre, keys, deviation, off_between)
 
 
 def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[MeshSequence, tuple[str, ...]]:
@@ -349,7 +304,7 @@ def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: F
     places = _places(sequence)
     for index, matrices in moves.items():
         if (matrices[:, :3, :3] != np.eye(3)).any():
-            centre = _middle(rest[places[index]])
+            centre = middle_of(rest[places[index]])
             rest[places[index]] -= centre
             matrices[:, 3, :3] += centre @ matrices[:, :3, :3]
     return RigidParts(sequence, moves, rest)

@@ -2,6 +2,7 @@
 
 Begin with ``reader.py`` and ``writer.py``. Reading: ``file.py`` (JSON, buffers, accessors), ``types.py`` (what sort of
 value stands where), ``compression.py`` (Draco, meshoptimizer), ``mesh_reader.py``, ``animation.py``. Writing:
-``motion.py`` finds the targets that give an object's motion, by ``functions.py``, and rounds them; ``mesh_writer.py``
-and ``builder.py`` lay them out. ``onto.py`` puts motion onto a file that is there.
+``motion.py`` finds the targets that give an object's motion, by ``functions.py``, and rounds them; ``rigid_keys.py``
+and ``rigid_objects.py`` make nodes and skins of what moves rigidly; ``mesh_writer.py`` and ``builder.py`` lay them out.
+``onto.py`` puts motion onto a file that is there.
 """

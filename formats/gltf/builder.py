@@ -154,6 +154,17 @@ class GltfBuilder:
         kind = "VEC3" if numbers.ndim == 2 else "SCALAR"
         return self._accessor(dtype, len(numbers), kind, bufferView=view, normalized=True, **limits)
 
+    def influences(self, joints: NDArray[np.integer]) -> dict[str, int]:
+        """Accessors that let each vertex (n,) go with one joint."""
+        dtype = "<u1" if joints.max(initial=0) <= np.iinfo(np.uint8).max else "<u2"
+        rows, shares = np.zeros((len(joints), 4), dtype), np.zeros((len(joints), 4), np.uint8)
+        rows[:, 0], shares[:, 0] = joints, np.iinfo(np.uint8).max
+        views = self.view(rows, VERTEX_DATA), self.view(shares, VERTEX_DATA)
+        return {
+            "JOINTS_0": self._accessor(dtype, len(rows), "VEC4", bufferView=views[0]),
+            "WEIGHTS_0": self._accessor("<u1", len(rows), "VEC4", bufferView=views[1], normalized=True),
+        }
+
     def zeros(self, count: int) -> int:
         """An accessor of so many rows of three zeros, which take no bytes; its index."""
         return self._accessor("<f4", count, "VEC3", min=[0.0] * 3, max=[0.0] * 3)

@@ -77,13 +77,15 @@ def write_mesh(
     rows: NormalRows | None,
     material: Callable[[str], int],
     lattice: Lattice | None = None,
+    joints: Int64Array | None = None,
 ) -> int:
     """Write a mesh; its index. `material` gives the index of the material of a name.
 
     On a lattice, positions are 16-bit fractions, and so are normals at rest; those that targets add have 8 bits where
-    they are small enough. Where a motion has no normals, those of `rows` are noted alone.
+    they are small enough. Where a motion has no normals, those of `rows` are noted alone. `joints`, (vertices,), are
+    those of a skin that vertices go with.
     """
-    return _MeshWriter(builder, item, motion, rows, lattice).write(material)
+    return _MeshWriter(builder, item, motion, rows, lattice).write(material, joints)
 
 
 class _MeshWriter:
@@ -111,11 +113,12 @@ class _MeshWriter:
         self.sources, self.corner_rows = _cut(item.connectivity, columns)
         self.notes: dict[str, Any] = {"vertices": item.vertex_count}
 
-    def write(self, material: Callable[[str], int]) -> int:
+    def write(self, material: Callable[[str], int], joints: Int64Array | None) -> int:
         """Write it; its index."""
         if self._lattice is not None:
             self._builder.require(QUANTIZATION)
         attributes, morphs = self._attributes(), self._morphs()
+        attributes |= {} if joints is None else self._builder.influences(joints[self.sources])
         self._add_normals(attributes, morphs)
         _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
         common = {"targets": morphs} if morphs else {}

@@ -20,7 +20,6 @@ import numpy as np
 from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.base.onto import Fitted, Placed
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.rigid_motion import rigid_keys
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import mirrors
 from pdecodec.formats.gltf.animation import Nodes, Pose
@@ -30,6 +29,7 @@ from pdecodec.formats.gltf.file import TRIANGLES
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.formats.gltf.rigid_keys import rigid_keys
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
 from pdecodec.mesh.arrays import Float32Array, Float64Array
@@ -49,7 +49,7 @@ def write_gltf_onto(
     sequence: MeshSequence, original: GltfSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
     """Write the original's scene with a sequence's motion."""
-    check_size(sequence)
+    check_size(sequence.frame_count, sequence.objects)
     with output.whole_file() as path:
         builder = GltfBuilder(meshopt=output.meshopt)
         builder.begin_with(original.file)
@@ -120,7 +120,8 @@ class _Onto(GltfScene):
 
     def write(self) -> list[str]:
         builder, nodes = self._builder, self._builder.root["nodes"]
-        frames, between = self._read(), self._between()
+        every = np.ones(self._sequence.vertex_count, bool)
+        frames, between = self._read(every), self._between(every)
         meshes = {one.index: nodes[self._original.shapes[one.index].node]["mesh"] for one in self._fits}
         moved: dict[str, None] = {}
         for one in self._fits:

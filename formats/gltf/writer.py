@@ -4,25 +4,28 @@ or its node's.
 Where the motion is few functions of time, exactly, each is a target, and its curve is the function: for a decoded
 animation a cubic spline through and between its frames, for other sequences straight lines from frame to frame.
 Otherwise each frame is a target, and weights pass from one to the next in straight lines. An object that moves rigidly
-has no targets: its node moves.
+has no targets: its node moves. Where the motion has a bound, one of several rigid parts is a skin whose joints move.
 
 Faces become triangles, and vertices are cut where UVs have seams; the first rows are the vertices as they were, and
 what they were part of is noted in the mesh's ``extras``, so that everything comes back. The scene is turned Y-up.
-The whole motion is held in memory.
+The motion of objects with targets is held in memory.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pdecodec.codec.decoder import Animation
+from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.rigid_motion import RigidKeys, rigid_keys, rigid_notices
+from pdecodec.formats.base.rigid_motion import rigid_notices
+from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.builder import GltfBuilder
@@ -30,8 +33,10 @@ from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.inventory import WRITTEN_MATERIAL
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals
-from pdecodec.mesh.arrays import Float32Array
-from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
+from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
+from pdecodec.mesh.arrays import BoolArray, Float32Array
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
 MOST_TARGETS = 256
 """What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""
@@ -41,6 +46,9 @@ SEEN_ANGLE = 1.0
 
 MOST_MEMORY = 4 * 2**30
 """Bytes of positions that are held at once: a glTF file that large plays nowhere."""
+
+JOINTS = "rigid_parts"
+"""Name of the node above joints, of which skins want one."""
 
 THIRDS = (1 / 3, 2 / 3)
 """Where between two frames a cubic is found out, beside its ends."""
@@ -54,7 +62,6 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     InputError
         If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
     """
-    check_size(sequence)
     notices: list[str] = []
     axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
     if axis is None:
@@ -75,10 +82,10 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
 
 
-def check_size(sequence: MeshSequence) -> None:
+def check_size(frames: int, objects: Sequence[MeshObject]) -> None:
     """Raise InputError where there are too many positions for one file."""
-    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
-    needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
+    rows = sum(item.vertex_count * (2 if item.connectivity.face_count else 1) for item in objects)
+    needed = 12 * frames * rows
     if needed > MOST_MEMORY:
         raise InputError(
             f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file",
@@ -93,6 +100,7 @@ class GltfScene:
 
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
         self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
+        self._source = place(sequence, up_axis="Y") if turn else sequence
         self._branches: dict[tuple[str, ...], int] = {}
         self._roots: list[int] = []
         self._samplers: list[dict[str, Any]] = []
@@ -102,21 +110,27 @@ class GltfScene:
         self._key_times: int | None = None
         self._start = float(sequence.times[0])
 
-    def _read(self) -> Float32Array:
-        """Every frame, turned Y-up."""
-        source = place(self._sequence, up_axis="Y") if self._turn else self._sequence
-        found = np.empty((source.frame_count, source.vertex_count, 3), np.float32)
-        for start, block in self._output.blocks(source, "glTF"):
-            found[start : start + len(block)] = block
-        bad = np.argwhere(~np.isfinite(found).all(axis=2))
-        if bad.size:
-            raise InputError(
-                f"vertex {bad[0, 1]} is not finite, glTF has no number for it", code="not-finite", frame=int(bad[0, 0])
-            )
+    def _blocks(self) -> Iterator[tuple[int, Float32Array]]:
+        """Frames by blocks, turned Y-up."""
+        for start, points in self._output.blocks(self._source, "glTF"):
+            if not np.isfinite(points).all():
+                frame, vertex, _ = np.argwhere(~np.isfinite(points))[0]
+                raise InputError(
+                    f"vertex {vertex} is not finite, glTF has no number for it",
+                    code="not-finite",
+                    frame=int(start + frame),
+                )
+            yield start, points
+
+    def _read(self, vertices: BoolArray) -> Float32Array:
+        """Every frame of those vertices of the scene that are asked for, (vertices,)."""
+        found = np.empty((self._source.frame_count, np.count_nonzero(vertices), 3), np.float32)
+        for start, points in self._blocks() if vertices.any() else ():
+            found[start : start + len(points)] = points if vertices.all() else points[:, vertices]
         return found
 
-    def _between(self) -> Float32Array | None:
-        """(2 (frames - 1), vertices, 3): at the thirds between frames, where the sequence knows."""
+    def _thirds(self) -> MeshSequence | None:
+        """The thirds between frames, where the sequence knows what is there."""
         sequence = self._sequence
         if not isinstance(sequence, Animation) or sequence.frame_count < 2:
             return None
@@ -125,18 +139,20 @@ class GltfScene:
         steps = np.diff(sequence.times)
         times = (sequence.times[:-1, None] + steps[:, None] * np.array(THIRDS)).reshape(-1)
         sampled: MeshSequence = SampledAnimation(sequence, times)
-        if self._turn:
-            sampled = place(sampled, up_axis="Y")
-        return sampled.read_frames(0, times.size)
+        return place(sampled, up_axis="Y") if self._turn else sampled
+
+    def _between(self, vertices: BoolArray) -> Float32Array | None:
+        """(2 (frames - 1), vertices, 3): as :meth:`_read`, at the thirds between frames."""
+        thirds = self._thirds()
+        if thirds is None:
+            return None
+        return np.concatenate([points[:, vertices] for _, points in thirds.blocks()]) if vertices.any() else None
 
     def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
         """Let a node's mesh move by its targets, and the node by its keys."""
         self._motions.append((len(motion.targets), motion.frame_targets, motion.normal_error))
-        if self._key_times is None and (len(motion.targets) or turns):
-            self._key_times = self._builder.floats(self._sequence.times - self._start, bounds=True)
         frames = self._sequence.frame_count
-        for path, values in turns.keys.items() if turns else ():
-            self._channel(node, path, self._key_times, self._builder.floats(values), "LINEAR")
+        self._move(node, turns.keys if turns else {})
         if not len(motion.targets):
             return
         if motion.functions is None:
@@ -149,7 +165,12 @@ class GltfScene:
         else:
             splines = cubic_keys(motion.functions, self._sequence.times)
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
-        self._channel(node, "weights", self._key_times, output, interpolation)
+        self._channel(node, "weights", output, interpolation)
+
+    def _move(self, node: int, keys: Mapping[str, Float32Array]) -> None:
+        """Let a node move by its keys."""
+        for path, values in keys.items():
+            self._channel(node, path, self._builder.floats(values), "LINEAR")
 
     def _motion_notices(self) -> list[str]:
         """Lines about what motion became."""
@@ -172,15 +193,15 @@ class GltfScene:
         """Rate and start, as our reader takes them."""
         return {"fps": self._output.rate, **({"start": self._start} if self._start else {})}
 
-    def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
-        self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
+    def _channel(self, node: int, path: str, output: int, interpolation: str) -> None:
+        if self._key_times is None:
+            self._key_times = self._builder.floats(self._sequence.times - self._start, bounds=True)
+        self._samplers.append({"input": self._key_times, "output": output, "interpolation": interpolation})
         self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
         """An animation that moves nothing, so that frames and times of a still sequence come back."""
-        keys = self._builder.floats(self._sequence.times - self._start, bounds=True)
-        still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
-        self._channel(self._roots[0], "translation", keys, still, "LINEAR")
+        self._move(self._roots[0], {"translation": np.zeros((self._sequence.frame_count, 3), np.float32)})
 
     def _node(self, name: str, entry: dict[str, Any]) -> int:
         """A node of an object, and those above it."""
@@ -211,15 +232,26 @@ class _Scene(GltfScene):
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
         super().__init__(builder, sequence, output, turn=turn)
         self._materials: dict[str, int] = {}
+        self._movers: list[Mover] = []
+        self._bound = output.rigid
+        if self._bound is None and isinstance(sequence, Animation):
+            self._bound = bound_of(sequence)
 
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
-        frames = self._read()
-        between = self._between()
+        rigid = self._rigid_objects()
+        held = [item for index, item in enumerate(sequence.objects) if index not in rigid]
+        check_size(sequence.frame_count, held)
+        is_held = np.repeat(
+            [index not in rigid for index in range(len(sequence.objects))],
+            [item.vertex_count for item in sequence.objects],
+        )
+        frames, between = self._read(is_held), self._between(is_held)
+        places = dict(zip((id(item) for item in held), vertex_slices(held), strict=True))
+        joints: dict[int, int] = {}
         smoothed = 0
         coarsest = steepest = 0.0
-        approximate: list[RigidKeys] = []
-        for item, own in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
+        for index, item in enumerate(sequence.objects):
             if not item.vertex_count:
                 # glTF has no mesh of nothing: its node keeps the name.
                 self._node(item.name, {})
@@ -229,23 +261,38 @@ class _Scene(GltfScene):
             if rows is None and item.connectivity.face_count:
                 rows = smooth_rows(item)
                 smoothed += rows is not None and not rows.are_of_flat_triangles
-            part, thirds = frames[:, own], None if between is None else between[:, own]
-            turns = rigid_keys(part, thirds, self._output.rigid) if item.connectivity.face_count else None
             place: dict[str, Any] = {}
+            thirds: Float32Array | None = None
+            turns, own = None, rigid.get(index)
+            is_skinned = own is not None and len(own.movers) > 1
+            if own is not None:
+                turns, part = None if is_skinned else self._movers[own.movers[0]].keys, own.rest[None]
+            else:
+                part = frames[:, places[id(item)]]
+                thirds = None if between is None else between[:, places[id(item)]]
+                turns = rigid_keys(part, thirds) if item.connectivity.face_count and not self._bound else None
             if turns is not None:
-                part, thirds = turns.shape[None] - turns.centre, None
-                if turns.deviation:
-                    approximate.append(turns)
-                place = {"translation": turns.centre.tolist()}
+                part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
             # Viewers show triangles without normals flat.
             shown = None if rows is not None and rows.are_of_flat_triangles else rows
             motion = motion_of(part, thirds, shown)
             lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            bind = np.eye(4)
             if lattice is not None:
                 motion, angle = with_rounded_normals(motion)
                 steepest = max(steepest, angle)
+                bind[:3, :3] *= lattice.scale
+                bind[3, :3] = lattice.offset
                 place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
                 coarsest = max(coarsest, lattice.error)
+            if own is not None and is_skinned:
+                mesh = write_mesh(builder, item, motion, rows, self._material, lattice, own.joints)
+                keys = [self._movers[one].keys for one in own.movers]
+                nodes = [self._joint(one, joints) for one in own.movers]
+                skin = write_skin(builder, nodes, np.stack([one.centre for one in keys]), bind)
+                # Nothing above a skinned mesh moves it.
+                self._attach({"name": "/".join(_steps(item.name)), "mesh": mesh, "skin": skin}, None)
+                continue
             mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
             node = self._node(item.name, {"mesh": mesh, **place})
             self._animate(node, motion, turns)
@@ -269,8 +316,7 @@ class _Scene(GltfScene):
         deep = dict.fromkeys(uv.name for item in sequence.objects for uv in uv_sets(item) if uv.values.shape[1] == 3)
         self._notices += [f"the third number of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
-        between_frames = max((one.between for one in approximate), default=0.0)
-        self._notices += rigid_notices((one.deviation for one in approximate), between_frames)
+        self._notices += self._rigid_notices(rigid)
         if self._output.quantize:
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
             if steepest:
@@ -279,6 +325,32 @@ class _Scene(GltfScene):
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
             self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
         return self._notices
+
+    def _rigid_objects(self) -> dict[int, RigidObject]:
+        """Objects of parts that move rigidly within the bound that is asked for, by their numbers."""
+        if not self._bound:
+            return {}
+        parts = rigid_parts_within(self._source, self._bound, self._blocks)
+        self._movers, found = rigid_objects(parts, self._sequence.objects)
+        return found
+
+    def _rigid_notices(self, rigid: Mapping[int, RigidObject]) -> tuple[str, ...]:
+        """Lines about objects of rigid parts: how far off they are."""
+        off = {index: max(self._movers[one].keys.deviation for one in own.movers) for index, own in rigid.items()}
+        thirds = self._thirds() if self._movers else None
+        between = 0.0
+        for start, points in thirds.blocks() if thirds is not None else ():
+            own = slice(start, start + len(points))
+            between = max(between, *(one.between(points, own) for one in self._movers))
+        return rigid_notices((deviation for deviation in off.values() if deviation), between)
+
+    def _joint(self, number: int, known: dict[int, int]) -> int:
+        """The node of a joint, which moves as the mover of this number."""
+        if number not in known:
+            keys = self._movers[number].keys
+            known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))
+            self._move(known[number], keys.keys)
+        return known[number]
 
     def _material(self, label: str) -> int:
         """Index of the material of a name."""

@@ -124,7 +124,7 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
     encode(machine(), tmp_path / "x.pdeanim", tolerance=1e-4)
     with open_animation(tmp_path / "x.pdeanim") as animation:
         decoded, bound = animation.read_frames(0, 30), bound_of(animation)
-        write_sequence(animation, tmp_path / f"plain.{extension}")
+        write_sequence(animation, tmp_path / f"plain.{extension}", rigid=0)
         told = write_sequence(animation, tmp_path / f"x.{extension}", rigid=bound)
         with pytest.raises(SettingsError, match="rigid moves shapes that stand"):
             write_sequence(animation, tmp_path / "v.abc", rigid=bound, velocities=velocities_of(animation))
@@ -141,6 +141,55 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
         distances = np.linalg.norm(read.read_frames(0, 30).astype(np.float64) - decoded, axis=2)
         assert 0.95 * most <= distances.max() <= 1.05 * most
     assert_lawful(tmp_path / f"x.{extension}")
+
+
+def robot() -> ArraySequence:
+    """Two objects of plates that go with one of two limbs each, of 40 plates, and a sheet that bends."""
+    seconds, random = np.arange(30) / 24, np.random.default_rng(7)
+    limbs = [
+        Rotation.from_rotvec(np.outer(np.sin(rate * seconds), axis)) for rate, axis in ((2, [0, 0, 1]), (3, [1, 0, 0]))
+    ]
+    square = np.array([[0, 0, 0], [0.2, 0, 0], [0.2, 0.2, 0.05], [0, 0.2, 0]])
+    plates = [
+        (square * (10 if number < 2 else 1) + random.normal(size=3)) @ limbs[number % 2].as_matrix().transpose(0, 2, 1)
+        for number in range(80)
+    ]
+    u, v = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    sheet = np.stack([np.stack([u, v + 2, 0.3 * np.sin(5 * u + 4 * time)], -1).reshape(-1, 3) for time in seconds])
+    faces = np.arange(160, dtype=np.int32)
+    mesh = Connectivity(160, face_counts=np.full(40, 4, np.int32), face_indices=faces)
+    objects = [MeshObject("body/left", mesh), MeshObject("right", mesh), MeshObject("flag", grid(6, 6))]
+    points = np.concatenate([*plates, sheet], axis=1).astype(np.float32)
+    return ArraySequence(points, objects=objects, fps=24, metadata={"up_axis": "Y", "unit": "m"})
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_an_object_of_several_rigid_parts_is_a_skin_in_gltf_unasked(tmp_path: Path, quantize: bool) -> None:
+    clip = robot()
+    encode(clip, tmp_path / "x.pdeanim", tolerance=1e-3)
+    with open_animation(tmp_path / "x.pdeanim") as animation:
+        told = write_sequence(animation, tmp_path / "x.glb", quantize=quantize)
+        write_sequence(animation, tmp_path / "plain.glb", rigid=0)
+        decoded, bound = animation.read_frames(0, 30), bound_of(animation)
+    assert any(one.startswith("2 objects moved as rigid") for one in told)
+    root = read_gltf(tmp_path / "x.glb").root
+    targets = {mesh: "targets" in one["primitives"][0] for mesh, one in enumerate(root["meshes"])}
+    skinned = {node["mesh"]: node["name"] for node in root["nodes"] if "skin" in node}
+    # What is above a skinned mesh does not move it.
+    assert skinned == {0: "body/left", 1: "right"}
+    assert targets == {0: False, 1: False, 2: True}
+    assert "skins" not in read_gltf(tmp_path / "plain.glb").root
+    # Both objects go with the same limbs.
+    joints = {joint for skin in root["skins"] for joint in skin["joints"]}
+    assert len(joints) < 8
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert [item.name for item in read.objects] == [item.name for item in clip.objects]
+        assert read.notices == ()
+        distances = np.linalg.norm(read.read_frames(0, 30).astype(np.float64) - decoded, axis=2)
+    slack = 2e-4 if quantize else 1e-5
+    assert distances[:, :320].max() <= bound + slack
+    assert distances[:, 320:].max() <= slack
+    assert_lawful(tmp_path / "x.glb")
 
 
 def test_every_part_that_moved_rigidly_before_it_was_coded_is_found_within_the_bound(tmp_path: Path) -> None:

@@ -1,0 +1,341 @@
+"""Pieces of a scene that move rigidly within a bound, each of connected faces, whichever objects they belong to.
+
+Pieces are found on a few frames: what moves with the largest one that is left, is of the same rigid part. Each part is
+then compared with every frame, block by block. Connected faces that are off go alone once more; objects that have some
+that are off even then are no rigid parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.formats.base.rigid_motion import is_line, least_squares_motion, nearest_motion, smallest_centres
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence
+
+SHAPE_FRAMES = 64
+"""Frames whose mean is the shape of a part: of what coding moves vertices by an eighth is left then."""
+
+COMPARED_FRAMES = 16
+"""Frames among these on which pieces are told apart; all frames are compared later."""
+
+MOST_PARTS = 1024
+"""Rigid parts that are looked for: a soft mesh of loose triangles has as many pieces as triangles."""
+
+SETTLINGS = 8
+"""Times that a shape and what moves it are brought nearer to each other: the last of 600 pieces took 5."""
+
+SETTLED = 0.97
+"""Bounds to which distances of frames are brought on the way, so that the shape has some room to move."""
+
+MOST_HELD = 2**28
+"""Bytes of positions of pieces that are looked at once more alone."""
+
+CHUNK, FRAMES = 256, 28
+"""Vertices and frames that are multiplied at once: products that small stay in the cache and in one thread."""
+
+LOOSE = 1.5
+"""How many bounds the vertices of a piece may be off while its shape is that of few frames."""
+
+SINGLE_PRECISION = 2.0**-16
+"""Bound over the largest coordinate from which on float32 sums are exact enough."""
+
+
+@dataclass(eq=False)
+class RigidPart:
+    """Vertices of a scene that move as one.
+
+    Attributes
+    ----------
+    vertices : (n,) int64
+        In the order of the scene.
+    shape : (n, 3) float32
+        Where they are in the first frame, but for what coding moved them by.
+    matrices : (frames, 4, 4) float64
+        What moves the shape, for points that are rows.
+    off : (n,) float64 [scene units]
+        Largest distance of each vertex from where it is at a frame.
+    """
+
+    vertices: Int64Array
+    shape: Float32Array
+    matrices: Float64Array
+    off: Float64Array
+
+    def some(self, kept: BoolArray) -> RigidPart:
+        """Return the part with some of its vertices, (n,)."""
+        return RigidPart(self.vertices[kept], self.shape[kept], self.matrices, self.off[kept])
+
+    def distances(self, points: Float32Array, matrices: Float64Array, some: Int64Array) -> Float64Array:
+        """(frames,): largest distances of some vertices of the part, moved, from points (frames, vertices, 3)."""
+        moved = self.shape[some].astype(np.float64) @ matrices[:, :3, :3] + matrices[:, 3:, :3]
+        found: Float64Array = np.linalg.norm(points[:, self.vertices[some]] - moved, axis=2).max(axis=1)
+        return found
+
+
+def rigid_parts_within(
+    sequence: MeshSequence, bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]
+) -> list[RigidPart]:
+    """Return the rigid parts that make up objects with faces; objects that are not of such parts alone are left out.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        Of one connectivity.
+    bound : float [scene units]
+        Largest distance of a vertex from where it is at a frame.
+    blocks : callable
+        Gives all frames in order, with the number of the first frame of each block; called once or twice.
+    """
+    if sequence.frame_count < 2 or not sequence.connectivity.face_count:
+        return []
+    last = sequence.frame_count - 1
+    frames = np.unique(np.linspace(0, last, min(SHAPE_FRAMES, last + 1)).round().astype(int))
+    samples = np.concatenate([sequence.read_frames(one, one + 1) for one in frames.tolist()])
+    if not np.isfinite(samples).all():
+        return []
+    pieces = _Pieces(sequence)
+    groups = _grouped(samples[:: max(1, frames.size // COMPARED_FRAMES)], pieces, bound)
+    parts = [_shaped(samples, pieces.vertices_of(group)) for group in groups]
+    _move(parts, bound, blocks)
+    failed = [np.unique(pieces.ids[part.vertices[part.off > bound]]) for part in parts]
+    kept = [part.some(~np.isin(pieces.ids[part.vertices], own)) for part, own in zip(parts, failed, strict=True)]
+    waiting = [(number, one) for number, own in enumerate(failed) for one in own.tolist()]
+    size = np.cumsum([12 * sequence.frame_count * pieces.sizes[one] for _, one in waiting])
+    pieces.leave_out([one for (_, one), end in zip(waiting, size, strict=True) if end > MOST_HELD])
+    waiting = [(number, one) for number, one in waiting if not pieces.is_left_out[one]]
+    vertices = [pieces.vertices_of([one]) for _, one in waiting]
+    held = _positions_of(np.concatenate([np.zeros(0, np.int64), *vertices]), blocks)
+    ends = np.cumsum([0, *(one.size for one in vertices)])
+    for (number, one), own, start in zip(waiting, vertices, ends, strict=False):
+        points = held[:, start : start + own.size]
+        part = parts[number]
+        shape = part.shape[np.searchsorted(part.vertices, own)].astype(np.float64)
+        found = _settled(points, shape, part.matrices, bound)
+        if found is None:
+            pieces.leave_out([one])
+        else:
+            kept.append(RigidPart(own, found[0].astype(np.float32), *found[1:]))
+    kept = [part.some(~pieces.is_left_out[pieces.ids[part.vertices]]) for part in kept]
+    return _joined([part for part in kept if part.vertices.size])
+
+
+def _joined(parts: Sequence[RigidPart]) -> list[RigidPart]:
+    """Return parts with those joined that have the same matrices."""
+    found: dict[int, list[RigidPart]] = {}
+    for part in parts:
+        found.setdefault(id(part.matrices), []).append(part)
+    joined = []
+    for several in found.values():
+        vertices, shape, off = (
+            np.concatenate([getattr(one, name) for one in several]) for name in ("vertices", "shape", "off")
+        )
+        order = np.argsort(vertices)
+        joined.append(RigidPart(vertices[order], shape[order], several[0].matrices, off[order]))
+    return joined
+
+
+def _positions_of(vertices: Int64Array, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]) -> Float32Array:
+    """(frames, n, 3): some vertices of all frames."""
+    if not vertices.size:
+        return np.zeros((0, 0, 3), np.float32)
+    return np.concatenate([points[:, vertices] for _, points in blocks()])
+
+
+def _settled(
+    points: Float32Array, shape: Float64Array, matrices: Float64Array, bound: float
+) -> tuple[Float64Array, Float64Array, Float64Array] | None:
+    """Return a shape, its matrices and largest distances (n,) from points (frames, n, 3), which are within the bound.
+
+    By turns, each vertex of the shape goes to the centre of its places, moved back, and matrices to where the largest
+    distance is small. The matrices that are given are returned as they are where they do.
+    """
+    for _ in range(SETTLINGS):
+        back = _moved_back(points, matrices)
+        shape = smallest_centres(back)
+        off = np.linalg.norm(back - shape, axis=2).max(axis=0)
+        if off.max() <= bound:
+            return shape, matrices, off
+        fit = nearest_motion(points, shape, SETTLED * bound)
+        if fit is None:
+            return None
+        matrices, most = fit
+        if most.max() <= bound:
+            return shape, matrices, np.linalg.norm(_moved_back(points, matrices) - shape, axis=2).max(axis=0)
+    return None
+
+
+class _Pieces:
+    """Connected faces of a scene, numbered; -1 for vertices of objects without faces."""
+
+    def __init__(self, sequence: MeshSequence) -> None:
+        count, self.ids = _connected(sequence.connectivity)
+        owners = np.zeros(count, np.int64)
+        for number, (item, own) in enumerate(zip(sequence.objects, vertex_slices(sequence.objects), strict=True)):
+            owners[self.ids[own]] = number
+            if not item.connectivity.face_count:
+                self.ids[own] = -1
+        self.order = np.argsort(self.ids, kind="stable")
+        self._starts = np.searchsorted(self.ids[self.order], np.arange(count + 1))
+        self.sizes = np.diff(self._starts)
+        self._owners = owners
+        # The last entry is of vertices of objects without faces.
+        self.is_left_out = np.append(self.sizes == 0, True)
+
+    def vertices_of(self, pieces: Sequence[int]) -> Int64Array:
+        """Vertices of pieces, in the order of the scene."""
+        parts = [self.order[self._starts[one] : self._starts[one + 1]] for one in pieces]
+        return np.sort(np.concatenate(parts))
+
+    def leave_out(self, pieces: Sequence[int]) -> None:
+        """Leave out pieces, with all others of their objects."""
+        self.is_left_out[:-1] |= np.isin(self._owners, self._owners[np.array(pieces, np.int64)])
+
+
+def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
+    """Return how many connected sets of vertices there are, and which one each vertex is in."""
+    pairs = []
+    for counts, indices in (
+        (connectivity.face_counts, connectivity.face_indices),
+        (connectivity.line_counts, connectivity.line_indices),
+    ):
+        inside = np.ones(indices.size, bool)
+        inside[np.cumsum(counts, dtype=np.int64)[np.asarray(counts) > 0] - 1] = False
+        first = np.flatnonzero(inside)
+        pairs.append(np.stack([indices[first], indices[first + 1]]))
+    ends = np.concatenate(pairs, axis=1)
+    size = connectivity.vertex_count
+    graph = coo_matrix((np.ones(ends.shape[1], bool), (ends[0], ends[1])), (size, size))
+    count, ids = connected_components(graph, directed=False)
+    return int(count), ids.astype(np.int64)
+
+
+def _grouped(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[int]]:
+    """Return groups of pieces that move alike in all samples; objects with other pieces are left out."""
+    groups: list[list[int]] = []
+    waiting = [int(one) for one in np.argsort(-pieces.sizes, kind="stable") if pieces.sizes[one]]
+    while waiting:
+        waiting = [one for one in waiting if not pieces.is_left_out[one]]
+        if not waiting:
+            break
+        own = samples[:, pieces.vertices_of(waiting[:1])]
+        moved = motion_of_shape(own, own[0].astype(np.float64))
+        moved = motion_of_shape(own, _moved_back(own, moved).mean(axis=0))
+        if len(groups) == MOST_PARTS or _spread(own, moved).max() > LOOSE * bound:
+            pieces.leave_out(waiting[:1])
+            continue
+        group, others = waiting[:1], np.array(waiting[1:], np.int64)
+        while others.size:
+            vertices = np.concatenate([pieces.vertices_of([one]) for one in others.tolist()])
+            sizes = pieces.sizes[others]
+            most = np.maximum.reduceat(_spread(samples[:, vertices], moved), np.cumsum(sizes) - sizes)
+            more = others[most <= LOOSE * bound].tolist()
+            group, others = group + more, others[most > LOOSE * bound]
+            if not more:
+                break
+            # More vertices tell better how all of them move, and what else does.
+            own = samples[:, pieces.vertices_of(group)]
+            moved = motion_of_shape(own, _moved_back(own, motion_of_shape(own, own[0].astype(np.float64))).mean(axis=0))
+        groups.append(group)
+        waiting = sorted(set(waiting) - set(groups[-1]), key=lambda one: (-pieces.sizes[one], one))
+    kept = [[one for one in group if not pieces.is_left_out[one]] for group in groups]
+    return [group for group in kept if group]
+
+
+def motion_of_shape(points: Float32Array, shape: Float64Array) -> Float64Array:
+    """Return matrices (frames, 4, 4) that bring a shape nearest to points; translations of what is a line."""
+    found = least_squares_motion(points, shape)
+    if found is None:
+        found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
+        found[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
+    return found
+
+
+def _moved_back(points: Float32Array, matrices: Float64Array) -> Float64Array:
+    """Where points (frames, n, 3) were before they were moved."""
+    back: Float64Array = (points - matrices[:, 3:, :3]) @ matrices[:, :3, :3].transpose(0, 2, 1)
+    return back
+
+
+def _spread(points: Float32Array, matrices: Float64Array) -> Float64Array:
+    """(n,): how far points (frames, n, 3), moved back, are at most from their means."""
+    back = _moved_back(points, matrices)
+    found: Float64Array = np.sqrt(np.square(back - back.mean(axis=0)).sum(axis=2).max(axis=0))
+    return found
+
+
+def _shaped(samples: Float32Array, vertices: Int64Array) -> RigidPart:
+    """Return a part with the shape that its samples have in the mean, placed as in the first."""
+    own = samples[:, vertices]
+    moved = motion_of_shape(own, own[0].astype(np.float64))
+    return RigidPart(vertices, _moved_back(own, moved).mean(axis=0).astype(np.float32), moved, np.zeros(len(vertices)))
+
+
+def _move(parts: Sequence[RigidPart], bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]) -> None:
+    """Set the matrices of parts at all frames, and how far off their vertices are."""
+    movers = [_Mover(part) for part in parts]
+    moves: list[list[Float64Array]] = [[] for _ in parts]
+    for _, points in blocks():
+        single = bound > SINGLE_PRECISION * float(np.abs(points).max(initial=0))
+        for mover, found in zip(movers, moves, strict=True):
+            found.append(mover.move(points, np.float32 if single else np.float64))
+    for part, mover, found in zip(parts, movers, moves, strict=True):
+        part.matrices, part.off = np.concatenate(found), np.sqrt(mover.squares)
+
+
+class _Mover:
+    """Finds what moves a part's shape to points, by products of small matrices: some vertices at some frames."""
+
+    def __init__(self, part: RigidPart) -> None:
+        shape = part.shape.astype(np.float64)
+        self._centre = shape.mean(axis=0)
+        self._count, centred = len(shape), shape - self._centre
+        self._chunks = [
+            (part.vertices[start : start + CHUNK], _columns_of(centred[start : start + CHUNK]))
+            for start in range(0, len(shape), CHUNK)
+        ]
+        self._is_line = is_line(centred)
+        self.squares = np.zeros(len(shape))
+        """Of the largest distance of each vertex so far."""
+
+    def move(self, points: Float32Array, dtype: type[np.floating]) -> Float64Array:
+        """Return matrices (frames, 4, 4) for points (frames, vertices, 3) of the scene."""
+        count = len(points)
+        sums = np.zeros((count, 12))
+        chunks = [
+            (np.take(points, vertices, axis=1).reshape(count, -1).astype(dtype, copy=False), rows.astype(dtype))
+            for vertices, rows in self._chunks
+        ]
+        for own, rows in chunks:
+            for start in range(0, count, FRAMES):
+                sums[start : start + FRAMES] += own[start : start + FRAMES] @ rows.T
+        centres, turns = sums[:, 9:] / self._count, np.broadcast_to(np.eye(3), (count, 3, 3))
+        if not self._is_line:
+            left, _, right = np.linalg.svd(sums[:, :9].reshape(-1, 3, 3))
+            left[..., 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+            turns = left @ right
+        moves = np.concatenate([turns.reshape(-1, 9), centres], axis=1).astype(dtype)
+        for number, (own, rows) in enumerate(chunks):
+            largest = self.squares[number * CHUNK : (number + 1) * CHUNK]
+            for start in range(0, count, FRAMES):
+                squares = moves[start : start + FRAMES] @ rows
+                squares -= own[start : start + FRAMES]
+                squares *= squares
+                found = squares[:, 0::3] + squares[:, 1::3] + squares[:, 2::3]
+                np.maximum(largest, found.max(axis=0), out=largest)
+        matrices = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+        matrices[:, :3, :3] = turns
+        matrices[:, 3, :3] = centres - self._centre @ turns
+        return matrices
+
+
+def _columns_of(centred: Float64Array) -> Float64Array:
+    """(12, 3 n): in row 3 k + i and column 3 v + i coordinate k of vertex v; in row 9 + i a one."""
+    rows = np.einsum("vk,ij->kivj", centred, np.eye(3)).reshape(9, -1)
+    return np.concatenate([rows, np.tile(np.eye(3), len(centred))])

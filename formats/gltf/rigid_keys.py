@@ -1,0 +1,118 @@
+"""How a node moves a shape: translations and rotations at frames, straight and even between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pdecodec.formats.base.rigid_motion import (
+    RIGID,
+    distances_of,
+    largest_error,
+    middle_of,
+    rigid_matrices,
+    rigid_within,
+)
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+
+SAME_TURN = 1e-6
+"""Sine of half an angle below which turns are so near that numbers in between give those in between."""
+
+
+@dataclass(frozen=True)
+class RigidKeys:
+    """How a node moves a shape.
+
+    Attributes
+    ----------
+    shape : (vertices, 3) float32
+        What is moved; the first frame, where the motion is exact.
+    centre : (3,) float32
+        The point of the shape that is the shape's origin: between frames it moves straight, and the rest turns
+        evenly about it.
+    keys : mapping
+        ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
+        unless there is none.
+    deviation, between : float
+        Largest distance of vertices from where they are at frames, and at the thirds between them; 0 of exact motion.
+    """
+
+    shape: Float32Array
+    centre: Float32Array
+    keys: dict[str, Float32Array]
+    deviation: float = 0.0
+    between: float = 0.0
+
+    def matrices_between(self, matrices: Float64Array) -> Float64Array:
+        """(2 (frames - 1), 4, 4): what moves the shape at the thirds between frames, of matrices at frames."""
+        turns, centres = _quaternions(matrices), self.centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
+        found = np.broadcast_to(np.eye(4), (len(turns) - 1, 2, 4, 4)).copy()
+        angles = np.arccos(np.clip((turns[1:] * turns[:-1]).sum(axis=1, keepdims=True), -1, 1))
+        sines = np.sin(angles)
+        for number, share in enumerate((1 / 3, 2 / 3)):
+            before, after = (
+                np.where(sines > SAME_TURN, np.sin(part * angles) / np.maximum(sines, SAME_TURN), part)
+                for part in (1 - share, share)
+            )
+            found[:, number, :3, :3] = _turns_of(before * turns[:-1] + after * turns[1:])
+            straight = (1 - share) * centres[:-1] + share * centres[1:]
+            found[:, number, 3, :3] = straight - self.centre @ found[:, number, :3, :3]
+        return found.reshape(-1, 4, 4)
+
+
+def _quaternions(matrices: Float64Array) -> Float64Array:
+    """(frames, 4): of the rotations of matrices, real parts last, each of the two that is nearer to that before it."""
+    from scipy.spatial.transform import Rotation
+
+    # Columns are turned by the transpose of what turns rows.
+    found: Float64Array = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1)).as_quat()
+    # So that no turn goes the long way.
+    found[1:] *= np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1, 1))[:, None]
+    return found
+
+
+def _turns_of(quaternions: Float64Array) -> Float64Array:
+    """(frames, 3, 3): rotations for points that are rows."""
+    from scipy.spatial.transform import Rotation
+
+    found: Float64Array = Rotation.from_quat(quaternions).as_matrix().transpose(0, 2, 1)
+    return found
+
+
+def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
+    """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
+
+    Parameters
+    ----------
+    frames : (frames, vertices, 3) float32
+    between : (2 (frames - 1), vertices, 3) float32 or None
+        At the thirds between frames, where they are known.
+    bound : float, optional
+        Take what moves rigidly within it at its frames, where it does not exactly.
+    """
+    shape, matrices = frames[0], rigid_matrices(frames, frames[0])
+    deviation = off_between = 0.0
+    if matrices is None and bound is not None:
+        fit = rigid_within(lambda: [frames], {0: slice(None)}, bound).get(0)
+        if fit is not None:
+            shape, matrices, deviation = fit.shape, fit.matrices, fit.deviation
+    if matrices is None or (matrices == np.eye(4)).all():
+        return None
+    keys = keys_of_motion(shape, matrices, deviation)
+    if between is not None:
+        found = keys.matrices_between(matrices)
+        if largest_error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
+            if bound is None:
+                return None
+            off_between = float(distances_of(between, shape.astype(np.float64), found).max())
+    return replace(keys, between=off_between)
+
+
+def keys_of_motion(shape: Float32Array, matrices: Float64Array, deviation: float = 0.0) -> RigidKeys:
+    """Return how a node moves a shape (vertices, 3) as matrices (frames, 4, 4) do."""
+    centre = middle_of(shape)
+    keys = {"translation": (centre @ matrices[:, :3, :3] + matrices[:, 3, :3]).astype(np.float32)}
+    if (matrices[:, :3, :3] != np.eye(3)).any():
+        keys["rotation"] = _quaternions(matrices).astype(np.float32)
+    return RigidKeys(shape, centre, keys, deviation)

@@ -1,0 +1,137 @@
+"""Objects of rigid parts in glTF: nodes that move, or skins whose joints do where an object is of several parts.
+
+Nodes and joints pass from frame to frame in straight lines, and turn evenly about the middle of what they move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.formats.base.rigid_pieces import RigidPart
+from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.motion import EXACT
+from pdecodec.formats.gltf.rigid_keys import RigidKeys, keys_of_motion
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import MeshObject
+
+DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
+"""Along which a part is looked at where it reaches furthest: there it is furthest off between frames, too."""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A node that moves vertices of a rigid part; `keys.keys` is empty where it stands."""
+
+    part: RigidPart
+    keys: RigidKeys
+    outermost: Int64Array
+
+    @cached_property
+    def _thirds(self) -> Float64Array:
+        return self.keys.matrices_between(self.part.matrices)
+
+    def between(self, points: Float32Array, thirds: slice) -> float:
+        """Return how far vertices are from points (times, vertices, 3) at some of the thirds between frames."""
+        return float(self.part.distances(points, self._thirds[thirds], self.outermost).max(initial=0))
+
+
+@dataclass(frozen=True)
+class RigidObject:
+    """An object all of whose vertices are of rigid parts.
+
+    Attributes
+    ----------
+    rest : (vertices, 3) float32
+        Its shape as in the first frame.
+    joints : (vertices,) int64
+        Which of `movers` moves each vertex.
+    movers : list of int
+        Numbers of movers of the scene: one moves the object's node, several are joints.
+    """
+
+    rest: Float32Array
+    joints: Int64Array
+    movers: list[int]
+
+
+def _mover(part: RigidPart, some: Int64Array) -> Mover:
+    """Return what moves some vertices of a part, by their places in it."""
+    shape, matrices = part.shape[some], part.matrices
+    keys = keys_of_motion(shape, matrices, float(part.off[some].max()))
+    outermost = some[np.unique((shape.astype(np.float64) @ DIRECTIONS.T).argmax(axis=0))]
+    # No vertex moves farther than a corner of the box.
+    low, high = shape.min(axis=0).astype(np.float64), shape.max(axis=0).astype(np.float64)
+    corners = np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low)
+    moved = corners @ matrices[:, :3, :3] + matrices[:, 3:, :3] - corners
+    if float(np.abs(moved).max()) + keys.deviation <= EXACT * float(np.abs(corners).max()):
+        keys = RigidKeys(shape, keys.centre, {})
+    return Mover(part, keys, outermost)
+
+
+def rigid_objects(
+    parts: Sequence[RigidPart], objects: Sequence[MeshObject]
+) -> tuple[list[Mover], dict[int, RigidObject]]:
+    """Return what moves objects that are of rigid parts, and these, by their numbers."""
+    count = sum(item.vertex_count for item in objects)
+    part_of, place = np.full(count, -1), np.zeros(count, np.int64)
+    for number, part in enumerate(parts):
+        part_of[part.vertices], place[part.vertices] = number, np.arange(part.vertices.size)
+    movers: list[Mover] = []
+    found: dict[int, RigidObject] = {}
+    split: dict[int, list[slice]] = {}
+    for index, own in enumerate(vertex_slices(objects)):
+        numbers = np.unique(part_of[own])
+        if not numbers.size or numbers[0] < 0:
+            continue
+        rest = np.empty((own.stop - own.start, 3), np.float32)
+        for number in numbers.tolist():
+            mine = part_of[own] == number
+            rest[mine] = parts[number].shape[place[own][mine]]
+        if numbers.size == 1:
+            movers.append(_mover(parts[numbers[0]], place[own]))
+            found[index] = RigidObject(rest, np.zeros(len(rest), np.int64), [len(movers) - 1])
+        else:
+            found[index] = RigidObject(rest, part_of[own], numbers.tolist())
+            for number in numbers.tolist():
+                split.setdefault(number, []).append(own)
+    joint_of: dict[int, int] = {}
+    for number, slices in sorted(split.items()):
+        mine = np.concatenate([np.arange(own.start, own.stop)[part_of[own] == number] for own in slices])
+        joint_of[number] = len(movers)
+        movers.append(_mover(parts[number], place[mine]))
+    for index, one in found.items():
+        if len(one.movers) > 1:
+            order = np.searchsorted(one.movers, one.joints)
+            found[index] = RigidObject(one.rest, order, [joint_of[number] for number in one.movers])
+    return movers, found
+
+
+def write_skin(builder: GltfBuilder, joints: Sequence[int], centres: Float32Array, bind: Float64Array) -> int:
+    """Write a skin; its index.
+
+    Parameters
+    ----------
+    joints : sequence of int
+        Nodes.
+    centres : (joints, 3) float32
+        Point of the shape that is each joint's origin.
+    bind : (4, 4) float64
+        From the numbers that are stored to the shape, for points that are rows.
+    """
+    matrices = np.tile(bind, (len(joints), 1, 1))
+    matrices[:, 3, :3] -= centres
+    # Row-major for rows is column-major for columns.
+    entry = {"joints": list(joints), "inverseBindMatrices": builder.floats(matrices.reshape(-1, 16))}
+    return builder.add("skins", entry)
+
+
+def place_of(keys: RigidKeys) -> dict[str, Any]:
+    """Return where the node of a mover is in the first frame."""
+    first = {path: values[0].tolist() for path, values in keys.keys.items()}
+    return {"translation": keys.centre.tolist(), **first}
