@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,7 @@ def info(
             **_facts(sequence, all_frames=all_frames),
             "source_bytes": bytes_of(path, files),
             **_connectivity_facts(sequence, len(files)),
+            **_content_facts(sequence),
         }
         if all_frames:
             facts["bounds"] = _bounds(sequence)
@@ -107,6 +109,13 @@ def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
         with progress_bar() as progress:
             changed = _first_changed_frame(sequence, progress)
     return {"connectivity_constant": changed is None, "first_changed_frame": changed, "unsupported": left_out}
+
+
+def _content_facts(sequence: MeshSequence) -> dict[str, Any]:
+    """How many things of each kind the file holds, and what becomes of them, where the reader of its format tells."""
+    counts = Counter((one.fate, one.kind) for one in sequence.contents)
+    found = [{"kind": kind, "count": count, "fate": fate} for (fate, kind), count in counts.items()]
+    return {"contents": found} if found else {}
 
 
 def _first_changed_frame(sequence: MeshSequence, progress: Progress | None) -> int | None:
@@ -249,8 +258,17 @@ def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
         ("file", f"{size} ({ratio(facts['raw_bytes'], facts['file_bytes'])})" if "file_bytes" in facts else size),
         *((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED),
         ("metadata", _in_words(facts["metadata"])),
+        *_content_rows(facts),
     ]
     print_rows(table)
+
+
+def _content_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What a file holds, by what becomes of it."""
+    for fate in ("coded", "implied", "dropped"):
+        kinds = [f"{one['count']} {one['kind']}" for one in facts.get("contents", ()) if one["fate"] == fate]
+        if kinds:
+            yield fate, ", ".join(kinds)
 
 
 def _object_row(item: Mapping[str, Any]) -> tuple[str, ...]:
@@ -276,7 +294,7 @@ def _bounds_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 _TABLED = (
     "frames", "fps", "first_time", "last_time", "duration", "vertices", "faces", "lines", "raw_bytes", "file_bytes",
     "ratio", "finite_at_first_frame", "bounds_at_first_frame", "diagonal", "metadata", "objects", "source_bytes",
-    "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives",
+    "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives", "contents",
 )  # fmt: skip
 """Facts that the table shows in its own words."""
 

@@ -96,7 +96,8 @@ BUILT_IN = (
         "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
         "points that come and go, transforms (kept apart on request), instances as objects, irregular times, "
         "velocities (written)",
-        loses="stored velocities, parameters that change, cameras and lights, NURBS, files of the HDF5 kind",
+        loses="stored velocities, parameters that change, userProperties, widths, creases, holes, cameras, lights, "
+        "transforms without shapes, NURBS, files of the HDF5 kind; whatever is not kept is named",
     ),
     Format(
         name="usd",

@@ -18,7 +18,9 @@ from alembic3d import Abc
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
-from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan, sample_times, samples_at, select
+from pdecodec.formats.alembic.inventory import take_inventory
+from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan, samples_at
+from pdecodec.formats.alembic.values import sample_times, select
 from pdecodec.formats.base.registry import Transforms, read_errors
 from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
 from pdecodec.formats.base.times import Timing, merged_times, rate_or_default, resampled, round_rate, snapped_times
@@ -48,8 +50,14 @@ def open_alembic(
         archive = _open_archive(path)
         scan = ShapeScan(Refusals(skip=skip_unsupported))
         shapes = scan.shapes(archive)
-        notices = scan.refusals.notices(shapes)
-        times, rate, time_notices = _timing(archive, shapes, fps)
+        scan.refusals.check(shapes)
+        # The inventory names them.
+        scan.refusals.others.clear()
+        moving = _moving(shapes)
+        names = [item.name for item in scan.refusals.found]
+        contents, lost = take_inventory(archive, shapes, [sampling for _, sampling in moving], names)
+        notices = scan.refusals.notices(shapes, lost)
+        times, rate, time_notices = _timing(archive, shapes, moving, fps)
         metadata = _metadata(archive)
     timing = times, rate, (*time_notices, *notices)
     facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
@@ -60,7 +68,9 @@ def open_alembic(
             found = walk.shapes(archive) if scan.changes else shapes
             return AlembicSequence(archive, facts, found, own, first)
 
-    return runs_of_scene(times, [*scan.changes.values()], timing, open_run)
+    sequence = runs_of_scene(times, [*scan.changes.values()], timing, open_run)
+    sequence.contents = contents
+    return sequence
 
 
 class AlembicSequence(SceneSequence):
@@ -138,9 +148,15 @@ def _open_archive(path: Path) -> Any:
     return Abc.IArchive(str(path))
 
 
-def _timing(archive: Any, shapes: Sequence[AlembicShape], fps: float | None) -> Timing:
+def _moving(shapes: Sequence[AlembicShape]) -> list[tuple[Float64Array, Any]]:
+    """Times [s] and sampling of all that moves shapes."""
     moving = [(shape.times, shape.positions.getTimeSampling()) for shape in shapes if shape.times.size > 1]
-    moving += [(one.times, one.sampling) for shape in shapes for one in shape.chain if one.moves]
+    return moving + [(one.times, one.sampling) for shape in shapes for one in shape.chain if one.moves]
+
+
+def _timing(
+    archive: Any, shapes: Sequence[AlembicShape], moving: Sequence[tuple[Float64Array, Any]], fps: float | None
+) -> Timing:
     stored = _stored_rate(archive, [sampling for _, sampling in moving])
     rate, notices = rate_or_default(stored, fps)
     if moving:

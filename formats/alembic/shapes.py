@@ -7,7 +7,7 @@ integer for a time, silently: samples are always asked for by their time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,8 +16,8 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 from scipy.spatial.transform import Rotation
 
-from pdecodec.formats.alembic.attributes import ADDED, own_properties, read_extras, value_at
-from pdecodec.formats.alembic.values import matrix_rows, to_numpy
+from pdecodec.formats.alembic.attributes import ADDED, AlembicExtras, own_properties, read_extras, value_at
+from pdecodec.formats.alembic.values import change_times, matrix_rows, sample_times, select, to_numpy
 from pdecodec.formats.base.attribute_roles import (
     CURVE_BASIS,
     CURVE_WRAP,
@@ -26,7 +26,7 @@ from pdecodec.formats.base.attribute_roles import (
     label_attribute,
     reversed_corners,
 )
-from pdecodec.formats.base.scene_reading import Extras, SceneWalk, Shape, fault_of_faces
+from pdecodec.formats.base.scene_reading import SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
@@ -52,6 +52,8 @@ class AlembicShape(Shape):
     """A shape's object, its positions and their times [s], and the transforms from the one above it up to the top."""
 
     node: Any
+    kind: str
+    fates: Mapping[str, tuple[bool, str]]
     positions: Any
     times: Float64Array
     chain: tuple[Transform, ...]
@@ -63,17 +65,6 @@ def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
     if index < 0 or index == times.size - 1 or time - times[index] <= SAME_TIME:
         return max(index, 0), max(index, 0), 0.0
     return index, index + 1, float((time - times[index]) / (times[index + 1] - times[index]))
-
-
-def select(time: float) -> Any:
-    """A selector of the sample at a time."""
-    return Abc.ISampleSelector(float(time))
-
-
-def sample_times(prop: Any) -> Float64Array:
-    """Times [s] of the samples of a property or schema, at least one."""
-    sampling = prop.getTimeSampling()
-    return np.array([sampling.getSampleTime(index) for index in range(max(1, prop.getNumSamples()))], np.float64)
 
 
 class Transform:
@@ -153,7 +144,7 @@ class ShapeScan(SceneWalk):
         """Where array properties that may change are to be read, a selector or None, and the times [s] of one's samples
         that are of the same values of them.
         """
-        if self.is_first and (changed := _change_times(props)):
+        if self.is_first and (changed := change_times(props)):
             self.changes[path] = changed
         if path not in self.changes:
             return None, times
@@ -182,13 +173,13 @@ def _walk(node: Any, path: str, chain: tuple[Transform, ...], hidden: bool, scan
         inner = f"{path}/{name}" if path else name
         try:
             child = node.getChild(index)
-            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), scan)
+            _visit(child, child.getHeader(), inner, chain, hidden or hides(child), scan)
         except RuntimeError as error:
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
 
 
-def _hides(node: Any) -> bool:
+def hides(node: Any) -> bool:
     """Whether a node is hidden at any of the samples of its visibility."""
     visibility = AbcGeom.GetVisibilityProperty(node)
     if not visibility.valid() or not visibility.getNumSamples():
@@ -222,6 +213,7 @@ def _visit(
     elif AbcGeom.INuPatch.matches(header):
         refusals.refuse(path, "a NURBS surface; convert it to polygons")
     elif not AbcGeom.IFaceSet.matches(header):
+        # Counted for files that hold nothing else; the inventory names them.
         schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
         refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
     _walk(child, path, chain, hidden, scan)
@@ -236,21 +228,29 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
     }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
     at, times = scan.look(path, [*props, *own_properties(schema)], sample_times(positions))
     points = Connectivity(len(positions.getValue(select(times[0]))))
+    edges = scan.changes.get(path) if scan.is_first else None
     gather = None
     if kind == "curves":
         counts = to_numpy(value_at(props[0].getValue, at)).astype(np.int32)
         if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
             refusals.refuse(path, "curves whose numbers of points do not add up")
             return
-        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
+        extras = AlembicExtras(points, np.zeros(0, np.int64), edges)
+        read_extras(kind, schema, node, extras, at)
         connectivity, gather = extras.curves(counts)
         _describe_curves(schema.getValue(), extras)
     elif kind == "points":
-        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
+        extras = AlembicExtras(points, np.zeros(0, np.int64), edges)
+        read_extras(kind, schema, node, extras, at)
         connectivity = extras.own_lines("line_counts", "line_indices")
-        if at is not None:
-            ids = to_numpy(props[0].getValue(at)).astype(np.int64)
-            extras.add(ID, "vertex", ids if ids.size and np.abs(ids).max() > MAX_INDEX else ids.astype(np.int32), None)
+        ids = np.zeros(0, np.int64)
+        if props[0].getNumSamples():
+            ids = to_numpy(value_at(props[0].getValue, at)).astype(np.int64)
+        # Of points that do not come and go, numbers in order say nothing.
+        if at is not None or not np.array_equal(ids, np.arange(ids.size)):
+            with extras.reading(".pointIds"):
+                fits = not ids.size or np.abs(ids).max() <= MAX_INDEX
+                extras.add(ID, "vertex", ids.astype(np.int32) if fits else ids, None)
     else:
         counts, indices = (to_numpy(value_at(prop.getValue, at)).astype(np.int32) for prop in props)
         if (fault := fault_of_faces(counts, indices)) is not None:
@@ -258,13 +258,12 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
             return
         order = reversed_corners(counts)
         whole = Connectivity(points.vertex_count, face_counts=counts, face_indices=indices[order])
-        extras = read_extras(kind, schema, node, whole, order, at)
+        extras = AlembicExtras(whole, order, edges)
+        read_extras(kind, schema, node, extras, at)
         connectivity = extras.own_lines("line_counts", "line_indices")
         if kind == "subdivision":
             scheme = schema.getValue().getSubdivisionScheme() or "catmull-clark"
             extras.attributes.append(label_attribute(SUBDIVISION, scheme))
-            if any(prop.valid() for prop in (schema.getCreaseIndicesProperty(), schema.getCornerIndicesProperty())):
-                extras.left_out.append("creases and corners")
     # Times are of all that changes, be it there at first or not.
     if connectivity.vertex_count or (scan.is_first and path in scan.changes):
         moves = path in scan.changes or (positions.getNumSamples() > 1 and not positions.isConstant())
@@ -276,6 +275,8 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
                 gather=gather,
                 left_out=extras.left_out,
                 node=node,
+                kind=kind,
+                fates=extras.fates,
                 positions=positions,
                 times=times if moves else times[:1],
                 chain=chain,
@@ -283,27 +284,11 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
         )
 
 
-def _describe_curves(sample: Any, extras: Extras) -> None:
+def _describe_curves(sample: Any, extras: AlembicExtras) -> None:
     """Note what the points of curves control: ``cubic bspline``, ``variable order``; nothing where they are linear."""
     kind, basis = str(sample.getType()), str(sample.getBasis()).removeprefix("k").removesuffix("Basis").lower()
     if kind != "kLinear":
         label = "variable order" if kind == "kVariableOrder" else f"cubic {basis}"
         extras.attributes.append(label_attribute(CURVE_BASIS, label))
-    if kind == "kVariableOrder":
-        extras.left_out.append("knots and orders of curves")
     if str(sample.getWrap()) == "kPeriodic":
         extras.attributes.append(label_attribute(CURVE_WRAP, "periodic"))
-
-
-def _change_times(props: Sequence[Any]) -> list[float]:
-    """Times [s] from which on one of several array properties is not what it was before."""
-    changed: list[float] = []
-    for prop in props:
-        if prop.getNumSamples() > 1 and not prop.isConstant():
-            before = None
-            for time in sample_times(prop).tolist():
-                now = to_numpy(prop.getValue(select(time)))
-                if before is not None and not np.array_equal(now, before):
-                    changed.append(time)
-                before = now
-    return sorted(set(changed))

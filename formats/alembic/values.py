@@ -1,7 +1,8 @@
-"""Between arrays of Alembic's Python binding and NumPy's, without a loop over elements where there is a way.
+"""Samples of Alembic's properties, and the way between arrays of its Python binding and NumPy's.
 
-Arrays of floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours
-go channel by channel, unsigned integers through doubles one way and one by one the other.
+There is no loop over elements where there is a way without. Arrays of floats, ints and their vectors share memory with
+NumPy. Colours and unsigned integers have no buffer: colours go channel by channel, unsigned integers through doubles
+one way and one by one the other.
 
 A sample refers to the arrays that it was made of, and the binding of a subdivision surface's does not keep them alive:
 whoever makes a sample keeps its arrays until it is written (`Keep`).
@@ -14,7 +15,7 @@ from typing import Any
 
 import imath
 import numpy as np
-from alembic3d import AbcGeom
+from alembic3d import Abc, AbcGeom
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.mesh.arrays import Float32Array, Float64Array
@@ -29,6 +30,31 @@ SCOPES = {
 
 WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
 """Numbers in a row of types that have more than one."""
+
+
+def select(time: float) -> Any:
+    """A selector of the sample at a time."""
+    return Abc.ISampleSelector(float(time))
+
+
+def sample_times(prop: Any) -> Float64Array:
+    """Times [s] of the samples of a property or schema, at least one."""
+    sampling = prop.getTimeSampling()
+    return np.array([sampling.getSampleTime(index) for index in range(max(1, prop.getNumSamples()))], np.float64)
+
+
+def change_times(props: Sequence[Any]) -> list[float]:
+    """Times [s] from which on one of several array properties is not what it was before."""
+    changed: list[float] = []
+    for prop in props:
+        if prop.getNumSamples() > 1 and not prop.isConstant():
+            before = None
+            for time in sample_times(prop).tolist():
+                now = to_numpy(prop.getValue(select(time)))
+                if before is not None and not np.array_equal(now, before):
+                    changed.append(time)
+                before = now
+    return sorted(set(changed))
 
 
 def to_numpy(array: Any) -> NDArray[Any]:

@@ -19,7 +19,8 @@ import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
-from pdecodec.formats.alembic.attributes import ADDED, FPS_PROPERTY, METADATA_PROPERTY, ExtrasWriter, uv_sample
+from pdecodec.formats.alembic.attributes import ADDED, FPS_PROPERTY, METADATA_PROPERTY
+from pdecodec.formats.alembic.attributes_writer import ExtrasWriter, uv_sample
 from pdecodec.formats.alembic.values import (
     SCOPES,
     Keep,

@@ -17,7 +17,7 @@ from pdecodec.errors import InputError, PdecodecError
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
-from pdecodec.mesh.sequence import MeshSequence, Unsupported
+from pdecodec.mesh.sequence import Content, MeshSequence, Unsupported
 from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedError
 
 
@@ -64,7 +64,7 @@ class IsolatedSequence(LaidOutSequence):
         try:
             found = call_about_file(self.worker, path, _open, opened_by, dict(options), chosen_limits(None))
             self._points = _Points(self.worker, path, (int(found["frames"]), int(found["vertices"]), 3))
-            own = ("frames", "vertices", "notices", "unsupported")
+            own = ("frames", "vertices", "notices", "unsupported", "contents")
             names = [name for name in found if name not in own]
             self._take(names, found.__getitem__, None, "array")
         except BaseException:
@@ -75,6 +75,7 @@ class IsolatedSequence(LaidOutSequence):
             Unsupported(name, feature, None if frame == "" else int(frame))
             for name, feature, frame in found["unsupported"].reshape(-1, 3).tolist()
         )
+        self.contents = tuple(Content(*one) for one in found["contents"].reshape(-1, 3).tolist())
 
     def close(self) -> None:
         self.worker.end()
@@ -107,7 +108,9 @@ def _open(
         sequence = _opened[path] = opened_by(path, **options)
     lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
     facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
-    texts = {"notices": np.array(sequence.notices, np.str_), "unsupported": np.array(lost, np.str_)}
+    there = [(one.path, one.kind, one.fate) for one in sequence.contents]
+    lists = {"notices": sequence.notices, "unsupported": lost, "contents": there}
+    texts = {name: np.array(values, np.str_) for name, values in lists.items()}
     return {**arrays_of(sequence, sequence.fps), **facts, **texts}
 
 

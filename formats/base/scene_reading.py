@@ -70,17 +70,8 @@ class Refusals:
             )
         self.found.append(Unsupported(name, feature, frame))
 
-    def notices(self, shapes: Sequence[Shape], left_out: Iterable[str] = ()) -> tuple[str, ...]:
-        """A line for each object that was left out, one for what is no geometry, one for what is not kept.
-
-        That is what shapes lose, and other things of the file that are `left_out`, by name.
-
-        Raises
-        ------
-        InputError
-            If no shape is left.
-        """
-        there = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
+    def check(self, shapes: Sequence[Shape]) -> None:
+        """Raise InputError if no shape is left."""
         if not shapes and self.found:
             first, more = self.found[0], len(self.found) - 1
             others = f", and {more} more object{'s' * (more > 1)} cannot be read either" if more else ""
@@ -91,13 +82,29 @@ class Refusals:
             )
         if not shapes:
             verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
-            message = f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}"
+            message = f"holds no mesh, curve or point animation: there {verb} {self._others or 'nothing at all'}"
             raise InputError(message, code="no-vertices")
+
+    @property
+    def _others(self) -> str:
+        return ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
+
+    def notices(self, shapes: Sequence[Shape], left_out: Iterable[str] = ()) -> tuple[str, ...]:
+        """A line for each object that was left out, one for what is no geometry, one for what is not kept.
+
+        That is what shapes lose, and other things of the file that are `left_out`, by name.
+
+        Raises
+        ------
+        InputError
+            If no shape is left.
+        """
+        self.check(shapes)
         notices = []
         for item in self.found:
             at = "" if item.frame is None else f" at frame {item.frame}"
             notices.append(f"object {item.name!r} is left out: it has {item.feature}{at}")
-        notices += [f"not read: {there}"] if there else []
+        notices += [f"not read: {self._others}"] if self._others else []
         if self.tessellated:
             kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
             notices.append(f"shapes without vertices became polygons: {kinds}")

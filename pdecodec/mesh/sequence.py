@@ -240,6 +240,28 @@ class Unsupported:
     frame: int | None = None
 
 
+Fate = Literal["coded", "implied", "dropped"]
+"""What becomes of a thing in a file: it is kept, it says no more than what is kept, or it is not kept."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """A thing that a file holds, and what becomes of it.
+
+    Parameters
+    ----------
+    path : str
+        Where it is in the file.
+    kind : str
+        What it is, by the format's own words.
+    fate : {"coded", "implied", "dropped"}
+    """
+
+    path: str
+    kind: str
+    fate: Fate
+
+
 class MeshSequence(ABC):
     """Named objects and their vertex positions at a list of times.
 
@@ -259,6 +281,8 @@ class MeshSequence(ABC):
         What a person should know (an assumed frame rate, data left out); the command line prints them.
     unsupported : tuple of Unsupported
         Objects that a reader left out because it was told to go on without them.
+    contents : tuple of Content
+        Everything that the file holds, of formats whose readers list it.
     """
 
     objects: tuple[MeshObject, ...]
@@ -267,6 +291,7 @@ class MeshSequence(ABC):
     metadata: Mapping[str, str]
     notices: tuple[str, ...]
     unsupported: tuple[Unsupported, ...] = ()
+    contents: tuple[Content, ...] = ()
 
     @abstractmethod
     def read_frames(self, start: int, stop: int) -> Float32Array:
