@@ -1,7 +1,7 @@
-"""Speed and memory, as a table: `make bench`, or `python -m pdecodec.research.bench [--json] [NAME...]`.
+"""Speed and memory as a table: `make bench`, or `python -m pdecodec.research.bench [--json] [NAME...]`.
 
-Every figure is a median of several runs after one that fills caches; ratios are taken within one run. The clip is the
-cube-rope unless said otherwise. pyPBD, the simulator compared with, is in the extra `baselines`.
+Every figure is the median of several runs after one that fills caches; ratios are taken within one run. The clip is
+the cube-rope unless stated otherwise. pyPBD, the simulator compared with, comes with the extra `baselines`.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject, Mesh
 from pdecodec.report.clips.measuring import copy_seconds, median_seconds, random_frame_seconds
 
 OBJ_FRAMES = 8
-"""Enough for threads to have work each, few enough for the plain Python loop."""
+"""Frames of the OBJ clip: enough to give every thread work, few enough for the plain Python loop."""
 
 CLOTH_SIDE = 100
 CLOTH_FRAMES = 20
 CLOTH_SUBSTEPS = 10
-"""The cloth that pyPBD is timed with: points a side, frames, substeps of each."""
+"""Cloth that pyPBD is timed with: points per side, frames, substeps per frame."""
 
 LONG_FRAMES = 2_000
-"""So many that frames kept in memory would show: 480 MB."""
+"""Frames of the long clip; keeping them in memory would show, as 480 MB."""
 
 LONG_VERTICES = (100, 200)
 """Rows and columns of the long clip: 20,000 vertices."""
@@ -58,7 +58,7 @@ def _rope() -> ArraySequence:
 
 
 def bench_codec() -> Iterator[Measurement]:
-    """Encode throughput, decode against `np.copyto`, one frame at a random time."""
+    """Measure encoding throughput, decoding against `np.copyto`, and one frame at a random time."""
     from pdecodec.codec.encoding import encode
     from pdecodec.codec.opening import open_animation
     from pdecodec.codec.settings import EncodeSettings
@@ -88,7 +88,7 @@ def bench_codec() -> Iterator[Measurement]:
 
 
 def bench_obj() -> Iterator[Measurement]:
-    """Reading an OBJ sequence, beside a plain Python loop over the same files."""
+    """Measure reading an OBJ sequence against a plain Python loop over the same files."""
     from pdecodec.formats import open_sequence, write_sequence
 
     clip = _rope()
@@ -124,7 +124,7 @@ def _read_obj_plainly(path: Path) -> Float32Array:
 
 
 def bench_xpbd() -> Iterator[Measurement]:
-    """A frame of a cloth, beside pyPBD at equal substeps (one iteration each)."""
+    """Measure a frame of a cloth against pyPBD at equal substeps (one iteration each)."""
     from pdecodec.simulate import build
 
     scene = build("cloth", columns=CLOTH_SIDE, rows=CLOTH_SIDE)
@@ -141,8 +141,8 @@ def bench_xpbd() -> Iterator[Measurement]:
     if importlib.util.find_spec("pypbd") is None:
         yield Measurement(f"{name}, pyPBD", None, "ms a frame", "not installed: pip install 'pdecodec[baselines]'")
         return
-    # A process of its own, as pyPBD keeps its scene in global state; and no more threads than there are processors
-    # for us, which its own choice may not know in a container.
+    # In a process of its own, because pyPBD keeps its scene in global state. The number of threads is that of the
+    # available processors, which pyPBD may not know in a container.
     threads = {**os.environ, "OMP_NUM_THREADS": str(len(os.sched_getaffinity(0)))}
     run = subprocess.run([sys.executable, "-c", _PYPBD], capture_output=True, text=True, check=True, env=threads)
     theirs = float(run.stdout.split()[-1])
@@ -186,11 +186,11 @@ for _ in range({CLOTH_FRAMES}):
     started = time.perf_counter(); step.step(model); times.append(time.perf_counter() - started)
 print(statistics.median(times))
 """
-"""The cloth of the same size in pyPBD: XPBD distance (4) and isometric bending (3) constraints."""
+"""The same cloth in pyPBD: XPBD distance (4) and isometric bending (3) constraints."""
 
 
 class GeneratedClip(MeshSequence):
-    """A sheet that waves, computed when it is read: a long clip that takes no room.
+    """A waving sheet, computed while it is read: a long clip that takes no memory.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class GeneratedClip(MeshSequence):
 
 
 def bench_memory() -> Iterator[Measurement]:
-    """Peak memory of a process that encodes a long clip from HDF5."""
+    """Measure the peak memory of a process that encodes a long clip from HDF5."""
     from pdecodec.formats import write_sequence
 
     with tempfile.TemporaryDirectory() as folder:
@@ -254,7 +254,7 @@ BENCHMARKS: dict[str, Callable[[], Iterator[Measurement]]] = {
     "xpbd": bench_xpbd,
     "memory": bench_memory,
 }
-"""By name."""
+"""Benchmarks by name."""
 
 
 def main(arguments: Sequence[str]) -> int:

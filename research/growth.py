@@ -1,12 +1,12 @@
-"""How time and memory grow with frames and with vertices: `make growth`, or `python -m pdecodec.research.growth`.
+"""Measure how time and memory grow with frames and vertices: `make growth`, or `python -m pdecodec.research.growth`.
 
-A sheet of travelling waves, computed as it is read, is encoded and decoded whole, every size in a process of its own
-and by one thread. Times are those of the processor, without what computing the sheet takes, and hardly depend on what
-else the machine does. Decoding, which is quick, is measured several times, and the least counts.
+A sheet of travelling waves, computed while it is read, is encoded and decoded whole, each size in a process of its
+own with one thread. Times are processor time without the time to compute the sheet, and hardly depend on other
+programs. Fast decodes are repeated, and the shortest time counts.
 
-Of frames, groups have a length that all sizes share, and time is told apart by when the first group is done: until
-then the mesh, the reference frame and the functions of space are coded, and the encoder looks for its model, whatever
-the number of frames; what follows is what frames take.
+Along frames, all sizes share one group length, and time is split at the end of the first group. Until then the mesh,
+the reference frame and the functions of space are coded, and the encoder searches its model, whatever the number of
+frames. The rest is the cost of frames.
 """
 
 from __future__ import annotations
@@ -27,46 +27,46 @@ from pdecodec.mesh.arrays import Float32Array
 from pdecodec.research.bench import GeneratedClip
 
 IN_FRAMES = ((100, 32, 50), (1_000, 32, 50), (10_000, 32, 50))
-"""Frames, rows and columns of the sheet, and frames of a group."""
+"""Frames, side of the sheet and frames per group, along the number of frames."""
 
 IN_VERTICES = ((12, 100, 12), (12, 400, 12), (12, 1_414, 12))
-"""From ten thousand to two million vertices."""
+"""The same along vertices, from ten thousand to two million."""
 
 REPEATS, QUICK_SECONDS = 5, 1.0
-"""How often is decoded what takes less than so long."""
+"""Repeats of a decode that takes less than the given seconds."""
 
 BYTES_AT_ONCE = 2**26
-"""Positions that are decoded by one call."""
+"""Bytes of positions that one call decodes."""
 
 THREADS = ("PDECODEC_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Seconds(NamedTuple):
-    """Of the processor: until the first group of frames was done, and all of them were."""
+    """Processor seconds until the first group of frames was done, and until all were."""
 
     first: float
     whole: float
 
     @property
     def after(self) -> float:
-        """For the groups after the first one."""
+        """Seconds spent on the groups after the first."""
         return self.whole - self.first
 
 
 @dataclass(frozen=True)
 class Size:
-    """One clip, and what it took.
+    """One clip and its cost.
 
     Attributes
     ----------
     frames, vertices : int
     group_frames : int
-        Of each group.
+        Frames per group.
     file_bytes : int
     encoding, decoding : Seconds
-        To decode is to open the file, to decode its mesh, and every frame.
+        Decoding includes opening the file and decoding its mesh and every frame.
     memory : int [bytes]
-        The most that the process held while it encoded.
+        Peak memory of the process while it encoded.
     """
 
     frames: int
@@ -79,7 +79,7 @@ class Size:
 
 
 class TimedClip(GeneratedClip):
-    """The sheet, and the seconds of the processor that computing it has taken."""
+    """The sheet, and the processor seconds spent on computing it."""
 
     seconds = 0.0
 
@@ -91,8 +91,8 @@ class TimedClip(GeneratedClip):
 
 
 def measure(frames: int, side: int, group_frames: int) -> Size:
-    """One size, in this process."""
-    import resource  # which not every system has
+    """Measure one size in this process."""
+    import resource  # not available on every system
 
     from pdecodec.codec.encoding import encode
 
@@ -131,7 +131,7 @@ def decode(path: Path) -> Seconds:
 
 
 def measure_apart(frames: int, side: int, group_frames: int) -> Size:
-    """One size, in a process of its own and by one thread."""
+    """Measure one size in a process of its own, with one thread."""
     command = [sys.executable, "-m", "pdecodec.research.growth", *map(str, (frames, side, group_frames))]
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
@@ -140,12 +140,12 @@ def measure_apart(frames: int, side: int, group_frames: int) -> Size:
 
 
 def exponent(first: float, last: float, growth: float) -> float:
-    """Of what took `first` and takes `last` when something grew by a factor."""
+    """Return the exponent of growth from `first` to `last` when the size grew by the factor `growth`."""
     return math.log(last / first) / math.log(growth)
 
 
 def rows(sizes: Sequence[Size]) -> Iterator[str]:
-    """A table in Markdown, and the exponents from its first line to its last one."""
+    """Yield a Markdown table, and the exponents from its first row to its last."""
     yield "| frames | vertices | encoded in | first group in | decoded in | first group in | memory of the encoder |"
     yield "|--:|--:|--:|--:|--:|--:|--:|"
     for size in sizes:
@@ -167,7 +167,7 @@ def _ways(first: Size, last: Size) -> tuple[tuple[Seconds, Seconds], ...]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print both tables; or with frames, a side and frames of a group, one size as JSON."""
+    """Print both tables; with frames, a side and frames per group as arguments, print one size as JSON."""
     if arguments:
         frames, side, group_frames = map(int, arguments)
         print(json.dumps(asdict(measure(frames, side, group_frames))))

@@ -1,14 +1,14 @@
-"""Other ways to keep a mesh sequence, each measured on bytes that it decoded again.
+"""Other ways to store a mesh sequence, each measured on bytes that it decoded again.
 
-Most are baselines of the field, written after their papers, without the tuning of a product; some call the package
-that a pipeline would use. What a baseline writes lives from its encoder to its decoder in one process: it is no file
-format, and its decoders trust their input.
+Most are baselines of the field, written after their papers without the tuning of a product; some call the package
+that a pipeline would use. The output of a baseline lives from its encoder to its decoder in one process. It is not a
+file format, and its decoders trust their input.
 
-They may take fewer bytes than other implementations of the same papers, by 5 to 20 % on meshes of some thousand
-vertices: models of the range coder adapt from one mode to the next where tables would be sent, every column takes the
-predictor that suits it, and the length that just keeps the bound is searched to 2 %. Those with corrections take 20 to
-80 % fewer than with a step chosen beforehand: the transform's step is searched, and only vertices beyond the bound are
-corrected.
+Our versions may take fewer bytes than other implementations of the same papers, by 5 to 20 % on meshes of some
+thousand vertices: range coder models adapt from one mode to the next where others send tables, every column takes
+the predictor that suits it, and the step that just keeps the bound is searched to 2 %. Versions with corrections
+take 20 to 80 % fewer bytes than with a step chosen beforehand: the transform's step is searched, and only vertices
+beyond the bound are corrected.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def all_baselines() -> tuple[Baseline, ...]:
-    """Every baseline, whether its package is installed or not, in the order in which tables have them."""
+    """Return every baseline, its package installed or not, in the order of the tables."""
     from pdecodec.research.baselines.bspline import BSpline
     from pdecodec.research.baselines.packages import Draco, Meshopt, Pcodec, Sperr, Sz3, Zfp
     from pdecodec.research.baselines.quantised import Lorenzo, QuantiseDelta, RawFloat16, RawFloat32
@@ -39,14 +39,14 @@ def all_baselines() -> tuple[Baseline, ...]:
 
 
 def face_baselines() -> tuple[Baseline, ...]:
-    """Return the baselines that code faces as well, for clips whose connectivity changes, where they can run here."""
+    """Return available baselines that also code faces, for clips whose connectivity changes."""
     from pdecodec.research.baselines.packages import DracoWithFaces
 
     return tuple(baseline for baseline in (DracoWithFaces(),) if baseline.missing() is None)
 
 
 def available_baselines() -> tuple[tuple[Baseline, ...], tuple[str, ...]]:
-    """Baselines that can run here, and for each of the others why it cannot."""
+    """Return the baselines that can run here, and for each other one the reason why it cannot."""
     reasons = [(baseline, baseline.missing()) for baseline in all_baselines()]
     return (
         tuple(baseline for baseline, reason in reasons if reason is None),

@@ -1,4 +1,4 @@
-"""The paper's comparison: cubic B-spline curves at every second frame, straight lines between them in time."""
+"""The paper's comparison: cubic B-spline curves at every second frame, linear interpolation between them in time."""
 
 from __future__ import annotations
 
@@ -23,22 +23,26 @@ if TYPE_CHECKING:
 DEGREE = 3
 
 POINTS_PER_CONTROL = (16, 8, 4, 3, 2, 1.5, 1)
-"""Tried in this order; the paper has 50 control points for 832 points, 1 interpolates every point."""
+"""Points per control point, tried in this order. The paper has 832 points for 50 control points; 1 interpolates."""
 
 KEY_INTERVALS = (2, 1)
-"""The paper keeps every second frame. Where lines between those miss the bound, every frame is kept."""
+"""Keyframe intervals, tried in this order. The paper keeps every second frame; if that misses the bound, all
+are kept.
+"""
 
-SHARE_OF_FIT = 0.7
-"""Of the bound: what the curves may miss before their control points are rounded."""
+FIT_BOUND_RATIO = 0.7
+"""Fraction of the bound that curves may miss before their control points are rounded."""
 
 CONTROL_STEP = 0.7
-"""Step of the control points over what the fit leaves of the bound; they are averaged, so it may be a large one."""
+"""Step of the control points over the rest of the bound; evaluation averages them, so the step may be large."""
 
 
 @dataclass(frozen=True, eq=False)
 class Controls:
-    """Rounded control points, (keys, controls, 3) int64 in steps [scene units], of a clip of so many frames, `interval`
-    apart; `choice` is of :data:`POINTS_PER_CONTROL`.
+    """Rounded control points of a clip.
+
+    (keys, controls, 3) int64 in steps [scene units]; number of frames; interval between keyframes; `choice` indexes
+    :data:`POINTS_PER_CONTROL`.
     """
 
     step: float
@@ -49,11 +53,10 @@ class Controls:
 
 
 class BSpline(Transform[Controls]):
-    """Curves of the codec's own extraction, parameter by point index, control points by least squares.
+    """Curves of the codec's own extraction, with the point index as parameter and least-squares control points.
 
-    The fewest control points that the bound allows, at every second frame if it allows that, else at every frame.
-    The paper sends control points as they are; here they are rounded and coded as differences along the curve and in
-    time.
+    The fewest control points that the bound allows, at every second frame if possible, else at every frame. The
+    paper sends control points unrounded; here they are rounded and coded as differences along the curve and in time.
     """
 
     name = "B-spline curves, linear in time"
@@ -66,24 +69,24 @@ class BSpline(Transform[Controls]):
 
         @cache
         def fit(choice: int) -> Float64Array:
-            """Control points at every frame."""
+            """Fit control points at every frame."""
             pieces = _pieces(curves, POINTS_PER_CONTROL[choice])
             return np.concatenate([_fit(along[:, inside], count) for inside, count in pieces], axis=1)
 
         @cache
         def error_of(interval: int, choice: int) -> float:
-            """The largest distance before anything is rounded."""
+            """Return the largest error before rounding."""
             found = _in_between(_evaluate(fit(choice)[_keys(frames, interval)], curves, choice), frames, interval)
             return math.sqrt(float(np.einsum("fvk,fvk->fv", found - along, found - along).max()))
 
         def round_to(length: float) -> Controls:
             finest = len(POINTS_PER_CONTROL) - 1
             for interval in KEY_INTERVALS:
-                if error_of(interval, finest) > SHARE_OF_FIT * length:
+                if error_of(interval, finest) > FIT_BOUND_RATIO * length:
                     continue
                 for choice in range(finest + 1):
                     error = error_of(interval, choice)
-                    if error <= SHARE_OF_FIT * length:
+                    if error <= FIT_BOUND_RATIO * length:
                         step = CONTROL_STEP * (length - error)
                         return Controls(
                             step, frames, interval, choice, rounded(fit(choice)[_keys(frames, interval)], step)
@@ -127,16 +130,16 @@ def _curves(connectivity: Connectivity) -> Curves:
 
 
 def _pieces(curves: Curves, points_per_control: float) -> Iterator[tuple[slice, int]]:
-    """Of each curve: where its points are, and how many control points it has."""
+    """Yield for each curve the slice of its points and its number of control points."""
     for first, stop in zip(curves.starts[:-1].tolist(), curves.starts[1:].tolist(), strict=True):
         yield slice(first, stop), min(stop - first, max(DEGREE + 1, round((stop - first) / points_per_control)))
 
 
 def _knots(points: int, controls: int) -> tuple[Float64Array, Float64Array, int]:
-    """Parameters of the points, knots of as many functions as there are control points, and their degree.
+    """Return parameters of the points, knots of as many functions as there are control points, and their degree.
 
-    Parameters run evenly through the functions' Greville abscissae: where every point has a control point, solving
-    for them is then well conditioned, which it is not at even parameters.
+    Parameters run evenly through the functions' Greville abscissae. Where every point has a control point, the
+    equations are then well conditioned; at even parameters they are not.
     """
     degree = min(DEGREE, controls - 1)
     knots = np.pad(np.linspace(0.0, 1.0, controls - degree + 1), degree, mode="edge")
@@ -145,7 +148,7 @@ def _knots(points: int, controls: int) -> tuple[Float64Array, Float64Array, int]
 
 
 def _fit(along: Float64Array, count: int) -> Float64Array:
-    """(frames, count, 3): control points of one curve, (frames, points, 3) float64, by least squares."""
+    """Fit control points, (frames, count, 3), to one curve, (frames, points, 3) float64, by least squares."""
     from scipy.interpolate import BSpline as ScipyBSpline
     from scipy.linalg import solveh_banded
 
@@ -154,7 +157,7 @@ def _fit(along: Float64Array, count: int) -> Float64Array:
         return along
     at, knots, degree = _knots(length, count)
     design = ScipyBSpline.design_matrix(at, knots, degree)
-    # Well conditioned at these parameters, so the normal equations lose nothing that matters.
+    # At these parameters the normal equations are well conditioned and lose nothing that matters.
     normal = design.T @ design
     bands = np.zeros((degree + 1, count))
     for above in range(degree + 1):
@@ -165,7 +168,7 @@ def _fit(along: Float64Array, count: int) -> Float64Array:
 
 
 def _evaluate(controls: Float64Array, curves: Curves, choice: int) -> Float64Array:
-    """(keys, points, 3): all curves at their points, curve after curve."""
+    """Evaluate all curves at their points, curve after curve: (keys, points, 3)."""
     from scipy.interpolate import BSpline as ScipyBSpline
 
     found, first = [], 0
@@ -181,13 +184,13 @@ def _evaluate(controls: Float64Array, curves: Curves, choice: int) -> Float64Arr
 
 
 def _keys(frames: int, interval: int) -> Int64Array:
-    """Frames that are kept, the last one always."""
+    """Return the frames that are kept; the last one always is."""
     keys = np.arange(0, frames, interval)
     return keys if keys[-1] == frames - 1 else np.append(keys, frames - 1)
 
 
 def _in_between(kept: Float64Array, frames: int, interval: int) -> Float64Array:
-    """Positions at all frames, by straight lines between those kept."""
+    """Interpolate positions at all frames linearly from the kept ones."""
     if interval == 1:
         return kept
     keys = _keys(frames, interval)

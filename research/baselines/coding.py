@@ -1,8 +1,8 @@
-"""Integers to bytes: columns by the predictor that leaves the smallest residuals, and the project's range coder.
+"""Integers to bytes: columns by the predictor with the smallest residuals, and the project's range coder.
 
-A band is coded as zero flag, sign, bit length in unary, then the bits below the leading one: all adaptive. What was
-learned is carried to the next band but trusted less, since bands (modes, frequencies, frames) follow one another by
-size. No neighbours are looked at: that is what the published schemes do.
+A band is coded as zero flag, sign, bit length in unary, then the bits below the leading one; all are adaptive.
+Statistics carry over to the next band with less confidence, because bands (modes, frequencies, frames) are ordered
+by size. Neighbours are not used, as in the published schemes.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from pdecodec.mesh.arrays import Int64Array
 from pdecodec.research.baselines.traversal import Traversal
 
 HIGHEST_DIFFERENCE = 2
-"""Order of the differences in time that are tried: what moves at constant speed leaves nothing of the second."""
+"""Highest order of differences in time that is tried; constant speed leaves nothing of the second difference."""
 
 
 def encode_bands(values: Int64Array) -> bytes:
-    """Bytes of all bands, (bands, numbers) int64 below 2**62 in magnitude."""
+    """Encode all bands, (bands, numbers) int64 below 2**62 in magnitude."""
     return _core.encode_bands(np.ascontiguousarray(values, np.int64))
 
 
 def decode_bands(data: bytes, bands: int, numbers: int) -> Int64Array:
-    """(bands, numbers) int64 from :func:`encode_bands`."""
+    """Decode (bands, numbers) int64 from :func:`encode_bands`."""
     return _core.decode_bands(data, bands, numbers).reshape(bands, numbers)
 
 
 def encode_over_mesh(values: Int64Array, traversal: Traversal) -> bytes:
-    """Columns of one number a vertex, (vertices, columns) int64, each as it is, as differences along the traversal, or
-    by parallelograms.
+    """Encode columns of one number per vertex, (vertices, columns) int64: plain, as differences along the
+    traversal, or by parallelogram prediction.
     """
     placed = np.ascontiguousarray(values[traversal.order])
     return _write_columns((placed, np.diff(placed, axis=0, prepend=0), traversal.residuals(placed)))
 
 
 def decode_over_mesh(data: bytes, columns: int, traversal: Traversal) -> Int64Array:
-    """(vertices, columns) int64 from :func:`encode_over_mesh`."""
+    """Decode (vertices, columns) int64 from :func:`encode_over_mesh`."""
     kind, residuals = _read_columns(data, columns, traversal.order.size)
     residuals[:, kind == 1] = np.cumsum(residuals[:, kind == 1], axis=0)
     residuals[:, kind == 2] = traversal.restored(residuals[:, kind == 2])
@@ -47,7 +47,7 @@ def decode_over_mesh(data: bytes, columns: int, traversal: Traversal) -> Int64Ar
 
 
 def encode_over_time(values: Int64Array) -> bytes:
-    """Columns of a number a frame, (frames, columns) int64, as they are or as first or second differences."""
+    """Encode columns of one number per frame, (frames, columns) int64: plain, or as first or second differences."""
     candidates = [np.ascontiguousarray(values)]
     for _ in range(HIGHEST_DIFFERENCE):
         candidates.append(np.diff(candidates[-1], axis=0, prepend=0))
@@ -55,7 +55,7 @@ def encode_over_time(values: Int64Array) -> bytes:
 
 
 def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
-    """(frames, columns) int64 from :func:`encode_over_time`."""
+    """Decode (frames, columns) int64 from :func:`encode_over_time`."""
     order, values = _read_columns(data, columns, frames)
     for least in range(1, HIGHEST_DIFFERENCE + 1):
         values[:, order >= least] = np.cumsum(values[:, order >= least], axis=0)
@@ -63,7 +63,7 @@ def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
 
 
 def _write_columns(candidates: tuple[Int64Array, ...]) -> bytes:
-    """Of each column the candidate, (rows, columns), of the fewest bits: which, and its numbers as a band."""
+    """Write the candidate of fewest bits for each column, (rows, columns): its index, and its numbers as a band."""
     bits = [np.log2(1.0 + np.abs(candidate)).sum(axis=0) for candidate in candidates]
     kind = np.argmin(bits, axis=0)
     writer = FieldWriter()

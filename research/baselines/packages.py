@@ -1,5 +1,5 @@
-"""Baselines that call the package a pipeline would use, of the extra `baselines`: meshoptimizer, Draco, zfp, SZ3, SPERR
-and pcodec.
+"""Baselines that call the package a pipeline would use: meshoptimizer, Draco, zfp, SZ3, SPERR and pcodec (extra
+`baselines`).
 """
 
 from __future__ import annotations
@@ -20,30 +20,31 @@ from pdecodec.research.baselines.quantised import Grid, GridDifferences, level_f
 from pdecodec.research.baselines.traversal import fans
 
 VERTEX_BYTES = 8
-"""Three 16-bit grid coordinates and padding: the codec takes multiples of four bytes."""
+"""Bytes per vertex: three 16-bit grid coordinates and padding, since the codec takes multiples of four bytes."""
 
-CODEC_LEVEL = 3
-"""Of meshoptimizer's vertex codec: the one that compresses most."""
+MESHOPT_LEVEL = 3
+"""Level of meshoptimizer's vertex codec; this one compresses most."""
 
-MOST_BITS = 24
-"""Of a coordinate. Draco allows 30 but computes in float32; finer ones only take it long."""
+MAX_GRID_BITS = 24
+"""Largest number of bits per coordinate. Draco allows 30 but computes in float32; more bits only take longer."""
 
-COMPRESSION_LEVEL = 10
-"""The strongest. Draco's default, 7, is three times as fast and takes 3 to 13 % more bytes."""
+DRACO_LEVEL = 10
+"""Draco's strongest level. Its default, 7, is three times as fast and takes 3 to 13 % more bytes."""
 
-NUMBER_BITS = 12
-"""Bits a coordinate has for the number of a vertex: three coordinates name 2**36 vertices."""
+INDEX_BITS = 12
+"""Bits per coordinate that encode the index of a vertex: three coordinates index 2**36 vertices."""
 
 ORDERS = ("FV", "VF")
-"""Frames by vertices or vertices by frames: neither wins everywhere. One block of all three axes took about twice as
-much on the two clips it was tried on."""
+"""Orders of an axis: frames by vertices, or vertices by frames; neither is always better. One block of all
+three axes took about twice as many bytes on the two clips tried.
+"""
 
 
-SHORTEST_SIDE = 2
-"""Frames and vertices that SPERR takes at least; the last ones of shorter clips are repeated."""
+SPERR_MIN_SIDE = 2
+"""Smallest number of frames and of vertices that SPERR takes; shorter clips repeat their last ones."""
 
 PCODEC_LEVEL = 12
-"""The strongest."""
+"""Pcodec's strongest level."""
 
 
 class Meshopt(Baseline):
@@ -67,7 +68,7 @@ class Meshopt(Baseline):
             grid.write(writer)
             writer.numbers("Q", points.shape[0])
             for frame in padded:
-                writer.sized(bytes(meshopt_encode(frame.view(np.uint8), level=CODEC_LEVEL)))
+                writer.sized(bytes(meshopt_encode(frame.view(np.uint8), level=MESHOPT_LEVEL)))
             frames = writer.to_bytes()
             return zstandard.ZstdCompressor(level=level_for(len(frames))).compress(frames)
 
@@ -106,8 +107,8 @@ class Draco(Baseline):
         def encode(length: float) -> bytes:
             step = Grid.within(points, length).step
             bits = max(1, math.ceil(math.log2(extent / step + 1.0)))
-            if bits > MOST_BITS:
-                raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MOST_BITS} bits")
+            if bits > MAX_GRID_BITS:
+                raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MAX_GRID_BITS} bits")
             frames = None if triangles is None else _encode_meshes(points, triangles, low, step, bits)
             writer = FieldWriter()
             writer.numbers("QB", points.shape[0], frames is None)
@@ -170,7 +171,7 @@ def _encode(
         quantization_bits=bits,
         quantization_range=step * (2**bits - 1),
         quantization_origin=low,
-        compression_level=COMPRESSION_LEVEL,
+        compression_level=DRACO_LEVEL,
         preserve_order=in_order,
     )
     return data
@@ -190,14 +191,14 @@ def _order_of(connectivity: Connectivity) -> Int64Array | None:
     """Vertex that Draco returns at each place; None where it does not return every vertex once."""
     if connectivity.face_count == 0:
         return None
-    mask = 2**NUMBER_BITS - 1
+    mask = 2**INDEX_BITS - 1
     numbers = np.arange(connectivity.vertex_count)
-    named = np.stack([numbers >> shift & mask for shift in (0, NUMBER_BITS, 2 * NUMBER_BITS)], axis=1)
-    frames = _encode_meshes(named[None].astype(np.float32), _triangles(connectivity), np.zeros(3), 1.0, NUMBER_BITS)
+    named = np.stack([numbers >> shift & mask for shift in (0, INDEX_BITS, 2 * INDEX_BITS)], axis=1)
+    frames = _encode_meshes(named[None].astype(np.float32), _triangles(connectivity), np.zeros(3), 1.0, INDEX_BITS)
     if frames is None:
         return None
     found = np.rint(_decode(frames[0])).astype(np.int64)
-    order: Int64Array = (found << np.array([0, NUMBER_BITS, 2 * NUMBER_BITS])).sum(axis=1)
+    order: Int64Array = (found << np.array([0, INDEX_BITS, 2 * INDEX_BITS])).sum(axis=1)
     return order if np.array_equal(np.sort(order), numbers) else None
 
 
@@ -295,7 +296,7 @@ class Sperr(Baseline):
 
         def encode(length: float) -> bytes:
             def compress(field: Float32Array) -> bytes:
-                missing = [(0, max(0, SHORTEST_SIDE - size)) for size in field.shape]
+                missing = [(0, max(0, SPERR_MIN_SIDE - size)) for size in field.shape]
                 return bytes(sperr_encode(np.pad(field, missing, mode="edge"), length, SPERR.MODE.PWE))
 
             return encode_fields(points, compress)

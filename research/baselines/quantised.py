@@ -19,30 +19,30 @@ from pdecodec.research.baselines.coding import decode_over_mesh, encode_over_mes
 from pdecodec.research.baselines.traversal import traverse
 
 CUBE_DIAGONAL = 2.0 / math.sqrt(3.0)
-"""Side of the cube whose corners lie at distance 1 from its centre: the step that keeps a Euclidean bound."""
+"""Side of a cube whose corners lie at distance 1 from its centre: the step that keeps a Euclidean bound."""
 
-BELOW_BOUND = 0.999
-"""Share of the bound that the cube takes: the float32 that is returned rounds as well."""
+CUBE_BOUND_RATIO = 0.999
+"""Fraction of the bound that the cube takes: the returned float32 is rounded too."""
 
-MOST_BITS = 31
-"""Of a grid coordinate: more are finer than any float32 in the range of the sequence."""
+MAX_COORDINATE_BITS = 31
+"""Largest number of bits of a grid coordinate; more would be finer than float32 over the range of the sequence."""
 
-LEVEL = 19
-"""The strongest of zstandard's levels that keeps to its usual memory."""
+ZSTD_LEVEL = 19
+"""The strongest zstandard level that keeps to its usual memory."""
 
-LEVEL_OF_LARGE = 17
-"""Of much at a time that is compressed anew for every bound: 1 to 3 % more bytes in two thirds of the time."""
+LARGE_ZSTD_LEVEL = 17
+"""Level for large inputs, which are compressed anew for every bound: 1 to 3 % more bytes in two thirds of the time."""
 
-LARGE = 2**22
-"""Bytes from which on that is taken."""
+LARGE_MIN_BYTES = 2**22
+"""Bytes from which an input counts as large."""
 
 DIFFERENCES = (1, 2)
-"""Orders of the differences in time: the second wins where motion is smooth and the bound tight."""
+"""Orders of the differences in time; the second wins where motion is smooth and the bound tight."""
 
 
 def grid_step(bound: float) -> float:
-    """Step of a grid whose nearest points lie within a bound."""
-    return BELOW_BOUND * CUBE_DIAGONAL * bound
+    """Return the step of a grid whose nearest points lie within a bound."""
+    return CUBE_BOUND_RATIO * CUBE_DIAGONAL * bound
 
 
 @dataclass(frozen=True)
@@ -54,26 +54,26 @@ class Grid:
 
     @classmethod
     def within(cls, points: Float32Array, bound: float) -> Grid:
-        """The coarsest grid, from the least corner of `points`, whose nearest points lie within `bound`.
+        """Make the coarsest grid, from the lowest corner of `points`, whose nearest points lie within `bound`.
 
         Raises
         ------
         UnreachableError
-            If its coordinates would have more than :data:`MOST_BITS` bits.
+            If its coordinates would have more than :data:`MAX_COORDINATE_BITS` bits.
         """
         low = points.reshape(-1, 3).min(axis=0).astype(np.float64)
         step = grid_step(bound)
         extent = float((points.reshape(-1, 3).max(axis=0) - low).max())
-        if extent / step >= 2.0**MOST_BITS:
-            raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MOST_BITS} bits")
+        if extent / step >= 2.0**MAX_COORDINATE_BITS:
+            raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MAX_COORDINATE_BITS} bits")
         return cls(low, step)
 
     def coordinates(self, points: Float32Array) -> Int64Array:
-        """(..., 3) int64: of the nearest grid points."""
+        """Return the nearest grid points, (..., 3) int64."""
         return np.rint((points - self.low) / self.step).astype(np.int64)
 
     def positions(self, coordinates: Int64Array) -> Float32Array:
-        """(..., 3) float32 [scene units]: what grid coordinates stand for."""
+        """Return the positions of grid coordinates, (..., 3) float32 [scene units]."""
         return (coordinates * self.step + self.low).astype(np.float32)
 
     def write(self, writer: FieldWriter) -> None:
@@ -86,12 +86,12 @@ class Grid:
 
 
 def level_for(size: int) -> int:
-    """Level at which that many bytes of differences are compressed."""
-    return LEVEL if size < LARGE else LEVEL_OF_LARGE
+    """Return the zstandard level for `size` bytes of differences."""
+    return ZSTD_LEVEL if size < LARGE_MIN_BYTES else LARGE_ZSTD_LEVEL
 
 
-def squeeze(values: NDArray[Any], *, level: int = LEVEL) -> bytes:
-    """The numbers of an array under zstandard, bytes of equal weight together, as Blosc and HDF5 shuffle them."""
+def squeeze(values: NDArray[Any], *, level: int = ZSTD_LEVEL) -> bytes:
+    """Compress an array with zstandard after grouping bytes of equal significance, as Blosc and HDF5 shuffle them."""
     contiguous = np.ascontiguousarray(values)
     bytes_by_weight = contiguous.reshape(-1).view(np.uint8).reshape(-1, contiguous.itemsize).T
     return zstandard.ZstdCompressor(level=level).compress(bytes_by_weight.tobytes())
@@ -105,14 +105,14 @@ def unsqueeze(data: bytes, number: DTypeLike, shape: tuple[int, ...]) -> NDArray
 
 
 def narrowest(values: Int64Array) -> NDArray[Any]:
-    """Integers in the fewest bytes that hold them all."""
+    """Convert integers to the smallest type that holds them all."""
     largest = int(np.abs(values).max(initial=0))
     kinds = (np.int8, np.int16, np.int32, np.int64)
     return values.astype(next(kind for kind in kinds if largest <= np.iinfo(kind).max))
 
 
 class _RawBaseline(Baseline):
-    """Positions as `number`, whatever the length."""
+    """Positions stored as the type `number`, whatever the bound."""
 
     adjustable = False
     number: type[np.float32] | type[np.float16]
@@ -136,7 +136,7 @@ class _RawBaseline(Baseline):
 
 
 class RawFloat32(_RawBaseline):
-    """What a pipeline does without a codec: float32 positions, bytes of equal weight together, zstandard."""
+    """What a pipeline does without a codec: float32 positions, bytes of equal significance grouped, zstandard."""
 
     name = "float32 + zstd"
     source = "Collet and Kucherawy 2021, RFC 8878"
@@ -144,7 +144,7 @@ class RawFloat32(_RawBaseline):
 
 
 class RawFloat16(_RawBaseline):
-    """The same in half precision, as game engines keep vertex caches; its error is what it is."""
+    """The same in half precision, as game engines store vertex caches; its error is fixed."""
 
     name = "float16 + zstd"
     source = "IEEE 754 binary16; RFC 8878"
@@ -152,9 +152,9 @@ class RawFloat16(_RawBaseline):
 
 
 class GridDifferences(Baseline):
-    """Grid coordinates and their differences in time; those of the first frame are along the vertices.
+    """Grid coordinates and their differences in time; the first frame's differences run along the vertices.
 
-    What codes the differences is left to subclasses.
+    Subclasses code the differences.
     """
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
@@ -180,11 +180,11 @@ class GridDifferences(Baseline):
 
     @abstractmethod
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
-        """Code (frames, vertices, 3) differences; there may be no frames."""
+        """Encode (frames, vertices, 3) differences; there may be no frames."""
 
     @abstractmethod
     def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
-        """The differences that were written in this shape."""
+        """Decode differences of this shape."""
 
 
 class QuantiseDelta(GridDifferences):
@@ -194,7 +194,7 @@ class QuantiseDelta(GridDifferences):
     source = "common practice; RFC 8878"
 
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
-        narrow = narrowest(differences.transpose(0, 2, 1))  # an axis at a time: its numbers are alike
+        narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time, because its numbers are alike
         writer.numbers("Q", narrow.itemsize)
         writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
 

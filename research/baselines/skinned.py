@@ -1,4 +1,4 @@
-"""Baselines with bones: skinning decomposition with corrections, and a scheme like the standard's, FAMC."""
+"""Baselines with bones: skinning decomposition with corrections, and a scheme like FAMC of the MPEG-4 standard."""
 
 from __future__ import annotations
 
@@ -23,23 +23,25 @@ from pdecodec.research.baselines.transforms import Corrected
 from pdecodec.research.baselines.traversal import traverse
 
 BONES = (8, 16, 32)
-"""Numbers of bones that are tried, in this order until the bytes grow."""
+"""Numbers of bones, tried in this order until the bytes grow."""
 
 AFFINE_BONES = 16
-"""Clusters of the scheme like FAMC's: as many as its reference software was measured with."""
+"""Clusters of the scheme like FAMC, as many as its reference software was measured with."""
 
 MODEL_SHARE = 0.25
-"""Step of translations and of the shape over the length: every vertex and frame takes their error."""
+"""Step of translations and of the shape, over the given length: every vertex and frame has their error."""
 
 COARSEST_WEIGHT = 1.0 / 16.0
-"""Largest step of weights: the largest of four is at least a quarter, and must not vanish."""
+"""Largest step of weights: the largest of four weights is at least a quarter and must not round to zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoundedSkinning:
-    """A skinning in steps: the shape, (vertices, 3) int64 of `step` [scene units]; weights, (vertices, bones) int64 of
-    `weight_step`; motions, (frames, bones, 6 or 12) int64: a turn as a vector of its axis and angle, or the linear part
-    less the identity; and where the centre of the bone's vertices goes, in `step`.
+    """A skinning in quantised values.
+
+    The shape, (vertices, 3) int64 of `step` [scene units]; weights, (vertices, bones) int64 of `weight_step`;
+    motions, (frames, bones, 6 or 12) int64: a rotation vector, or the linear part minus the identity; and the
+    position of the centre of the bone's vertices, in `step`.
     """
 
     step: float
@@ -49,7 +51,9 @@ class RoundedSkinning:
     motions: Int64Array
 
     def centres_and_radii(self) -> tuple[Float64Array, Float64Array]:
-        """Of the vertices of each bone by their weights: (bones, 3) [scene units], and (bones,) in steps."""
+        """Centres of the vertices of each bone by their weights, (bones, 3) [scene units], and radii, (bones,)
+        in steps.
+        """
         share = self.weights / np.maximum(self.weights.sum(axis=0), 1)
         rest = self.rest.astype(np.float64)
         centres = share.T @ rest
@@ -57,7 +61,7 @@ class RoundedSkinning:
         return centres * self.step, np.maximum(np.sqrt(squares), 1.0)
 
     def skinning(self) -> Skinning:
-        """What the numbers stand for."""
+        """The skinning that the quantised values stand for."""
         centres, radii = self.centres_and_radii()
         coded = self.motions[..., :-3] / radii[:, None]
         linear = _rotations(coded) if coded.shape[2] == 3 else np.eye(3) + coded.reshape(*coded.shape[:2], 3, 3)
@@ -71,7 +75,7 @@ class RoundedSkinning:
 
 
 def round_skinning(skinning: Skinning, blend: float, length: float, *, rigid: bool) -> RoundedSkinning:
-    """A skinning in steps for a length [scene units]; `blend` is :func:`blend_distance`."""
+    """Quantise a skinning for a length [scene units]; `blend` is :func:`blend_distance`."""
     step = MODEL_SHARE * length
     weight_step = min(COARSEST_WEIGHT, step / blend if blend > 0.0 else math.inf)
     shape = RoundedSkinning(
@@ -90,8 +94,8 @@ def round_skinning(skinning: Skinning, blend: float, length: float, *, rigid: bo
 
 
 def blend_distance(points: Float32Array, skinning: Skinning) -> float:
-    """Root mean square distance [scene units] of where its bones would take a vertex from where it goes, over vertices
-    of several bones; 0 where there are none.
+    """Return how far bones disagree: root mean square distance [scene units] from where a vertex goes to where its
+    single bones would take it, over vertices of several bones; 0 if there are none.
     """
     gram, _ = normal_equations(points.astype(np.float64), skinning.rest, skinning.transforms)
     weights = skinning.weights
@@ -120,7 +124,7 @@ def read_skinning(reader: FieldReader, connectivity: Connectivity) -> RoundedSki
 
 
 class RigidSkinning(Transform[RoundedSkinning]):
-    """A shape and rigid bones alone: what they do not explain is lost, so there is an error it cannot go below.
+    """A shape and rigid bones alone: motion that they do not explain is lost, so the error has a lower limit.
 
     Parameters
     ----------
@@ -152,7 +156,7 @@ class RigidSkinning(Transform[RoundedSkinning]):
 
 
 class SkinningDecomposition(Baseline):
-    """Rigid bones, convex weights, and corrections of the vertices beyond the bound; as many bones as do best."""
+    """Rigid bones, convex weights, and corrections of the vertices beyond the bound, with the best number of bones."""
 
     name = "skinning decomposition, corrected"
     source = RigidSkinning.source
@@ -180,8 +184,10 @@ class SkinningDecomposition(Baseline):
 
 @dataclass(frozen=True, eq=False)
 class CompensatedMotion:
-    """A skinning, and the spectra over time of what it leaves, (kept, vertices, 3) int64 in steps of `step` [scene
-    units], lowest frequency first; the highest are nothing and left out.
+    """A skinning, and the temporal spectra of what it leaves.
+
+    (kept, vertices, 3) int64 in steps of `step` [scene units], lowest frequency first; the highest are zero and left
+    out.
     """
 
     step: float
@@ -190,10 +196,10 @@ class CompensatedMotion:
 
 
 class SkinningCosines(Transform[CompensatedMotion]):
-    """Affine motion of clusters, blended by weights, and a DCT over time of the residuals, adaptively coded.
+    """Affine motion of clusters, blended by weights, and an adaptively coded DCT over time of the residuals.
 
-    Written from the description of FAMC in its DCT mode, not its bytes: how its model is rounded, in what order spectra
-    are coded and by which contexts is our own. Spectra are predicted across the mesh where that makes them smaller.
+    Written from the description of FAMC in its DCT mode, not from its bytes: the rounding of its model, the order of
+    spectra and their contexts are our own. Spectra are predicted across the mesh where that makes them smaller.
     """
 
     name = "affine skinning + DCT"
@@ -245,7 +251,7 @@ class SkinningCosines(Transform[CompensatedMotion]):
 
 
 def _rotations(vectors: Float64Array) -> Float64Array:
-    """(..., 3, 3) rotations by (..., 3) vectors along the axis, as long as the angle."""
+    """Return (..., 3, 3) rotations by (..., 3) rotation vectors."""
     from scipy.spatial.transform import Rotation
 
     matrices: Float64Array = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
@@ -253,7 +259,7 @@ def _rotations(vectors: Float64Array) -> Float64Array:
 
 
 def _unwound_vectors(rotations: Float64Array) -> Float64Array:
-    """(frames, bones, 3) vectors of (frames, bones, 3, 3) rotations, whole turns added where it keeps them steady."""
+    """Return rotation vectors, (frames, bones, 3), of rotations (frames, bones, 3, 3), continuous over frames."""
     from scipy.spatial.transform import Rotation
 
     vectors: Float64Array = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()

@@ -1,4 +1,4 @@
-"""Skinning decomposition: a shape, bones that move it, and at most four convex weights a vertex, fitted to a clip.
+"""Skinning decomposition: a shape, bones that move it, and at most four convex weights per vertex, fitted to a clip.
 
 Le and Deng 2012, "Smooth skinning decomposition with rigid bones", alternates between weights, vertex by vertex, and
 transforms, bone by bone. Bones start as clusters of vertices whose trajectories one transform explains.
@@ -13,34 +13,34 @@ import numpy as np
 
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
-MOST_WEIGHTS = 4
-"""Bones a vertex follows at most, as in games and in both papers."""
+MAX_WEIGHTS = 4
+"""Largest number of bones per vertex, as in games and in both papers."""
 
 CLUSTER_ROUNDS = 4
-"""Assignments of vertices to clusters; weights are fitted after and mend what is left."""
+"""Rounds that assign vertices to clusters; the weights fitted afterwards compensate what is left."""
 
 FIT_ROUNDS = 4
-"""Alternations between weights and transforms; what a further one gains is small beside the corrections."""
+"""Alternations between weights and transforms; a further one gains little next to the corrections."""
 
 RIDGE = 1e-9
-"""Added to the diagonal of a vertex's Gram matrix, over its trace: two bones may move alike."""
+"""Added to the diagonal of a vertex's Gram matrix, over its trace, because two bones may move alike."""
 
-FLAT = 1e-6
-"""Extent of a bone's vertices along an axis, squared and over the largest, below which they are flat."""
+FLAT_EXTENT_RATIO = 1e-6
+"""Squared extent of a bone's vertices along an axis, over the largest, below which they are flat."""
 
-VERTICES_AT_A_TIME = 2048
-"""Whose Gram matrices are in memory together."""
+VERTEX_BLOCK = 2048
+"""Vertices whose Gram matrices are in memory together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
-    """What moves a shape: ``v[f, i] = sum_j weights[i, j] * (transforms[f, j] @ (rest[i], 1))``.
+    """A shape and what moves it: ``v[f, i] = sum_j weights[i, j] * (transforms[f, j] @ (rest[i], 1))``.
 
     Attributes
     ----------
     rest : (vertices, 3) float64 [scene units]
     weights : (vertices, bones) float64
-        Convex, at most :data:`MOST_WEIGHTS` of a row are not zero.
+        Convex; at most :data:`MAX_WEIGHTS` per row are not zero.
     transforms : (frames, bones, 3, 4) float64
         A linear part, and a translation [scene units].
     """
@@ -50,7 +50,7 @@ class Skinning:
     transforms: Float64Array
 
     def positions(self) -> Float64Array:
-        """(frames, vertices, 3) float64 [scene units]."""
+        """Return positions, (frames, vertices, 3) float64 [scene units]."""
         frames, bones = self.transforms.shape[:2]
         found = np.empty((frames, *self.rest.shape))
         extended = _homogeneous(self.rest)[..., None]
@@ -61,15 +61,15 @@ class Skinning:
 
 
 def fit_skinning(points: Float32Array, bones: int, *, rigid: bool) -> Skinning:
-    """The skinning of a clip by the shape of its first frame.
+    """Fit a skinning to a clip, with the shape of its first frame.
 
     Parameters
     ----------
     points : (frames, vertices, 3) float32 [scene units]
     bones : int
-        Taken as the number of vertices where there are fewer.
+        At most the number of vertices is used.
     rigid : bool
-        Whether a bone turns and moves only; if not, its transforms are affine.
+        Whether bones only rotate and translate; otherwise their transforms are affine.
     """
     moved = points.astype(np.float64)
     rest = moved[0]
@@ -86,14 +86,14 @@ def fit_skinning(points: Float32Array, bones: int, *, rigid: bool) -> Skinning:
 
 
 def fit_weights(moved: Float64Array, rest: Float64Array, transforms: Float64Array) -> Float64Array:
-    """Convex weights, (vertices, bones), at most :data:`MOST_WEIGHTS` a vertex, by least squares over all frames.
+    """Fit convex weights, (vertices, bones), at most :data:`MAX_WEIGHTS` per vertex, by least squares over all frames.
 
-    Bones are added one at a time, that of the steepest descent first, and all weights so far solved for again (the
+    Bones are added one at a time, that of the steepest descent first, and all weights so far are solved again (the
     fully corrective Frank-Wolfe method; Jaggi 2013, "Revisiting Frank-Wolfe").
     """
     weights = np.zeros((len(rest), transforms.shape[1]))
-    for start in range(0, len(rest), VERTICES_AT_A_TIME):
-        chunk = slice(start, start + VERTICES_AT_A_TIME)
+    for start in range(0, len(rest), VERTEX_BLOCK):
+        chunk = slice(start, start + VERTEX_BLOCK)
         gram, product = normal_equations(moved[:, chunk], rest[chunk], transforms)
         weights[chunk] = _pursue(gram, product)
     return weights
@@ -102,8 +102,10 @@ def fit_weights(moved: Float64Array, rest: Float64Array, transforms: Float64Arra
 def normal_equations(
     moved: Float64Array, rest: Float64Array, transforms: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """Of every vertex what weights of least squares solve: Gram matrices of where the bones would take it, (vertices,
-    bones, bones), and their products with where it goes, (vertices, bones); distances from where it is at first.
+    """Return the least-squares equations of every vertex's weights.
+
+    Gram matrices of where the bones would take it, (vertices, bones, bones), and their products with where it goes,
+    (vertices, bones); distances are from its first position.
     """
     extended = _homogeneous(rest)
     displaced = transforms - np.eye(3, 4)
@@ -120,9 +122,9 @@ def normal_equations(
 
 
 def simplex_solution(gram: Float64Array, product: Float64Array) -> Float64Array:
-    """Convex weights w of least ``w @ gram @ w - 2 * product @ w``, of each of (n, k, k) and (n, k); k is small.
+    """Minimise ``w @ gram @ w - 2 * product @ w`` over convex w, for each of (n, k, k) and (n, k); k is small.
 
-    Every set of bones is tried: the best of those whose weights are all positive is the solution.
+    Every set of bones is tried: the best one with positive weights only is the solution.
     """
     rows, size = product.shape
     best, least = np.zeros_like(product), np.full(rows, np.inf)
@@ -146,7 +148,7 @@ def _pursue(gram: Float64Array, product: Float64Array) -> Float64Array:
     weights = np.zeros_like(product)
     chosen = (np.einsum("vjj->vj", gram) - 2.0 * product).argmin(axis=1)[:, None]
     weights[rows, chosen[:, 0]] = 1.0
-    for _ in range(min(MOST_WEIGHTS, product.shape[1]) - 1):
+    for _ in range(min(MAX_WEIGHTS, product.shape[1]) - 1):
         slopes = np.einsum("vjk,vk->vj", gram, weights) - product
         np.put_along_axis(slopes, chosen, np.inf, axis=1)
         chosen = np.concatenate([chosen, slopes.argmin(axis=1)[:, None]], axis=1)
@@ -161,7 +163,7 @@ def _homogeneous(rest: Float64Array) -> Float64Array:
 
 
 def _seeds(moved: Float64Array, bones: int) -> Int64Array:
-    """The first cluster of each vertex, (vertices,): that of the nearest of some trajectories far from each other."""
+    """Assign each vertex, (vertices,), to the nearest of some trajectories that are far from each other."""
     trajectories = moved.transpose(1, 0, 2).reshape(moved.shape[1], -1)
     nearest = np.full(len(trajectories), np.inf)
     cluster = np.zeros(len(trajectories), np.int64)
@@ -176,17 +178,19 @@ def _seeds(moved: Float64Array, bones: int) -> Int64Array:
 
 
 def _single_errors(moved: Float64Array, rest: Float64Array, transforms: Float64Array) -> Float64Array:
-    """Squared error of every vertex if it followed one bone alone, less what is the same for all, (vertices, bones)."""
+    """Return the squared error of every vertex if it followed one bone alone, without the common term,
+    (vertices, bones).
+    """
     errors = np.empty((len(rest), transforms.shape[1]))
-    for start in range(0, len(rest), VERTICES_AT_A_TIME):
-        chunk = slice(start, start + VERTICES_AT_A_TIME)
+    for start in range(0, len(rest), VERTEX_BLOCK):
+        chunk = slice(start, start + VERTEX_BLOCK)
         gram, product = normal_equations(moved[:, chunk], rest[chunk], transforms)
         errors[chunk] = np.einsum("vjj->vj", gram) - 2.0 * product
     return errors
 
 
 def _fitted_transforms(moved: Float64Array, skinning: Skinning, *, rigid: bool) -> Float64Array:
-    """Transforms bone by bone, each to what the others leave of its vertices."""
+    """Fit transforms bone by bone, each to what the others leave of its vertices."""
     transforms = skinning.transforms.copy()
     missing = moved - skinning.positions()
     for bone in range(transforms.shape[1]):
@@ -203,11 +207,13 @@ def _fitted_transforms(moved: Float64Array, skinning: Skinning, *, rigid: bool) 
 
 
 def _best_transforms(wanted: Float64Array, rest: Float64Array, share: Float64Array, *, rigid: bool) -> Float64Array:
-    """(frames, 3, 4) of least squares from (vertices, 3) to (frames, vertices, 3); by Procrustes where rigid."""
+    """Return least-squares transforms, (frames, 3, 4), from (vertices, 3) to (frames, vertices, 3); by
+    Procrustes if rigid.
+    """
     share = share / share.sum()
     centre, centres = share @ rest, share @ wanted
     around = rest - centre
-    # Around the centre the weighted sum is nothing, so that where it goes need not be taken off.
+    # Around the centre the weighted sum is zero, so the translation need not be subtracted.
     crossed = wanted.transpose(0, 2, 1) @ (around * share[:, None])
     if rigid:
         left, _, right = np.linalg.svd(crossed)
@@ -216,6 +222,6 @@ def _best_transforms(wanted: Float64Array, rest: Float64Array, share: Float64Arr
         linear = left @ right
     else:
         spread = (around * share[:, None]).T @ around
-        # Where the vertices are flat nothing says what happens across: the identity does.
-        linear = np.eye(3) + (crossed - spread) @ np.linalg.pinv(spread, rcond=FLAT, hermitian=True)
+        # Flat vertices do not determine the transform across them: the identity does.
+        linear = np.eye(3) + (crossed - spread) @ np.linalg.pinv(spread, rcond=FLAT_EXTENT_RATIO, hermitian=True)
     return np.concatenate([linear, (centres - linear @ centre)[..., None]], axis=2)

@@ -25,7 +25,7 @@ from pdecodec.research.baselines.neighbours import decode_fitted, encode_fitted
 from pdecodec.research.baselines.quantised import grid_step
 from pdecodec.research.baselines.traversal import Traversal, traverse
 
-NEGLIGIBLE = 1e-14
+MIN_VARIANCE_RATIO = 1e-14
 """Variance over the largest one below which a component is rounding of the Gram matrix."""
 
 FACTOR_SHARE = 0.25
@@ -35,16 +35,17 @@ COARSEST_FACTOR = 0.05
 """Largest step of the other factor, whose columns have length 1."""
 
 MEAN_STEP = 0.125
-"""Step of the mean trajectory over that of the coefficients: few numbers, and every vertex takes their error."""
+"""Step of the mean trajectory over that of the coefficients: few numbers, and every vertex has their error."""
 
-COARSER = (1.5, 2.0, 3.0, 4.5)
-"""Lengths given to the transform, over the bound; tried in this order until the bytes grow."""
+LENGTH_RATIOS = (1.5, 2.0, 3.0, 4.5)
+"""Error lengths given to the transform, over the bound; tried in this order until the bytes grow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frequencies:
-    """Rounded spectrum of a clip, (kept, vertices, 3) int64 in steps [scene units], lowest frequency first; the highest
-    are nothing and left out.
+    """Rounded spectrum of a clip.
+
+    (kept, vertices, 3) int64 in steps [scene units], lowest frequency first; the highest are zero and left out.
     """
 
     step: float
@@ -96,8 +97,10 @@ class CosineInTime(Transform[Frequencies]):
 
 @dataclass(frozen=True, eq=False)
 class RoundedComponents:
-    """Both factors and the mean of a clip, in their steps: int64, of which ``(rows, components)`` coefficients have
-    `step` [scene units]; those of the basis, (columns, components), are :func:`factor_steps`.
+    """Both factors and the mean of a clip as quantised values, int64.
+
+    ``(rows, components)`` coefficients have the step `step` [scene units]; the basis, (columns, components), has the
+    steps of :func:`factor_steps`.
     """
 
     step: float
@@ -108,10 +111,11 @@ class RoundedComponents:
 
 
 def principal_components(rows: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Principal components of (rows, columns) float64 by the eigenvectors of the smaller of the two Gram matrices.
+    """Return principal components of (rows, columns) float64, by the eigenvectors of the smaller Gram matrix.
 
-    Returned are the mean of the rows, (columns,); an orthonormal basis, (columns, components); and coefficients, (rows,
-    components), in orthogonal columns, the longest first: ``rows = mean + coefficients @ basis.T`` but for rounding.
+    The mean of the rows, (columns,); an orthonormal basis, (columns, components); and coefficients, (rows,
+    components), in orthogonal columns, the longest first: ``rows = mean + coefficients @ basis.T`` except for
+    rounding.
     """
     mean = rows.mean(axis=0)
     centred = rows - mean
@@ -119,7 +123,7 @@ def principal_components(rows: Float64Array) -> tuple[Float64Array, Float64Array
     gram = centred @ centred.T if wide else centred.T @ centred
     variances, vectors = np.linalg.eigh(gram)
     largest = np.argsort(-variances, kind="stable")
-    largest = largest[variances[largest] > NEGLIGIBLE * max(float(variances.max()), np.finfo(float).tiny)]
+    largest = largest[variances[largest] > MIN_VARIANCE_RATIO * max(float(variances.max()), np.finfo(float).tiny)]
     vectors = vectors[:, largest]
     if not wide:
         return mean, vectors, centred @ vectors
@@ -128,23 +132,23 @@ def principal_components(rows: Float64Array) -> tuple[Float64Array, Float64Array
 
 
 def quantise_columns(columns: Float64Array, step: float) -> tuple[Int64Array, Int64Array]:
-    """Columns in steps, (rows, used), of those that are not zero, and which these are, (used,)."""
+    """Quantise columns; return those that are not zero, (rows, used), and their indices, (used,)."""
     quantised = rounded(columns, step)
     used = np.flatnonzero(quantised.any(axis=0))
     return np.ascontiguousarray(quantised[:, used]), used
 
 
 def factor_steps(quantised: Int64Array) -> Float64Array:
-    """Steps of the other factor of a product with `quantised`, (components,): a decoder finds them as well."""
+    """Return steps of the other factor of a product with `quantised`, (components,); a decoder computes them too."""
     steps: Float64Array = np.minimum(COARSEST_FACTOR, FACTOR_SHARE / np.abs(quantised).max(axis=0, initial=1))
     return steps
 
 
 class PrincipalShapes(Transform[RoundedComponents]):
-    """Shapes as long as their share of the motion and coded in one step, weights of unit length predicted in time.
+    """Shapes as long as their part of the motion, coded in one step; weights of unit length, predicted in time.
 
-    The mean, which every frame takes once, is rounded to the step over the root of the frames. Shapes are predicted
-    across the mesh as positions are, which neither paper does and which only makes them smaller.
+    The mean, which every frame uses once, is rounded to the step over the root of the frames. Shapes are predicted
+    across the mesh as positions are; neither paper does that, and it only makes them smaller.
     """
 
     name = "principal components of shapes"
@@ -194,7 +198,7 @@ class PrincipalShapes(Transform[RoundedComponents]):
 
 
 class Coddyac(Transform[RoundedComponents]):
-    """One trajectory of x, y and z over all frames is a vector; the basis is coded as differences in time (COBRA)."""
+    """A trajectory of x, y and z over all frames is a vector; the basis is coded as differences in time (COBRA)."""
 
     name = "Coddyac"
     source = (
@@ -249,8 +253,8 @@ class Coddyac(Transform[RoundedComponents]):
 class FittedCoddyac(Coddyac):
     """As :class:`Coddyac`, but coefficients are predicted by weights fitted to those of larger components.
 
-    Its source fits weights to the mean shape and to what is decoded of the neighbourhood; that they are fitted to
-    coefficients is our own.
+    Its source fits weights to the mean shape and to the decoded neighbourhood; fitting them to coefficients is our
+    own.
     """
 
     published = False
@@ -270,7 +274,8 @@ class FittedCoddyac(Coddyac):
 class Corrected(Baseline):
     """A bound on top of a transform: a coarser transform, and quantised residuals of the vertices beyond the bound.
 
-    No paper of those above has it, but what they are compared with keeps a bound by residuals, so they may as well.
+    None of the papers above has corrections, but the codec they are compared with keeps a bound by residuals, so
+    they may too.
 
     Parameters
     ----------
@@ -290,14 +295,14 @@ class Corrected(Baseline):
 
         def encode(length: float) -> bytes:
             smallest, of_transform, before = b"", b"", 0.0
-            for coarser in COARSER:
+            for coarser in LENGTH_RATIOS:
                 quantised = round_to(coarser * length)
                 missing = points.astype(np.float64) - transform.synthesise(quantised, connectivity)
                 beyond = np.einsum("fvk,fvk->fv", missing, missing) > length**2
                 residuals = np.zeros(points.shape, np.int64)
                 residuals[beyond] = rounded(missing[beyond], grid_step(length))
                 coded = encode_bands(residuals.reshape(len(points), -1))
-                # A transform's bytes fall less than its length rises: often that is enough to stop without coding it.
+                # A transform's bytes fall by less than its length rises; often that suffices to stop without coding it.
                 if smallest and len(coded) + len(of_transform) * before / coarser >= len(smallest):
                     break
                 of_transform, before = transform.write(quantised, connectivity), coarser

@@ -1,8 +1,8 @@
-"""An order of the vertices that goes across the mesh face by face, and parallelograms to predict each one by.
+"""An order of the vertices across the mesh, face by face, and parallelograms to predict each vertex.
 
 Touma and Gotsman 1998, "Triangle mesh compression": a vertex across an edge is near ``a + b - c``, where a and b are
-the edge's vertices and c lies on its other side. Where several parallelograms are known their mean is taken (Cohen-Or,
-Cohen and Irony 2002, "Multi-way geometry encoding").
+the edge's vertices and c lies on its other side. Where several parallelograms are known, their mean is taken
+(Cohen-Or, Cohen and Irony 2002, "Multi-way geometry encoding").
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pdecodec.mesh.sequence import Connectivity
 
 @dataclass(frozen=True, eq=False)
 class Traversal:
-    """A permutation of the vertices, with what predicts each of them.
+    """A permutation of the vertices, and the parallelograms that predict each of them.
 
     Attributes
     ----------
     order : (vertices,) int64
-        Vertex of each place.
+        Vertex at each place.
     starts : (vertices + 1,) int64
         Parallelograms of place i are ``corners[starts[i]:starts[i + 1]]``.
     corners : (parallelograms, 3) int64
@@ -35,7 +35,9 @@ class Traversal:
     corners: Int64Array
 
     def residuals(self, values: Int64Array) -> Int64Array:
-        """What predicting every place by those before leaves of (vertices, columns) int64, in the order of places."""
+        """Return (vertices, columns) int64 minus the prediction of every place by those before, in the order of
+        places.
+        """
         return self._predicted(values, undo=False)
 
     def restored(self, residuals: Int64Array) -> Int64Array:
@@ -48,7 +50,9 @@ class Traversal:
 
 
 def traverse(connectivity: Connectivity) -> Traversal:
-    """Breadth first over the triangles of each connected part, faces as fans; the vertices of lines; then the rest."""
+    """Traverse breadth first over the triangles of each component, faces as fans; then vertices of lines; then
+    the rest.
+    """
     triangles = fans(connectivity)
     sides = _inner_sides(triangles)
     mentioned = np.concatenate(
@@ -63,7 +67,7 @@ def traverse(connectivity: Connectivity) -> Traversal:
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
 
-    # Of both triangles at an inner side, each may predict the vertex of the other that lies off the side.
+    # Each of the two triangles at an inner side may predict the vertex of the other that lies off the side.
     one, other = sides[:, 0], sides[:, 1]
     a, b = triangles.ravel()[one], np.roll(triangles, -1, axis=1).ravel()[one]
     off_one, off_other = (np.roll(triangles, -2, axis=1).ravel()[side] for side in (one, other))
@@ -77,7 +81,7 @@ def traverse(connectivity: Connectivity) -> Traversal:
 
 
 def fans(connectivity: Connectivity) -> Int64Array:
-    """(triangles, 3) int64: every face as a fan around its first vertex."""
+    """Return (triangles, 3) int64: every face as a fan around its first vertex."""
     counts = connectivity.face_counts.astype(np.int64)
     fans = counts - 2
     first = np.repeat(np.cumsum(counts) - counts, fans)
@@ -88,7 +92,7 @@ def fans(connectivity: Connectivity) -> Int64Array:
 
 
 def _inner_sides(triangles: Int64Array) -> Int64Array:
-    """(n, 2) int64: numbers ``3 * triangle + side`` of sides that lie on the same edge, two and two."""
+    """Return pairs, (n, 2) int64, of indices ``3 * triangle + side`` of sides that lie on the same edge."""
     ends = np.sort(np.stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()], axis=1), axis=1)
     by_edge = np.lexsort((ends[:, 1], ends[:, 0]))
     sorted_ends = ends[by_edge]
@@ -97,7 +101,7 @@ def _inner_sides(triangles: Int64Array) -> Int64Array:
 
 
 def _triangle_order(count: int, sides: Int64Array) -> Int64Array:
-    """(count,) int64: breadth first from the first triangle of each connected part, part after part."""
+    """Return triangles, (count,) int64, breadth first from the first triangle of each component, one by one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -106,7 +110,7 @@ def _triangle_order(count: int, sides: Int64Array) -> Int64Array:
     one, other = sides.T // 3
     joined = coo_array((np.ones(len(sides)), (one, other)), shape=(count + 1, count + 1)).tocsr()
     _, part = connected_components(joined, directed=False)
-    # One search for all parts: from an extra triangle, the last, that is joined to the first of each.
+    # One search for all components: an extra triangle, the last, is joined to the first of each.
     first = np.unique(part[:count], return_index=True)[1]
     extra = coo_array((np.ones(first.size), (np.full(first.size, count), first)), shape=joined.shape).tocsr()
     found = breadth_first_order(joined + extra, count, directed=False, return_predecessors=False)[1:]

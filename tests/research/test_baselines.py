@@ -33,7 +33,7 @@ from pdecodec.research.baselines.neighbours import FittedPredictor, decode_fitte
 from pdecodec.research.baselines.packages import Draco, Zfp
 from pdecodec.research.baselines.quantised import RawFloat16, RawFloat32
 from pdecodec.research.baselines.skinned import RigidSkinning, SkinningCosines
-from pdecodec.research.baselines.skinning import MOST_WEIGHTS, fit_skinning, simplex_solution
+from pdecodec.research.baselines.skinning import MAX_WEIGHTS, fit_skinning, simplex_solution
 from pdecodec.research.baselines.transforms import (
     Coddyac,
     Corrected,
@@ -186,7 +186,7 @@ def test_weights_are_convex_and_at_most_four_a_vertex() -> None:
     weights = fit_skinning(noise(9, 50, 3), 7, rigid=True).weights
     assert (weights >= 0.0).all()
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-    assert np.count_nonzero(weights, axis=1).max() == MOST_WEIGHTS
+    assert np.count_nonzero(weights, axis=1).max() == MAX_WEIGHTS
 
 
 def test_convex_weights_are_those_of_least_error() -> None:
