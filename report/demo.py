@@ -28,7 +28,7 @@ from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
 FRAMES = 61
-"""Odd, so that the frames left out of every second one all lie between two that are kept."""
+"""Odd, so that every frame left out lies between two that are kept."""
 
 FPS = 24.0
 
@@ -42,13 +42,13 @@ PICTURE_FRAMES = 4
 
 
 WIDTH, HEIGHT = 1230, 690
-"""Of the picture [pixels]."""
+"""Size of the picture [pixels]."""
 
 CLOSE_UP = 0.14
 """Width of the close-up around the worst vertex, over the diagonal."""
 
 SECTIONS_SHOWN = 5
-"""Largest sections of the bar chart; the rest are a few hundred bytes together."""
+"""Largest sections shown in the bar chart; the others take a few hundred bytes together."""
 
 SIMULATED_COLOUR = (0.36, 0.52, 0.72)
 DECODED_COLOUR = (0.86, 0.52, 0.26)
@@ -56,7 +56,7 @@ DECODED_COLOUR = (0.86, 0.52, 0.26)
 
 @dataclass(frozen=True)
 class Encoding:
-    """One `.pdeanim` of the demonstration, and how far its frames are from the simulated ones."""
+    """One `.pdeanim` of the demonstration, and the errors of its frames."""
 
     name: str
     report: EncodeReport
@@ -66,13 +66,13 @@ class Encoding:
 
     @property
     def bits(self) -> float:
-        """Rate in bits per vertex and frame, everything counted."""
+        """Bits per vertex and frame, everything counted."""
         return bits_per_vertex_frame(self.report.file_bytes, vertices=self.report.vertices, frames=self.report.frames)
 
 
 @dataclass(frozen=True)
 class Between:
-    """Errors at the frames that were left out, of the codec and of straight lines between the frames kept."""
+    """Errors at the frames left out, of the codec and of linear interpolation between the kept frames."""
 
     decoded: Distortion
     linear: Distortion
@@ -82,9 +82,11 @@ class Between:
 
 @dataclass(frozen=True)
 class Demonstration:
-    """All that the demonstration found: the simulated clip; profile auto at :data:`TOLERANCE` and profile paper;
-    profile auto at each of :data:`RATE_TOLERANCES`; errors between frames; and what the first encoding decodes to at
-    some frames, (picture frames, vertices, 3) float32 [scene units].
+    """Results of the demonstration.
+
+    The simulated clip; profile auto at :data:`TOLERANCE` and profile paper; profile auto at each of
+    :data:`RATE_TOLERANCES`; errors between frames; and the first encoding decoded at some frames, (picture frames,
+    vertices, 3) float32 [scene units].
     """
 
     sequence: ArraySequence
@@ -105,7 +107,7 @@ def demonstrate(
 ) -> Demonstration:
     """Run the demonstration and leave its `.pdeanim` files in `directory`, which exists; `frames` is odd.
 
-    `scene_options` are those of the cube-rope, by default the paper's size.
+    `scene_options` are those of the cube-rope; they default to the paper's size.
     """
     started = time.perf_counter()
     scene = build("cube-rope", **(scene_options or {}))
@@ -150,7 +152,7 @@ def _encode(
 
 
 def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | None) -> Between:
-    """Encode every second frame, and compare what lies between them with the frames left out."""
+    """Encode every second frame, and compare the others with what the decoder returns there."""
     kept = FrameSelection(sequence, range(0, sequence.frame_count, 2))
     left_out = FrameSelection(sequence, range(1, sequence.frame_count, 2))
     encode(kept, path, EncodeSettings(tolerance=TOLERANCE), overwrite=True, progress=progress)
@@ -169,7 +171,7 @@ def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | No
 
 
 def draw(demonstration: Demonstration, path: Path) -> None:
-    """Write the picture as PNG, replacing it when it exists; MissingExtraError where it cannot be drawn."""
+    """Write the picture as PNG, replacing an existing one; raise MissingExtraError if it cannot be drawn."""
     require_drawing()
     picture = Picture(WIDTH, HEIGHT)
     first = demonstration.encodings[0]
@@ -189,7 +191,7 @@ def draw(demonstration: Demonstration, path: Path) -> None:
 
 
 def _draw_meshes(demonstration: Demonstration, picture: Picture) -> None:
-    """Three ways to see the clip: the chosen frames one below the other, and the worst of them close up."""
+    """Draw three views of the clip, with the chosen frames one below the other and the worst of them close up."""
     sequence = demonstration.sequence
     frames = demonstration.picture_frames
     quads = polygons_of(sequence.connectivity)[0]
@@ -225,7 +227,7 @@ def _draw_meshes(demonstration: Demonstration, picture: Picture) -> None:
 
 
 def _stacked(seen: Float64Array) -> Float64Array:
-    """Return how far up to move each frame so that it lies just below the one before: (frames,)."""
+    """Return how far to move each frame up so that it lies just below the one before: (frames,)."""
     tops, bottoms = seen[..., 1].max(axis=1), seen[..., 1].min(axis=1)
     gap = 0.05 * float(np.ptp(seen[..., 0]))
     extents = tops - bottoms + gap

@@ -1,6 +1,6 @@
-"""What a report is made of: tables of measured values, figures around them, sections of figures.
+"""Parts of a report: tables of measured values, figures around them, sections of figures.
 
-Plain data, so that whatever measures need not depend on how its figures are drawn, printed or stored.
+They are plain data, so that code that measures does not depend on how figures are drawn, printed or stored.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 Value = str | int | float | bool | None
-"""One entry of a table; None where there is nothing to measure."""
+"""One entry of a table; None if there is nothing to measure."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of values under named columns, as many each as there are columns; units stand in the names."""
+    """Rows of values, one per named column; units are part of the names."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Value, ...], ...]
@@ -29,7 +29,7 @@ class Table:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Iterable[Any]]) -> Table:
-        """The table of equally long columns by name; numbers of numpy become plain ones."""
+        """Make a table from equally long columns by name; numpy numbers become plain ones."""
         plain = [
             [value.item() if isinstance(value, np.generic) else value for value in values]
             for values in columns.values()
@@ -37,33 +37,33 @@ class Table:
         return cls(tuple(columns), tuple(zip(*plain, strict=True)))
 
     def column(self, name: str) -> list[Value]:
-        """All values of one column."""
+        """Return all values of one column."""
         at = self.columns.index(name)
         return [row[at] for row in self.rows]
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One thing shown: a chart, what one learns from it, and its values.
+    """A chart or picture, what it teaches, and its values.
 
     Attributes
     ----------
     name : str
-        Of its files, words joined by hyphens: ``fit-condition`` gives fit-condition.png and fit-condition.csv.
+        Name of its files, words joined by hyphens: ``fit-condition`` gives fit-condition.png and fit-condition.csv.
     title : str
     lesson : str
-        What one learns, in a sentence or two, with the values of this run.
+        What the reader learns, in a sentence or two, with the values of this run.
     table : Table
         Every value of the chart.
     chart : mapping or None
         A Vega-Lite view (:mod:`pdecodec.report.charts.plots`), interactive in the page.
     picture : callable or None
-        Instead of a chart: returns an SVG (:mod:`pdecodec.report.charts.pictures`). Called once, when the report is
-        written.
+        Instead of a chart: returns an SVG (:mod:`pdecodec.report.charts.pictures`). Called once, when
+        the report is written.
     consequence : str
-        What pdecodec does about it; empty where there is nothing to do.
+        What pdecodec does about it; may be empty.
     shows_table : bool
-        Whether the table is part of the page too; otherwise it is in its CSV alone.
+        Whether the page shows the table too; otherwise only its CSV has it.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """Figures about one subject, after a paragraph that says what it is."""
+    """Figures about one subject, after a paragraph that introduces it."""
 
     title: str
     introduction: str
@@ -87,7 +87,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A page and everything that lies beside it.
+    """A page and the files next to it.
 
     Attributes
     ----------
@@ -96,11 +96,11 @@ class Report:
         A paragraph at the top.
     sections : tuple of Section
     settings : dict
-        What the run was started with, ready for JSON.
+        Settings of the run, ready for JSON.
     links : tuple of (str, str)
-        Further pages: what they are of, and their address from this one.
+        Further pages: their subject, and their address relative to this one.
     pages : tuple of (str, str)
-        Pages that are written beside this one: their file's name, and their HTML.
+        Pages that are written next to this one: file name and HTML.
     """
 
     title: str

@@ -1,7 +1,7 @@
-"""A report on disk: one HTML page that works offline and prints well, and files for each figure beside it.
+"""Write a report: one HTML page that works offline and prints well, and files for each figure next to it.
 
-Of each figure a PNG (and an SVG of charts) and a CSV, of tables that the page shows a Markdown file for
-documents that quote them, and one JSON of everything.
+Each figure gets a PNG (charts an SVG too) and a CSV; each table on the page a Markdown file for documents that quote
+it; the report gets one JSON of everything.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PAGE = "index.html"
 RECORD = "report.json"
 
 LIBRARIES = ("numpy", "scipy", "vl-convert-python")
-"""Whose versions are recorded: those that compute and draw."""
+"""Libraries that compute and draw; their versions are recorded."""
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1a1a1a; --quiet: #555; --rule: #ddd; --paper: #fff; --mark: #0072b2;
@@ -64,17 +64,17 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; font-si
 """
 
 LONG_TEXT = 60
-"""Characters from which on an entry of a table is a sentence."""
+"""Length in characters from which a table entry counts as a sentence."""
 
 WORD_CLASSES = {"reproduced": "good", "reproduced with a condition": "partly", "not reproduced": "bad"}
-"""Values of these words are set off by weight and colour; the words say it, the colour only helps."""
+"""Values with these words are emphasised by weight and colour; colour is never the only sign."""
 
 
 def write_report(report: Report, directory: Path, *, record: Mapping[str, Any] | None = None) -> list[Path]:
-    """Write everything into `directory`, which exists; files of the same names are replaced, each as a whole.
+    """Write everything into `directory`, which exists; replace each file of the same name as a whole.
 
-    `record` is more for the JSON. Returned is what was written, the page first. Where charts cannot be drawn,
-    MissingExtraError is raised.
+    `record` is added to the JSON. Returns the written paths, the page first. Raises MissingExtraError if charts
+    cannot be drawn.
     """
     require_drawing()
     made_with = versions()
@@ -100,14 +100,14 @@ def write_report(report: Report, directory: Path, *, record: Mapping[str, Any] |
 
 
 def versions() -> dict[str, str]:
-    """Versions of pdecodec, of Python and of the libraries that compute, and the machine's architecture."""
+    """Return the versions of pdecodec, of Python and of the libraries that compute, and the machine's architecture."""
     found = {"pdecodec": __version__, "Python": platform.python_version()}
     found |= {name: importlib.metadata.version(name) for name in LIBRARIES}
     return {**found, "machine": platform.machine()}
 
 
 def as_csv(table: Table) -> str:
-    """A table as CSV with all digits; empty where there is nothing."""
+    """Return a table as CSV with all digits; missing values are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.columns)
@@ -116,7 +116,7 @@ def as_csv(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """A table as Markdown, its values as the page shows them."""
+    """Return a table as Markdown, with values as the page shows them."""
 
     def line(values: Iterable[Value]) -> str:
         return "| " + " | ".join(value_text(value).replace("|", "\\|") for value in values) + " |"
@@ -125,7 +125,7 @@ def as_markdown(table: Table) -> str:
 
 
 def as_json(report: Report, made_with: Mapping[str, str], more: Mapping[str, Any]) -> str:
-    """Every value of a report, with the settings and versions that made it; what is not finite is null."""
+    """Return every value of a report with the settings and versions behind it; values that are not finite are null."""
 
     def finite(value: Value) -> Value:
         return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -151,7 +151,7 @@ def as_json(report: Report, made_with: Mapping[str, str], more: Mapping[str, Any
 
 
 def render_page(report: Report, pictures: Mapping[str, bytes], made_with: Mapping[str, str]) -> str:
-    """The page; `pictures` are PNG of pictures, and SVG of charts for readers without scripts."""
+    """Return the page; `pictures` are PNGs of pictures, and SVGs of charts for readers without scripts."""
     body = [f"<h1>{escape(report.title)}</h1>", _paragraphs(report.summary)]
     if report.links:
         links = ", ".join(f'<a href="{quote(to)}">{escape(name)}</a>' for name, to in report.links)
@@ -198,7 +198,7 @@ def _image(title: str, data: bytes, kind: str) -> str:
 
 
 def _table(table: Table) -> str:
-    """As HTML. One that holds sentences names the column in every cell: on a phone they stand below each other."""
+    """Return a table as HTML. If it holds sentences, every cell names its column: on a phone cells stack."""
     has_words = any(isinstance(value, str) and len(value) > LONG_TEXT for row in table.rows for value in row)
     classes = [
         ' class="number"' * all((isinstance(v, int | float) and not isinstance(v, bool)) or v is None for v in column)
@@ -228,7 +228,7 @@ def _marked(value: Value) -> str:
 
 
 def value_text(value: Value) -> str:
-    """A value for people: four significant digits, thousands separated, ``-`` where there is nothing."""
+    """Format a value for people: four significant digits, separated thousands, ``-`` if there is none."""
     if value is None:
         return "-"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Draw meshes and curves seen from one camera into an SVG of several panels, with words and charts beside them.
+"""Draw meshes and curves, seen from one camera, into an SVG of several panels with text and charts.
 
 Faces are drawn from far to near, shaded by the angle between their normals and the light.
 """
@@ -18,13 +18,13 @@ LIGHT = np.array([0.35, 0.8, 0.5]) / np.linalg.norm([0.35, 0.8, 0.5])
 """Direction to the light, in the camera's axes: right, up, towards the viewer."""
 
 AMBIENT = 0.35
-"""Share of the colour that a face turned away from the light keeps, where colours need not be read off."""
+"""Fraction of the colour that a face turned away from the light keeps, where colours carry no values."""
 
 TURN, TILT = np.radians(12.0), np.radians(10.0)
-"""The camera stands this far to the right of the front, and above."""
+"""Angles of the camera to the right of the front, and above it [rad]."""
 
 HEAT = ("#FFFFCC", "#FFEDA0", "#FED976", "#FEB24C", "#FD8D3C", "#FC4E2A", "#E31A1C", "#BD0026", "#800026")
-"""Colours of errors from none to the largest: ColorBrewer's YlOrRd."""
+"""Colours of errors from zero to the largest: ColorBrewer's YlOrRd."""
 
 
 def as_seen(points: Float32Array | Float64Array) -> Float64Array:
@@ -35,14 +35,14 @@ def as_seen(points: Float32Array | Float64Array) -> Float64Array:
 
 
 def heat_colours(shares: Float64Array) -> Float64Array:
-    """Return colours, (n, 3) from 0 to 1, of errors as shares of the largest one shown."""
+    """Return the colours, (n, 3) from 0 to 1, of errors relative to the largest one shown."""
     anchors = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in HEAT]) / 255.0
     at = np.linspace(0.0, 1.0, len(anchors))
     return np.stack([np.interp(np.clip(shares, 0.0, 1.0), at, anchors[:, k]) for k in range(3)], axis=-1)
 
 
 def polygons_of(connectivity: Connectivity) -> list[Int32Array]:
-    """Return faces as rows of corners, one array for each number of corners."""
+    """Return faces as rows of corners, one array per number of corners."""
     starts = np.concatenate([[0], np.cumsum(connectivity.face_counts)])[:-1]
     return [
         connectivity.face_indices[starts[connectivity.face_counts == corners][:, None] + np.arange(corners)]
@@ -51,15 +51,16 @@ def polygons_of(connectivity: Connectivity) -> list[Int32Array]:
 
 
 def extent(*clouds: Float64Array, margin: float = 0.0) -> tuple[Float64Array, Float64Array]:
-    """Return the lower left and upper right corners of the picture of some points, with a margin around them."""
+    """Return the lower left and upper right corners of the picture of some points, plus a margin."""
     low = np.min([points[..., :2].reshape(-1, 2).min(axis=0) for points in clouds], axis=0)
     high = np.max([points[..., :2].reshape(-1, 2).max(axis=0) for points in clouds], axis=0)
     return low - margin, high + margin
 
 
 class View:
-    """A part of a picture in which lengths are alike along both axes: (x, y, width, height) in pixels shows what is
-    between two corners of the camera's plane.
+    """A part of a picture with equal scale along both axes.
+
+    (x, y, width, height) in pixels shows the region between two corners of the camera's plane.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class View:
             ]
 
     def pixels(self, points: Float64Array) -> Float64Array:
-        """Return where (..., 2 or 3) points in the camera's axes are in the picture."""
+        """Return the pixel positions of (..., 2 or 3) points in the camera's axes."""
         return np.asarray(points[..., :2] * (self._scale * np.array([1.0, -1.0])) + self._shift)
 
     def mesh(
@@ -91,20 +92,20 @@ class View:
     ) -> None:
         """Draw faces.
 
-        `seen` are (vertices, 3) float64 in the camera's axes; `polygons` (faces, corners) int32 and `colours` (faces,
-        3), 0 to 1, for each number of corners. With `lines` faces have darker borders; `ambient` is the share of the
-        colour that a face turned away from the light keeps.
+        `seen` are (vertices, 3) float64 in the camera's axes; `polygons` (faces, corners) int32 and `colours`
+        (faces, 3), 0 to 1, for each number of corners. With `lines`, faces have darker borders. `ambient` is the
+        fraction of the colour that a face turned away from the light keeps.
         """
         found: list[tuple[float, str]] = []
         at = self.pixels(seen)
         for rows, colour in zip(polygons, colours, strict=True):
             corners = seen[rows]
-            # Newell's: of polygons that are not flat, too.
+            # Newell's method, which also works for polygons that are not flat.
             normals = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
             normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-            # An open tube shows its inside too: light both sides alike.
+            # An open tube shows its inside too, so both sides are lit alike.
             fill = np.clip(colour * (ambient + (1 - ambient) * np.abs(normals @ LIGHT))[:, None], 0, 1)
-            # Edges of the faces' own colour close the hairlines between antialiased neighbours.
+            # Edges in the face's own colour close the hairlines between antialiased neighbours.
             looks = zip(_hexes(fill), _hexes(0.75 * fill) if lines else _hexes(fill), strict=True)
             depths = corners[..., 2].mean(axis=1).tolist()
             for depth, (inside, edge), shape in zip(depths, looks, at[rows].tolist(), strict=True):
@@ -134,13 +135,13 @@ class View:
         self.parts.append(f'<circle cx="{x}" cy="{y}" r="9" fill="none" stroke="{colour}" stroke-width="2"/>')
 
     def text(self, point: Float64Array, text: str, *, anchor: str = "start") -> None:
-        """Write words at a point."""
+        """Write text at a point."""
         x, y = self.pixels(point).tolist()
         self.parts.append(_text(x, y, text, size=10, anchor=anchor))
 
 
 class Picture:
-    """An SVG of so many pixels on white."""
+    """An SVG of the given size in pixels, on white."""
 
     def __init__(self, width: float, height: float) -> None:
         self.size = width, height
@@ -150,7 +151,7 @@ class Picture:
     def view(
         self, box: tuple[float, float, float, float], corners: tuple[Float64Array, Float64Array], title: str = ""
     ) -> View:
-        """Add a view of what is between two corners; what is outside its box is cut off."""
+        """Add a view of the region between two corners; anything outside its box is cut off."""
         found = View(box, corners, title)
         self._views.append(found)
         return found
@@ -158,7 +159,7 @@ class Picture:
     def grid(
         self, rows: int, columns: int, corners: tuple[Float64Array, Float64Array], titles: Iterable[str], *, bar: bool
     ) -> list[View]:
-        """Add views of the same corners from left to right and from top to bottom; `bar` leaves room at the right."""
+        """Add views of the same region from left to right and top to bottom; `bar` leaves room at the right."""
         width, height = (self.size[0] - (100 if bar else 0)) / columns, self.size[1] / rows
         return [
             self.view((k % columns * width + 4, k // columns * height + 34, width - 8, height - 38), corners, title)
@@ -166,7 +167,7 @@ class Picture:
         ]
 
     def text(self, x: float, y: float, text: str, *, size: float = 11, anchor: str = "start") -> None:
-        """Write words."""
+        """Write text."""
         self._parts.append(_text(x, y, text, size=size, anchor=anchor))
 
     def colour_bar(self, title: str, marks: Sequence[str], *, x: float, y: float, height: float) -> None:
@@ -180,7 +181,7 @@ class Picture:
             self.text(x, y - 8 - 14 * (title.count("\n") - row), part)
 
     def chart(self, chart: Chart, x: float, y: float) -> None:
-        """Add a chart with its upper left corner at a place."""
+        """Add a chart with its upper left corner at (x, y)."""
         self._parts.append(f'<g transform="translate({x} {y})">{as_svg(chart)}</g>')
 
     def svg(self) -> str:

@@ -1,8 +1,8 @@
-"""Describe a chart in a few words: panels with two axes, and lines, dots, boxes, cells and texts on them.
+"""Describe a chart in a few words: panels with two axes, and lines, dots, boxes, cells and text on them.
 
-A :class:`Panel` collects layers; :func:`beside` makes them the Vega-Lite view of a figure. Colours are those of Okabe
-and Ito, which colour-blind eyes tell apart; lines are named at their ends, and the side on which a method fails is
-shaded. Coordinates are in units of the data unless they say pixels.
+A :class:`Panel` collects layers; :func:`beside` makes them the Vega-Lite view of a figure. Colours are those of
+Okabe and Ito, which colour-blind eyes can distinguish. Lines are labelled at their ends, and the side on which a
+method fails is shaded. Coordinates are in units of the data unless pixels are stated.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from numpy.typing import ArrayLike
 from pdecodec.report.charts.vegalite import Chart
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#AA4499", "#56B4E9", "#767676"
-"""Of Okabe and Ito's palette but for purple and grey, which are darker so that text in them can be read."""
+"""Okabe and Ito's palette, with a darker purple and grey so that text in them stays legible."""
 
 FAILING, FAILURE = "#F3D9CC", "#8A3300"
-"""Behind the side of a chart on which a method has failed, and of the words there."""
+"""Shade of the side of a chart on which a method has failed, and colour of the text there."""
 
 INK = "@ink"
-"""The colour of text: dark on paper, light on a dark page."""
+"""Colour of text: dark on paper, light on a dark page."""
 
 DASHES, DOTTED = [5, 3], [2, 2]
 
 STAR = "M0,-1L.23,-.32L.95,-.31L.36,.12L.59,.81L0,.38L-.59,.81L-.36,.12L-.95,-.31L-.23,-.32Z"
-"""A shape of dots."""
+"""Shape of a star-shaped dot."""
 
 LABEL_GAP = 14.0
-"""Least distance between the middles of two labels [pixels]."""
+"""Smallest distance between the middles of two labels [pixels]."""
 
-MOST_TICKS = 9
-"""Of a logarithmic axis."""
+MAX_TICKS = 9
+"""Largest number of ticks on a logarithmic axis."""
 
 
-BEYOND = 1e-9
-"""Share of a logarithmic axis's lower end at which zeros are drawn."""
+ZERO_RATIO = 1e-9
+"""Zeros are drawn at this fraction of a logarithmic axis's lower end."""
 
 ORANGES = ("#FFF5EB", "#FDD0A2", "#FD8D3C", "#D94801", "#7F2704")
-"""Colours of cells from fine to failed."""
+"""Colours of cells from good to failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """An axis from its lower or left end to the other; `ticks` that have `names` show them."""
+    """An axis from its lower or left end to the other; with `names`, ticks show names."""
 
     title: str
     low: float
@@ -61,7 +61,7 @@ class Axis:
 
     @classmethod
     def around(cls, title: str, *values: ArrayLike, log: bool = False, **more: Any) -> Axis:
-        """Return the axis that holds all finite values, positive ones where it is logarithmic, with some margin."""
+        """Return an axis that holds all finite values (positive ones if logarithmic) with a margin."""
         every = np.concatenate([np.ravel(np.asarray(each, np.float64)) for each in values])
         every = every[np.isfinite(every) & ((every > 0) | (not log))]
         low, high = (float(every.min()), float(every.max())) if every.size else (1.0, 10.0)
@@ -73,12 +73,12 @@ class Axis:
 
     @classmethod
     def of_rows(cls, names: Sequence[str]) -> Axis:
-        """Return the axis of rows 0, 1, ... with names, the first at the top."""
+        """Return an axis of named rows 0, 1, ..., the first at the top."""
         return cls("", len(names) - 0.4, -0.6, ticks=range(len(names)), names=names, grid=False)
 
     @classmethod
     def of_columns(cls, title: str, names: Sequence[str]) -> Axis:
-        """Return the axis of columns 0, 1, ... with names."""
+        """Return an axis of named columns 0, 1, ..."""
         return cls(title, -0.5, len(names) - 0.5, ticks=range(len(names)), names=names, grid=False)
 
     def channel(self, field: str) -> dict[str, Any]:
@@ -102,11 +102,11 @@ class Axis:
         if last - first < 1:
             every = [float(f"{digit}e{power}") for power in range(first - 1, last + 1) for digit in (1, 2, 5)]
             return [tick for tick in every if low <= tick <= high]
-        step = -(-(last - first + 1) // MOST_TICKS)
+        step = -(-(last - first + 1) // MAX_TICKS)
         return [float(f"1e{power}") for power in range(first, last + 1, step)]
 
     def pixel(self, value: float, length: float) -> float:
-        """Return where a value is on an axis of so many pixels, from its lower end; what is beyond is at an end."""
+        """Return the position of a value on an axis of the given length in pixels, clamped to its ends."""
         low, high = sorted((self.low, self.high))
         inside = min(max(value, low), high) if math.isfinite(value) else high
         ends = [math.log(each) if self.log else each for each in (self.low, self.high, inside)]
@@ -117,14 +117,14 @@ Corners = tuple[float, float, float, float, str]
 """x, x2, y, y2 and a colour."""
 
 RAW_COLOUR = {"field": "colour", "type": "nominal", "scale": None}
-"""An encoding of colours that are in the data as they are."""
+"""Encoding of colours that stand in the data."""
 
-TOLD = {"content": "data"}
-"""A tooltip of all that a mark was drawn from."""
+TOOLTIP = {"content": "data"}
+"""Tooltip of all data of a mark."""
 
 
 class Panel:
-    """Layers on two axes, each drawn over those before; width and height [pixels] are those of the plotting area."""
+    """Layers on two axes, each drawn over those before. Width and height [pixels] are those of the plotting area."""
 
     def __init__(self, x: Axis, y: Axis, *, title: str = "", width: float = 330.0, height: float = 280.0) -> None:
         self.x, self.y = x, y
@@ -135,8 +135,8 @@ class Panel:
         """Return the Vega-Lite view."""
         for axis, name in ((self.x, "x"), (self.y, "y")):
             for row in (row for layer in self._layers for row in layer["data"]["values"] if axis.log and name in row):
-                # A logarithm has no place for zero: far beyond the axis, where lines are cut off.
-                row[name] = row[name] if row[name] is None or row[name] > 0 else BEYOND * min(axis.low, axis.high)
+                # A logarithmic axis has no zero: draw it far beyond the axis, where lines are cut off.
+                row[name] = row[name] if row[name] is None or row[name] > 0 else ZERO_RATIO * min(axis.low, axis.high)
         encoding = {"x": self.x.channel("x"), "y": self.y.channel("y")}
         named = {"title": self._title} if self._title else {}
         return {"width": self._width, "height": self._height, **named, "encoding": encoding, "layer": self._layers}
@@ -152,8 +152,16 @@ class Panel:
         dots: float = 0,
         width: float = 1.8,
     ) -> None:
-        """Draw a line through points in their order, broken where y is not finite; `dots` are their square pixels."""
-        mark: dict[str, Any] = {"type": "line", "color": colour, "strokeWidth": width, "clip": True, "tooltip": TOLD}
+        """Draw a line through points in order, broken where y is not finite; `dots` is the area of its dots
+        [pixels^2].
+        """
+        mark: dict[str, Any] = {
+            "type": "line",
+            "color": colour,
+            "strokeWidth": width,
+            "clip": True,
+            "tooltip": TOOLTIP,
+        }
         mark |= {"strokeDash": list(dashes)} if dashes else {}
         mark |= {"point": {"filled": True, "color": colour, "size": dots}} if dots else {}
         data = _data(x=x, y=y, name=name, at=np.arange(np.size(x)))
@@ -168,7 +176,7 @@ class Panel:
         labels: bool = True,
         **more: Any,
     ) -> None:
-        """Draw lines over the same x by name, (values, colour) each, named at their ends; `more` as :meth:`line`."""
+        """Draw lines over the same x by name, (values, colour) each, labelled at their ends; `more` as :meth:`line`."""
         for name, (values, colour) in named.items():
             self.line(x, values, colour, name=name, dashes=DASHES if name in dashed else (), **more)
         if labels:
@@ -176,12 +184,14 @@ class Panel:
             self.ends([(last, float(np.asarray(values)[-1]), name, c) for name, (values, c) in named.items()])
 
     def ends(self, items: Sequence[tuple[float, float, str, str]]) -> None:
-        """Name lines beside where they end, (x, y, text, colour) each, apart where they end together."""
+        """Label lines at their ends, (x, y, text, colour) each, with a gap between labels of lines that end
+        together.
+        """
         heights = [self._height - self.y.pixel(value, self._height) for _, value, _, _ in items]
         placed = np.array(heights)
         for before, after in pairwise(np.argsort(heights, kind="stable")):
             placed[after] = max(placed[after], placed[before] + LABEL_GAP)
-        # Moved down only so far: the whole column is put back around where it belongs.
+        # Labels were only moved down: move the whole column back to its centre.
         placed -= (placed - heights).mean() if len(heights) else 0.0
         low, high = sorted((self.y.low, self.y.high))
         for (x, value, text, colour), moved in zip(items, (placed - heights).tolist(), strict=True):
@@ -199,16 +209,18 @@ class Panel:
         size: float = 60,
         **more: Any,
     ) -> None:
-        """Draw marks of so many square pixels; `more` are properties of Vega-Lite's mark, as ``filled=False``."""
-        mark = {"type": "point", "filled": True, "opacity": 1, "clip": True, "tooltip": TOLD, "color": colour}
+        """Draw marks of the given area [pixels^2]; `more` are properties of Vega-Lite's mark, such as
+        ``filled=False``.
+        """
+        mark = {"type": "point", "filled": True, "opacity": 1, "clip": True, "tooltip": TOOLTIP, "color": colour}
         self._add(_data(x=x, y=y, name=name), {**mark, "shape": shape, "size": size, **more})
 
     def boxes(self, items: Iterable[Corners]) -> None:
-        """Fill boxes."""
+        """Draw filled boxes."""
         self._between(items, {"type": "rect"}, "fill")
 
     def segments(self, items: Iterable[Corners], *, width: float = 1.0, dashes: Sequence[float] = ()) -> None:
-        """Draw straight lines from corner to corner."""
+        """Draw straight lines between corners."""
         mark = {"type": "rule", "strokeWidth": width} | ({"strokeDash": list(dashes)} if dashes else {})
         self._between(items, mark, "stroke")
 
@@ -222,7 +234,7 @@ class Panel:
         self._add(_data(x=x, y=low, y2=high), {"type": "area", "color": colour, "clip": True}, y2={"field": "y2"})
 
     def level(self, *, x: float | None = None, y: float | None = None, dashes: Sequence[float] = DASHES) -> None:
-        """Draw a thin line over the whole panel, at an x or at a y."""
+        """Draw a thin line across the whole panel, at an x or at a y."""
         if x is not None:
             self.segments([(x, x, self.y.low, self.y.high, INK)], dashes=dashes)
         if y is not None:
@@ -238,7 +250,7 @@ class Panel:
         size: float = 11,
         bold: bool = False,
     ) -> None:
-        """Write words at places, (x, y, text, colour) each, `dx` and `dy` pixels to the right and below them."""
+        """Write texts at (x, y, text, colour) each, shifted by `dx` and `dy` pixels to the right and down."""
         x, y, words, colours = zip(*items, strict=True)
         mark = {"type": "text", "align": align, "baseline": "middle", "dx": dx, "dy": dy, "fontSize": size}
         mark |= {"lineBreak": "\n", "fontWeight": "bold" if bold else "normal"}
@@ -246,11 +258,11 @@ class Panel:
         self._add(data, mark, text={"field": "text", "type": "nominal"}, fill=RAW_COLOUR)
 
     def text(self, x: float, y: float, text: str, colour: str = INK, **more: Any) -> None:
-        """Write words at a place; `more` as :meth:`texts`."""
+        """Write a text at (x, y); `more` as :meth:`texts`."""
         self.texts([(x, y, text, colour)], **more)
 
     def text_at(self, text: str, x: float, y: float, colour: str, **more: Any) -> None:
-        """Write words at a place in pixels from the panel's upper left corner."""
+        """Write a text at pixels from the panel's upper left corner."""
         self.text(self.x.low, self.y.low, text, colour, **more)
         self._layers[-1]["encoding"] |= {"x": {"value": x}, "y": {"value": y}}
 
@@ -270,7 +282,7 @@ class Panel:
         left_of: float | None = None,
         at: float = 0.01,
     ) -> None:
-        """Shade the side of the panel on which a method fails, and say why; `at` places the words along the border."""
+        """Shade the side of the panel on which a method fails, and say why; `at` places the text along the border."""
         first, last, low, high = self.x.low, self.x.high, self.y.low, self.y.high
         if above is not None:
             low = max(above, min(low, high))
@@ -295,10 +307,10 @@ class Panel:
         title: str = "",
         marks: Mapping[Any, str] | None = None,
     ) -> None:
-        """Draw a map of coloured cells between edges x and y, (len(y) - 1, len(x) - 1) values.
+        """Draw a map of coloured cells between edges x and y, from (len(y) - 1, len(x) - 1) values.
 
-        `colours` are from low to high, or the name of one of Vega's schemes, which is turned round. With a title there
-        is a legend, with marks by value.
+        `colours` run from low to high, or name one of Vega's schemes, which is reversed. With a title there is a
+        legend, with marks by value.
         """
         grid = np.asarray(values, np.float64)
         rows, columns = (each.ravel() for each in np.indices(grid.shape))
@@ -319,11 +331,11 @@ class Panel:
             "legend": legend,
             "title": title.split("\n"),
         }
-        mark = {"type": "rect", "clip": True, "tooltip": TOLD}
+        mark = {"type": "rect", "clip": True, "tooltip": TOOLTIP}
         self._add(data, mark, x2={"field": "x2"}, y2={"field": "y2"}, color=colour)
 
     def borders(self, x: ArrayLike, y: ArrayLike, is_inside: ArrayLike, *, dashes: Sequence[float] = ()) -> None:
-        """Draw the border between cells of a map that are inside and those that are not."""
+        """Draw the border between the cells of a map that are inside and the others."""
         inside, x, y = np.asarray(is_inside, bool), np.asarray(x, np.float64), np.asarray(y, np.float64)
         across, along = np.argwhere(inside[:, 1:] != inside[:, :-1]), np.argwhere(inside[1:] != inside[:-1])
         found: list[Corners] = [(x[j + 1], x[j + 1], y[i], y[i + 1], "black") for i, j in across]
@@ -336,7 +348,7 @@ class Panel:
 
 
 def beside(*panels: Panel, columns: int | None = None) -> Chart:
-    """Return panels in one row, or in as many as so many columns take."""
+    """Return panels in one row, or in rows of `columns` panels."""
     if len(panels) == 1:
         return panels[0].view()
     views, shared = [panel.view() for panel in panels], {"scale": {"color": "shared"}}
@@ -344,7 +356,7 @@ def beside(*panels: Panel, columns: int | None = None) -> Chart:
 
 
 def edges(values: ArrayLike, *, log: bool = False) -> list[float]:
-    """Return the borders of cells around values: half-way between neighbours."""
+    """Return the borders of cells around values, half-way between neighbours."""
     at = np.log(np.asarray(values, np.float64)) if log else np.asarray(values, np.float64)
     middle = 0.5 * (at[:-1] + at[1:])
     found = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
@@ -352,7 +364,7 @@ def edges(values: ArrayLike, *, log: bool = False) -> list[float]:
 
 
 def _data(**columns: Any) -> dict[str, Any]:
-    """Return rows of plain values; numbers that are not finite become null, and words stand in every row."""
+    """Return rows of plain values; numbers that are not finite become null, and scalars are repeated in every row."""
     length = max(np.size(values) for values in columns.values() if not isinstance(values, str))
     plain = {
         name: [values] * length if isinstance(values, str) else [_plain(value) for value in np.ravel(values).tolist()]

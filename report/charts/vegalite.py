@@ -1,8 +1,8 @@
-"""Interactive charts: Vega-Lite descriptions, drawn into PNG and SVG here and by the reader's browser in the page.
+"""Interactive charts: Vega-Lite descriptions, rendered to PNG and SVG here and by the reader's browser in the page.
 
-One description serves all three. Colours of text and lines are the page's CSS variables there, so that charts follow
-light, dark and paper; series have colours that stand out on either. vl-convert, of the extra `report`, loads when
-something is drawn.
+One description serves all three. In the page, colours of text and lines are its CSS variables, so that charts follow
+light, dark and paper; series have colours that are visible on both. vl-convert, of the extra `report`, is loaded
+when something is drawn.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from typing import Any
 from pdecodec.errors import MissingExtraError
 
 Chart = Mapping[str, Any]
-"""A Vega-Lite view without schema, colours of text, and fonts: :func:`_complete` adds these."""
+"""A Vega-Lite view without schema, colours of text and fonts, which :func:`_complete` adds."""
 
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
-"""A name; nothing is loaded from there."""
+"""An identifier; nothing is loaded from this address."""
 
 VERSION = "6.4"
-"""Of Vega-Lite, of those that vl-convert brings: another could draw otherwise."""
+"""Version of Vega-Lite among those that vl-convert ships; another might draw differently."""
 
 PNG_SCALE = 2.0
-"""Pixels of a PNG for each of the chart's: sharp on paper and on dense screens."""
+"""PNG pixels per chart pixel: sharp on paper and on dense screens."""
 
 WIDTH = 640
-"""Of the plotting area of a chart that fills the page [pixels]; beside it stand names of series."""
+"""Width of the plotting area of a chart that fills the page [pixels]; names of series need room next to it."""
 
 _PAPER = {"ink": "#1a1a1a", "quiet": "#555555", "rule": "#dddddd", "background": "#ffffff"}
 
@@ -45,34 +45,34 @@ for (const place of document.querySelectorAll("div.chart")) {
     .catch((error) => { console.error(place.id, error); });
 }
 """
-"""Draws every chart of the page."""
+"""Script that draws every chart of the page."""
 
 
 def require_drawing() -> None:
-    """Raise MissingExtraError where charts cannot be drawn: better before hours of measuring than after."""
+    """Raise MissingExtraError if charts cannot be drawn: before hours of measuring, not after."""
     require_package("vl_convert", what="charts need", extra="report")
 
 
 def require_package(name: str, *, what: str, extra: str) -> None:
-    """Raise MissingExtraError, naming the extra to install, where a package is not there."""
+    """Raise MissingExtraError with the extra to install if a package is missing."""
     if importlib.util.find_spec(name) is None:
         raise MissingExtraError(f"{what} the package {name}; run: pip install 'pdecodec[{extra}]'")
 
 
 def as_svg(chart: Chart) -> str:
-    """Return the chart as it is printed; the same chart gives the same text."""
+    """Return the chart as an SVG for print; the same chart gives the same text."""
     import vl_convert
 
     whole = _complete(chart, _PAPER)
     drawn: str = vl_convert.vegalite_to_svg(whole, vl_version=VERSION, allowed_base_urls=[])
-    # Vega counts the names of clips through a process, and a picture may hold several charts.
+    # Vega numbers clips through a whole process, and a picture may hold several charts.
     own = hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:8]
     names = {name: f"{own}-{k}" for k, name in enumerate(dict.fromkeys(re.findall(r'id="(\w+)"', drawn)))}
     return re.sub(r'(?<=id=")\w+(?=")|(?<=url\(#)\w+(?=\))', lambda found: names.get(found[0], found[0]), drawn)
 
 
 def as_png(svg: str) -> bytes:
-    """Return an SVG as PNG, :data:`PNG_SCALE` pixels for one."""
+    """Return an SVG as a PNG with :data:`PNG_SCALE` pixels per pixel."""
     import vl_convert
 
     drawn: bytes = vl_convert.svg_to_png(svg, scale=PNG_SCALE)
@@ -80,13 +80,15 @@ def as_png(svg: str) -> bytes:
 
 
 def for_page(chart: Chart) -> str:
-    """The chart's description in JSON, for a script element: it cannot end the element."""
+    """Return the chart's description as JSON that cannot end the script element around it."""
     return json.dumps(_complete(chart, _PAGE), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
 
 
 @cache
 def page_script() -> str:
-    """What draws the charts of a page: Vega, Vega-Lite, and :data:`SCRIPT`; nothing is loaded from a network."""
+    """Return the scripts that draw the charts of a page: Vega, Vega-Lite and :data:`SCRIPT`; nothing loads from
+    a network.
+    """
     import vl_convert
 
     bundle: str = vl_convert.javascript_bundle(SCRIPT, vl_version=VERSION)
@@ -113,7 +115,7 @@ def _complete(chart: Chart, colours: Mapping[str, str]) -> dict[str, Any]:
 
 
 def log_axis(field: str, title: str, values: Sequence[float], *, number: str = "~g") -> dict[str, Any]:
-    """An encoding on a logarithmic axis with as many ticks as the positive `values` bear; `number` formats labels."""
+    """Return an encoding on a logarithmic axis with ticks that suit the positive `values`; `number` formats labels."""
     ticks = log_ticks([value for value in values if value > 0])
     return {
         "field": field,
@@ -125,7 +127,9 @@ def log_axis(field: str, title: str, values: Sequence[float], *, number: str = "
 
 
 def log_ticks(values: Sequence[float]) -> list[float]:
-    """Round numbers from below the smallest positive value to above the largest: 1, 2, 5 a decade, or decades."""
+    """Return round numbers from below the smallest positive value to above the largest: 1, 2, 5 per decade, or
+    decades.
+    """
     low, high = (min(values), max(values)) if values else (1.0, 10.0)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     steps = (1, 2, 5) if last - first <= 3 else (1, 3) if last - first <= 5 else (1,)
@@ -136,12 +140,12 @@ def log_ticks(values: Sequence[float]) -> list[float]:
 
 
 def channel(field: str, title: str | None = None, kind: str = "nominal", **more: Any) -> dict[str, Any]:
-    """An encoding of one field; without a title its axis or legend has none."""
+    """Return an encoding of one field; without a title its axis or legend has none."""
     return {"field": field, "type": kind, "title": title, **more}
 
 
 def tooltip(*fields: str | tuple[str | None, ...]) -> list[dict[str, Any]]:
-    """What is shown over a point: fields by name, or by name, format of the number and title."""
+    """Return the tooltip of a point: fields by name, or by name, number format and title."""
     shown = [(field,) if isinstance(field, str) else field for field in fields]
     return [
         {key: value for key, value in zip(("field", "format", "title"), item, strict=False) if value} for item in shown

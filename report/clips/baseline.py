@@ -1,6 +1,6 @@
-"""What a coder fulfils that is compared with pdecodec: an encoder with one length to turn, and a decoder.
+"""Interface of a coder to compare with: an encoder with one length to adjust, and a decoder.
 
-`pdecodec.research.baselines` implements it; whoever calls :func:`pdecodec.report.clips.making.make_report` may pass
+`pdecodec.research.baselines` implements it; callers of :func:`pdecodec.report.clips.making.make_report` may pass
 others.
 """
 
@@ -27,32 +27,31 @@ from pdecodec.mesh.sequence import Connectivity
 Quantised = TypeVar("Quantised")
 
 Encoder = Callable[[float], bytes]
-"""From a length [scene units] to bytes: the larger the length, the fewer bytes and the larger the error."""
+"""From a length [scene units] to bytes; a larger length gives fewer bytes and a larger error."""
 
 MOST_BITS = 52
-"""Of a rounded number: more are finer than a float64 tells apart."""
+"""Largest number of bits of a rounded number; more are finer than float64."""
 
 
 class UnreachableError(ValueError):
-    """A baseline cannot be as exact as it should; the message says why. Not a failure of a run: a result."""
+    """The baseline cannot be as exact as required; the message says why. This is a result, not a failed run."""
 
 
 class Baseline(ABC):
-    """One way to keep positions.
+    """One way to store positions.
 
     Attributes
     ----------
     name : str
-        In a few words, for tables.
+        A few words, for tables.
     source : str
         Where it is described.
     package : str or None
-        Python package that it needs, of the extra `baselines`; None: nothing beyond pdecodec's own.
+        Python package that it needs, of the extra `baselines`; None if pdecodec's own dependencies suffice.
     published : bool
-        Whether it is its source's scheme, coded as well as we can; False where a stage is added that the source
-        does not have.
+        Whether it is its source's scheme, coded as well as we can; False if a stage is added that the source lacks.
     adjustable : bool
-        Whether the length given to the encoder matters: if not, there is one size and one error.
+        Whether the length given to the encoder matters; otherwise there is one size and one error.
     """
 
     name: str
@@ -63,7 +62,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
-        """The encoder of one sequence, with all that does not depend on the length done.
+        """Return the encoder of one sequence, with all work done that does not depend on the length.
 
         Parameters
         ----------
@@ -74,31 +73,31 @@ class Baseline(ABC):
         Returns
         -------
         callable
-            ``encode(length) -> bytes``; raises :class:`UnreachableError` below the least length it can do.
+            ``encode(length) -> bytes``; raises :class:`UnreachableError` below the smallest length it supports.
         """
 
     @abstractmethod
     def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
-        """Positions from the bytes of its own encoder, (frames, vertices, 3) float32 [scene units]."""
+        """Decode positions, (frames, vertices, 3) float32 [scene units], from the bytes of its own encoder."""
 
     def effective_length(self, length: float) -> float:
-        """The one length that stands for all that give the same bytes as `length`; by default all differ."""
+        """Return the length that represents all lengths with the same bytes as `length`; by default all differ."""
         return length
 
     def missing(self) -> str | None:
-        """Why it cannot run here, with what to do about it; None where it can."""
+        """Return why it cannot run here and what to do about it; None if it can."""
         if self.package is None or importlib.util.find_spec(self.package) is not None:
             return None
         return f"{self.name} needs the package {self.package}: pip install 'pdecodec[baselines]'"
 
     def require(self) -> None:
-        """Raise MissingExtraError where :meth:`missing` has something to say."""
+        """Raise MissingExtraError if :meth:`missing` returns a reason."""
         reason = self.missing()
         if reason is not None:
             raise MissingExtraError(reason)
 
     def version(self) -> str:
-        """Return a digest that changes when results may: of the name, the code, and the package's version."""
+        """Return a digest that changes when results may: of the name, the code and the package's version."""
         folder = Path(str(sys.modules[type(self).__module__].__file__)).parent
         digest = hashlib.sha256(self.name.encode() + code_digest(folder))
         if self.package is not None:
@@ -108,7 +107,7 @@ class Baseline(ABC):
 
 @cache
 def code_digest(folder: Path) -> bytes:
-    """Return a digest of what a folder's modules and the rate search do, and of the range coder's bytes of some values.
+    """Return a digest of a folder's modules, of the rate search, and of the range coder's bytes of some values.
 
     Comments, docstrings and layout do not count.
     """
@@ -119,25 +118,27 @@ def code_digest(folder: Path) -> bytes:
 
 
 class _WithoutTexts(ast.NodeTransformer):
-    """Takes out docstrings and the texts under constants."""
+    """Removes docstrings and the texts under constants."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         return None if isinstance(node.value, ast.Constant) else node
 
 
 class Transform(Baseline, Generic[Quantised]):
-    """Rounds numbers of its own making, so that what it loses is known before anything is coded.
+    """A baseline that rounds numbers of its own, so that its loss is known before anything is coded.
 
-    Analysis, rounding, coding and synthesis are apart: a search for a length need not code at every step.
+    Analysis, rounding, coding and synthesis are separate: a search for a length need not code at every step.
     """
 
     @abstractmethod
     def analyse(self, points: Float32Array, connectivity: Connectivity) -> Callable[[float], Quantised]:
-        """What rounds one sequence, ``round_to(length) -> quantised``; as :meth:`prepare` otherwise."""
+        """Return a function that rounds one sequence, ``round_to(length) -> quantised``; parameters as
+        :meth:`prepare`.
+        """
 
     @abstractmethod
     def write(self, quantised: Quantised, connectivity: Connectivity) -> bytes:
-        """All that :meth:`read` needs to give the rounded numbers back as they were."""
+        """Return everything that :meth:`read` needs to restore the rounded numbers."""
 
     @abstractmethod
     def read(self, data: bytes, connectivity: Connectivity) -> Quantised:
@@ -145,7 +146,7 @@ class Transform(Baseline, Generic[Quantised]):
 
     @abstractmethod
     def synthesise(self, quantised: Quantised, connectivity: Connectivity) -> Float32Array:
-        """Positions that the rounded numbers stand for, (frames, vertices, 3) float32 [scene units]."""
+        """Return positions from the rounded numbers, (frames, vertices, 3) float32 [scene units]."""
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         round_to = self.analyse(points, connectivity)
@@ -156,7 +157,7 @@ class Transform(Baseline, Generic[Quantised]):
 
 
 def rounded(values: Float64Array, step: float) -> Int64Array:
-    """The nearest multiples of a step, in steps.
+    """Return the nearest multiples of a step, in steps.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Errors between frames: frames are left out of the encoding, and compared with what the decoder gives there.
+"""Errors between frames: leave frames out of the encoding, and compare them with what the decoder returns there.
 
-Beside it stand the ways in which animation tools fill in frames.
+The usual interpolations of animation tools are measured too.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.plots import Axis, Panel, beside
 
 STRIDES = (2, 4)
-"""Every second frame is kept, every fourth."""
+"""One in two frames is kept, or one in four."""
 
 BETWEEN_TOLERANCE = 1e-4
-"""Of the encoding: so tight that what is seen between frames is the interpolation, not the quantisation."""
+"""Tolerance of the encoding, so tight that errors between frames show the interpolation, not the quantisation."""
 
-VALUES_AT_A_TIME = 2**20
-"""Coordinates of kept frames interpolated at a time: the spline's coefficients then stay near 40 MB."""
+COORDINATE_BLOCK = 2**20
+"""Coordinates of kept frames that are interpolated together: the spline's coefficients stay near 40 MB."""
 
 PDECODEC = "pdecodec, profile auto"
 
@@ -37,9 +37,10 @@ Interpolation = Callable[[Float64Array, Float32Array, Float64Array], Float32Arra
 
 @dataclass(frozen=True)
 class BetweenRow:
-    """One way to get frames that were left out where one in `stride` was kept; errors are over the diagonal of frame 0.
+    """One interpolation of frames that were left out; errors are over the diagonal of frame 0.
 
-    `way` is :data:`PDECODEC` or of :data:`INTERPOLATIONS`, which start from the kept frames as they were, unquantised.
+    One frame in `stride` was kept. `way` is :data:`PDECODEC` or one of :data:`INTERPOLATIONS`, which start from the
+    kept frames unquantised.
     """
 
     clip: str
@@ -51,9 +52,9 @@ class BetweenRow:
 
 
 def measure_between(clip: str, sequence: ArraySequence, *, effort: EffortName) -> Iterator[BetweenRow]:
-    """Every way at every stride; nothing where a clip is too short to leave a frame out.
+    """Measure every interpolation at every stride; yield nothing if a clip is too short to leave a frame out.
 
-    Frames after the last one kept are not between frames and do not count.
+    Frames after the last kept one are not between frames and do not count.
     """
     for stride in STRIDES:
         kept = np.arange(0, sequence.frame_count, stride)
@@ -76,12 +77,12 @@ def measure_between(clip: str, sequence: ArraySequence, *, effort: EffortName) -
 
 
 def cubic_spline(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
-    """Cubic spline (not-a-knot) through the kept frames: the smoothest that animation tools offer."""
+    """Interpolate by a cubic spline (not-a-knot) through the kept frames: the smoothest that animation tools offer."""
     from scipy.interpolate import CubicSpline
 
     flat = points.reshape(len(points), -1)
     found = np.empty((len(times), flat.shape[1]), np.float32)
-    step = max(1, VALUES_AT_A_TIME // len(points))
+    step = max(1, COORDINATE_BLOCK // len(points))
     for start in range(0, flat.shape[1], step):
         columns = slice(start, start + step)
         found[:, columns] = CubicSpline(knots, flat[:, columns].astype(np.float64), axis=0)(times)
@@ -89,14 +90,14 @@ def cubic_spline(knots: Float64Array, points: Float32Array, times: Float64Array)
 
 
 def straight_lines(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
-    """Straight from kept frame to kept frame: what most players of point caches do."""
+    """Interpolate linearly between kept frames, as most players of point caches do."""
     before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     share = ((times - knots[before]) / (knots[before + 1] - knots[before]))[:, None, None]
     return np.asarray((1.0 - share) * points[before] + share * points[before + 1], np.float32)
 
 
 def nearest_frame(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
-    """The kept frame nearest in time, of two the earlier: what Alembic's library gives unless told otherwise."""
+    """Take the kept frame nearest in time, the earlier of two: the default of Alembic's library."""
     before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     is_later = knots[before + 1] - times < times - knots[before]
     return points[before + is_later]
@@ -107,18 +108,18 @@ INTERPOLATIONS: Mapping[str, Interpolation] = {
     "straight lines": straight_lines,
     "nearest frame (Alembic's default)": nearest_frame,
 }
-"""By name, in the order of tables."""
+"""Interpolations by name."""
 
 COLOURS = ("#0072B2", "#009E73", "#E69F00", "#D55E00")
 
 ORDINALS = {2: "second", 4: "fourth"}
 
 ERRORS = {"rms_error": "root mean square", "max_error": "maximum"}
-"""What is drawn, in words."""
+"""Errors that are drawn, with their titles."""
 
 
 def between_figure(rows: Sequence[BetweenRow]) -> Figure:
-    """Root mean square and maximum error of every way, for each stride."""
+    """Chart the root mean square and maximum error of every interpolation, for each stride."""
     ways = [PDECODEC, *INTERPOLATIONS]
     errors = [getattr(row, field) for row in rows for field in ERRORS]
     panels = []

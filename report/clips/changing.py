@@ -1,4 +1,4 @@
-"""A clip whose connectivity changes: what it costs, faces included, beside coders that code faces, too."""
+"""Cost of a clip whose connectivity changes, faces included, next to coders that code faces too."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.ratesearch import RateCurve
 
 CONNECTIVITY_SECTIONS = ("CONN", "ORDR")
-"""Faces, and the order that they and the vertices had."""
+"""Sections of the faces, and of the original order of faces and vertices."""
 
 ORDERS: dict[str, Order] = {"pdecodec auto": "keep", "pdecodec auto, order free": "free"}
-"""Ways to encode with pdecodec: what they are called, and what becomes of the order of vertices and faces."""
+"""Variants of pdecodec by name, with what happens to the order of vertices and faces."""
 
 COLOURS = (BLUE, SKY, ORANGE, GREEN, PURPLE)
 
@@ -43,7 +43,7 @@ search of Draco's step left out.
 
 @dataclass(frozen=True, kw_only=True)
 class ChangingPoint:
-    """What one coder made of a clip at one tolerance; None where it cannot keep the tolerance.
+    """One coder's result for a clip at one tolerance; None where it cannot keep the tolerance.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class ChangingPoint:
     size : int or None [bytes]
         Everything, connectivity included.
     connectivity : int or None [bytes]
-        Of it, where that is known apart.
+        The part of `size` for connectivity, if known.
     max_error, rms_error : float or None
         Over the first frame's diagonal.
     encode_seconds, decode_seconds : float or None
@@ -72,7 +72,7 @@ class ChangingPoint:
 
     @property
     def frame_size(self) -> float | None:
-        """Bytes a frame."""
+        """Bytes per frame."""
         return None if self.size is None else self.size / self.frames
 
 
@@ -111,7 +111,7 @@ def _measure_own(sequence: ChangingSequence, name: str, tolerance: float, plan: 
         for _ in animation.blocks():
             pass
         decode_seconds = time.perf_counter() - encoded
-        # With another order of vertices the encoder's own comparison, of decoded positions, is what there is.
+        # With another vertex order, only the encoder's own comparison of decoded positions is available.
         errors = report.max_error, report.rms_error
         if ORDERS[name] == "keep":
             found = measure_distortion(sequence, animation)
@@ -144,7 +144,7 @@ def _measure_baseline(
 
 
 class _Sums:
-    """What the runs of a clip take together."""
+    """Totals over the runs of a clip."""
 
     def __init__(self) -> None:
         self.refused = False
@@ -152,7 +152,7 @@ class _Sums:
         self._largest = self._squares = self._encode = self._decode = 0.0
 
     def add(self, curve: RateCurve, bound: float, positions: int) -> None:
-        """Add a run of so many positions within a bound [scene units]."""
+        """Add a run of `positions` positions within a bound [scene units]."""
         try:
             result = curve.reach(bound)
         except UnreachableError:
@@ -166,7 +166,7 @@ class _Sums:
         self._decode += result.decode_seconds
 
     def point(self, empty: ChangingPoint, scale: float) -> ChangingPoint:
-        """The measurement, at the coder and tolerance of an empty one."""
+        """Return the measurement, for the coder and tolerance of the given empty one."""
         return ChangingPoint(
             coder=empty.coder,
             tolerance=empty.tolerance,
@@ -180,7 +180,7 @@ class _Sums:
 
 
 def cost_table(points: Sequence[ChangingPoint]) -> Table:
-    """Bytes a frame, of all and of connectivity, errors and times."""
+    """Return bytes per frame (total and connectivity), errors and times."""
 
     def row(point: ChangingPoint) -> tuple[Value, ...]:
         faces = None if point.connectivity is None else point.connectivity / point.frames
@@ -201,7 +201,7 @@ def cost_table(points: Sequence[ChangingPoint]) -> Table:
 
 
 def changing_report(clip: str, sequence: ChangingSequence, points: Sequence[ChangingPoint], plan: ReportPlan) -> Report:
-    """The page of a clip whose connectivity changes."""
+    """Return the page of a clip whose connectivity changes."""
     lesson = _lesson(points)
     return Report(
         title=f"{clip}: what connectivity that changes costs",

@@ -1,4 +1,4 @@
-"""Coders beside each other: bytes against error, speed against both, bytes by section, numbers of the model."""
+"""Charts that compare coders: bytes against error, speed against both, bytes by section, numbers of the model."""
 
 from __future__ import annotations
 
@@ -17,18 +17,22 @@ OWN_COLOURS = {
     "auto, best": "#3F51B5",
     "paper": "#8F7AE5",
 }
-"""Of profiles, and of profile auto with another effort than the report's."""
+"""Colours of profiles, and of profile auto with other efforts than the report's."""
 
 BASELINE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7", "#A07A50", "#7FB03A", "#C0504D", "#889099")
-"""That stand out on white and on black; baselines of one colour have different shapes."""
+"""Colours that are visible on white and on black; baselines of the same colour have different shapes."""
 
 BASELINE_SHAPES = ("square", "triangle-up", "diamond", "cross", "triangle-down", "triangle-left", "triangle-right")
 
 PLAIN, DASHED = [1, 0], [5, 3]
-"""Dashes: baselines with a stage that their source does not have are dashed."""
+"""Dash patterns; baselines with a stage that their source lacks are dashed."""
 
-PICKED = {"name": "picked", "select": {"type": "point", "fields": ["coder"], "toggle": "true"}, "bind": "legend"}
-"""A click on a name in the legend shows its coder alone; further clicks add others, or take them away."""
+SELECTED_CODER = {
+    "name": "picked",
+    "select": {"type": "point", "fields": ["coder"], "toggle": "true"},
+    "bind": "legend",
+}
+"""A click on a name in the legend shows its coder alone; further clicks add or remove others."""
 
 HOW_TO_PICK = "Click names beside a chart to single them out; rest on a point for its figures."
 
@@ -43,32 +47,32 @@ ERRORS = {
     "normal_error": ("normals, mean", "mean angle between normals [degrees]", "~g"),
     "normal_p99": ("normals, 99th percentile", "99th percentile of the angle between normals [degrees]", "~g"),
 }
-"""What is drawn against the rate: field of a measurement, its name, title of its axis, format of its numbers."""
+"""Quantities drawn against the rate: field of a measurement, its name, axis title and number format."""
 
 PANEL_WIDTH, PANEL_HEIGHT = 330, 340
-"""Of two panels side by side [pixels]."""
+"""Size of each of two panels [pixels]."""
 
-BELOW_ALL = 0.3
-"""Where errors of zero are drawn, which a logarithm has no place for: over the smallest other error."""
+ZERO_ERROR_RATIO = 0.3
+"""Errors of zero, which a logarithmic axis lacks, are drawn at this ratio to the smallest other error."""
 
 DIRECTIONS = {"encode_rate": "encoding", "decode_rate": "opening and decoding"}
 
 BAR_HEIGHT = 34
-"""Of a tolerance's bar [pixels]."""
+"""Height of a tolerance's bar [pixels]."""
 
 
 def label(coder: str) -> str:
-    """A coder's name in charts and tables."""
+    """Return a coder's name for charts and tables."""
     return f"pdecodec {coder}" if coder in OWN_COLOURS else coder
 
 
 def distinct(values: Iterable[Any]) -> list[Any]:
-    """Each value once, in the order in which they first occur."""
+    """Return each value once, in the order of first occurrence."""
     return list(dict.fromkeys(values))
 
 
 def series(points: Sequence[Measurement]) -> dict[str, Any]:
-    """Vega-Lite encodings of colour, shape, dashes and width by coder, with a legend that singles one out."""
+    """Return Vega-Lite encodings of colour, shape, dashes and width by coder, with a legend that selects one."""
     first = {point.coder: point for point in reversed(points)}
     coders = distinct(point.coder for point in points)
     places = {coder: index for index, coder in enumerate(item for item in coders if first[item].kind == "baseline")}
@@ -88,7 +92,7 @@ def series(points: Sequence[Measurement]) -> dict[str, Any]:
 
 
 def _values(points: Iterable[Measurement], **more: Callable[[Measurement], Any]) -> list[dict[str, Any]]:
-    """Points as charts have them."""
+    """Return points as rows of chart data."""
     return [
         {
             "coder": label(point.coder),
@@ -101,7 +105,7 @@ def _values(points: Iterable[Measurement], **more: Callable[[Measurement], Any])
 
 
 def rate_figures(points: Sequence[Measurement]) -> list[Figure]:
-    """Bytes against each measure of error, and a table at equal maximum error."""
+    """Chart bytes against each measure of error, and tabulate them at equal maximum error."""
     measured = [field for field in ERRORS if any(getattr(point, field) is not None for point in points)]
     return [*(_rate_figure(points, field) for field in measured), _table_at_equal_error(points)]
 
@@ -119,7 +123,7 @@ def _rate_figure(points: Sequence[Measurement], field: str) -> Figure:
     )
     lines: dict[str, Any] = {
         "data": {"values": values},
-        "params": [PICKED],
+        "params": [SELECTED_CODER],
         "mark": LINE,
         "encoding": {
             "x": log_axis("bpvf", "bits per vertex and frame (raw: 96)", [point.bpvf or 0.0 for point in drawn]),
@@ -135,7 +139,7 @@ def _rate_figure(points: Sequence[Measurement], field: str) -> Figure:
             ),
         },
     }
-    # A logarithm has no place for what is exact: it is a rule at its rate.
+    # A logarithmic axis has no place for an error of zero: draw a rule at its rate.
     exact = {point.coder: point for point in drawn if error(point) == 0}.values()
     marks = [{"bpvf": point.bpvf, "text": f"{label(point.coder)}: exact"} for point in exact]
     place = {"x": {"field": "bpvf", "type": "quantitative"}}
@@ -186,12 +190,12 @@ def _table_at_equal_error(points: Sequence[Measurement]) -> Figure:
 
 
 def speed_figures(points: Sequence[Measurement], reference: float, efforts: Sequence[Measurement] = ()) -> list[Figure]:
-    """Speed against error over all tolerances, and against size at the one of reference, each with its Pareto front.
+    """Chart speed against error over all tolerances, and against size at the reference one, each with its Pareto front.
 
-    `efforts` are of profile auto with other efforts, at that tolerance.
+    `efforts` are measurements of profile auto with other efforts at that tolerance.
     """
     able = [point for point in points if point.reached and point.encode_rate and point.decode_rate]
-    exact = BELOW_ALL * min((point.max_error for point in able if point.max_error), default=reference)
+    exact = ZERO_ERROR_RATIO * min((point.max_error for point in able if point.max_error), default=reference)
     at_reference = [*(point for point in able if point.tolerance == reference), *efforts]
     return [
         _speed_figure(
@@ -213,7 +217,7 @@ def speed_figures(points: Sequence[Measurement], reference: float, efforts: Sequ
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Which (speed, cost) no other beats in both, larger in the first and smaller in the second, from slow to fast."""
+    """Return indices of the (speed, cost) pairs that no other beats in both, from slow to fast."""
     front: list[int] = []
     for index in sorted(range(len(points)), key=lambda index: (-points[index][0], points[index][1])):
         if not front or points[index][1] < points[front[-1]][1]:
@@ -270,7 +274,7 @@ def _speed_panel(
             },
             {
                 "data": {"values": values},
-                "params": [PICKED],
+                "params": [SELECTED_CODER],
                 "mark": {"type": "point", "filled": True, "opacity": 1},
                 "encoding": {
                     "x": x,
@@ -298,7 +302,7 @@ def _size_lesson(points: Sequence[Measurement]) -> str:
 
 
 def model_figures(points: Sequence[Measurement]) -> list[Figure]:
-    """Bytes by section of profile auto, and numbers of the model of every profile."""
+    """Chart bytes by section of profile auto, and numbers of the model of every profile."""
     profiles = [point for point in points if point.kind == "profile"]
     return [_sections([point for point in profiles if point.coder == "auto"]), _coefficients(profiles)]
 
@@ -349,7 +353,7 @@ def _coefficients(points: Sequence[Measurement]) -> Figure:
         "width": WIDTH,
         "height": 260,
         "data": {"values": _values(counted, numbers=lambda point: point.coefficients)},
-        "params": [PICKED],
+        "params": [SELECTED_CODER],
         "mark": LINE,
         "encoding": {
             "x": log_axis("tolerance", "tolerance", [point.tolerance for point in counted]),

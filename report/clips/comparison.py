@@ -1,4 +1,4 @@
-"""Two reports beside each other: what got better, what got worse, and whether it may pass."""
+"""Compare two reports: what got better, what got worse, and whether the change is acceptable."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from pdecodec.report.charts.figure import Figure, Table, Value
 from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.measurement import Measurement
 
-WORTH_SAYING = 0.001
-"""Change of bytes, as a share, from which on it is reported: less is a byte here or there."""
+MIN_GROWTH = 0.001
+"""Smallest relative change of bytes that is reported."""
 
-SLOWER = 0.25
-"""Change of speed, as a share, from which on it is reported: less is what machines do by themselves."""
+MIN_SLOWDOWN = 0.25
+"""Smallest relative change of speed that is reported; smaller ones are noise of the machine."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One point of an old report and the same one now: of the same clip, coder and tolerance."""
+    """The same point (clip, coder and tolerance) in an old report and now."""
 
     old: Measurement
     new: Measurement
 
     @property
     def growth(self) -> float | None:
-        """Change of the whole file as a share: 0.05 is five per cent larger; None where one has no bytes."""
+        """Relative change of the whole file: 0.05 is five per cent larger; None if one has no bytes."""
         if self.old.size is None or self.new.size is None:
             return None
         return self.new.whole_size / self.old.whole_size - 1.0
 
     @property
     def verdict(self) -> str:
-        """In a word or two."""
+        """Verdict in one or two words."""
         if self.growth is None:
             before, after = self.old.size is not None, self.new.size is not None
             return "no change" if before == after else "keeps the bound now" if after else "no longer keeps the bound"
-        if abs(self.growth) >= WORTH_SAYING:
+        if abs(self.growth) >= MIN_GROWTH:
             return "larger" if self.growth > 0 else "smaller"
         return "no change"
 
     @property
     def failed(self) -> bool:
-        """Whether a bound that was kept is kept no longer."""
+        """Whether a bound that was kept is no longer kept."""
         return self.old.reached and not self.new.reached
 
     def __str__(self) -> str:
@@ -54,7 +54,7 @@ class Change:
 
 
 def read_measurements(path: Path) -> list[Measurement]:
-    """The measured points of an earlier report's JSON.
+    """Read the measured points of an earlier report's JSON.
 
     Raises
     ------
@@ -75,14 +75,14 @@ def read_measurements(path: Path) -> list[Measurement]:
 
 
 def compare_measurements(old: Sequence[Measurement], new: Sequence[Measurement]) -> list[Change]:
-    """Points that both have, in the order of the new report."""
+    """Return the points that both reports have, in the order of the new one."""
     before = {(point.clip, point.coder, point.tolerance): point for point in old}
     pairs = [(before.get((point.clip, point.coder, point.tolerance)), point) for point in new]
     return [Change(point, now) for point, now in pairs if point is not None]
 
 
 def too_large(changes: Sequence[Change], allowed: float) -> list[Change]:
-    """Changes of pdecodec's own points that fail: larger by more than `allowed`, or the bound is kept no longer."""
+    """Return pdecodec's own points that fail: larger by more than `allowed`, or with a bound no longer kept."""
     return [change for change in _own(changes) if change.failed or (change.growth or 0.0) > allowed]
 
 
@@ -91,7 +91,7 @@ def _own(changes: Sequence[Change]) -> list[Change]:
 
 
 def comparison_figure(changes: Sequence[Change]) -> Figure:
-    """The changes of pdecodec's own points, in a table."""
+    """Tabulate the changes of pdecodec's own points."""
     own = _own(changes)
     columns: dict[str, list[Value]] = {
         "clip": [change.new.clip for change in own],
@@ -114,20 +114,22 @@ def comparison_figure(changes: Sequence[Change]) -> Figure:
 
 
 def comparison_text(changes: Sequence[Change]) -> str:
-    """In two sentences, what got better and what got worse."""
+    """Summarise in two sentences what got better and what got worse."""
     own = _own(changes)
     if not own:
         return "The earlier report has no point in common with this one."
     verdicts = [change.verdict for change in own]
     counts = [f"{verdicts.count(verdict)} {verdict}" for verdict in distinct(verdicts)]
-    slower = [change for change in own if (_share(change.new.encode_rate, change.old.encode_rate) or 0) < -100 * SLOWER]
+    slower = [
+        change for change in own if (_share(change.new.encode_rate, change.old.encode_rate) or 0) < -100 * MIN_SLOWDOWN
+    ]
     worst = max(own, key=lambda change: change.growth or 0.0)
     said = f"Of {len(own)} points of pdecodec: {', '.join(counts)}."
-    if worst.growth is not None and worst.growth >= WORTH_SAYING:
+    if worst.growth is not None and worst.growth >= MIN_GROWTH:
         name = f"{worst.new.clip} under {label(worst.new.coder)} at {worst.new.tolerance:g}"
         said += f" Most grew {name}, by {100 * worst.growth:.2g} %."
     if slower:
-        said += f" {len(slower)} are encoded more than {100 * SLOWER:.0f} % slower."
+        said += f" {len(slower)} are encoded more than {100 * MIN_SLOWDOWN:.0f} % slower."
     return said
 
 

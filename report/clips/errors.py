@@ -19,32 +19,34 @@ from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.viewer.view import difference, view_page
 
 WORST_VERTICES = 20
-"""Named in the table."""
+"""Number of worst vertices in the table."""
 
-MOST_COORDINATES = 30_000_000
-"""Of a clip whose page has its errors: about 2 bytes each."""
+MAX_COLOURED_COORDINATES = 30_000_000
+"""Largest clip, in coordinates, whose page has its errors: about 2 bytes each."""
 
 COLOURS = ("#D55E00", "#0072B2")
 
-MOST_FACES = 60_000
-"""Faces that are drawn one by one; of larger meshes the vertices are, which takes seconds instead of minutes."""
+MAX_DRAWN_FACES = 60_000
+"""Largest number of faces that are drawn one by one; larger meshes are drawn as vertices, in seconds instead of
+minutes.
+"""
 
 LEAST_RADIUS, MOST_RADIUS, DISC_AREA = 0.5, 5.0, 17_000.0
-"""Radius of a vertex's disc [pixels], and the area over pi that all of them cover together."""
+"""Smallest and largest radius of a vertex's disc [pixels], and the area over pi that all discs cover together."""
 
 AMBIENT = 0.75
-"""Of the light: colours are to be read off, and the shape still to be seen."""
+"""Fraction of ambient light: colours must be readable, and the shape visible."""
 
-WEAKEST = 0.12
-"""Of the colours, so that what is exact is seen on white, too."""
+WEAKEST_COLOUR = 0.12
+"""Weakest colour, so that exact parts are visible on white."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorField:
     """Errors of one decoded file, over the diagonal of frame 0, float64.
 
-    E_An and E_Mn of Eqs. 26 and 27, (frames,); the largest of each vertex over all frames and those of the worst frame,
-    (vertices,); what was decoded at the worst frame, (vertices, 3) [scene units]; and the file.
+    E_An and E_Mn of Eqs. 26 and 27, (frames,); each vertex's largest error over all frames and its error at the
+    worst frame, (vertices,); positions decoded at the worst frame, (vertices, 3) [scene units]; and the file.
     """
 
     tolerance: float
@@ -58,16 +60,16 @@ class ErrorField:
 
 
 def moving_errors(name: str, sequence: ArraySequence, field: ErrorField) -> str:
-    """A page that plays the decoded file in colours of its error; of very long clips without the colours."""
+    """Return a page that plays the decoded file coloured by its error; very long clips lack the colours."""
     original = None
-    if sequence.points.size <= MOST_COORDINATES:
+    if sequence.points.size <= MAX_COLOURED_COORDINATES:
         with open_animation(field.coded) as animation:
             original = difference(animation, sequence, name)
     return view_page(name, [(f"{name} at {field.tolerance:g}", field.coded)], original=original)
 
 
 def measure_field(sequence: ArraySequence, *, tolerance: float, effort: EffortName) -> ErrorField:
-    """Encode under profile "auto", decode, and keep where the errors are."""
+    """Encode with profile "auto", decode, and record where the errors are."""
     report = encode(sequence, tolerance=tolerance, effort=effort)
     scale = frame_scale(sequence.points[0])
     meter = DistortionMeter(scale=scale)
@@ -98,7 +100,7 @@ def _distances(reference: Float32Array, other: Float32Array) -> Float64Array:
 
 
 def error_figures(sequence: ArraySequence, field: ErrorField) -> list[Figure]:
-    """Error by frame, and the mesh coloured by it."""
+    """Chart the error by frame, and draw the mesh coloured by it."""
     return [_over_time(sequence, field), _over_mesh(sequence, field)]
 
 
@@ -161,7 +163,7 @@ def error_picture(sequence: ArraySequence, field: ErrorField) -> str:
     ):
         seen = as_seen(points.astype(np.float64) @ turn.T)
         view = picture.view((left, 40, 430, 430), extent(seen, margin=0.03 * float(np.ptp(seen, axis=0).max())), title)
-        _draw(view, seen, sequence.connectivity, WEAKEST + (1 - WEAKEST) * errors / field.tolerance)
+        _draw(view, seen, sequence.connectivity, WEAKEST_COLOUR + (1 - WEAKEST_COLOUR) * errors / field.tolerance)
         if points is field.worst_points:
             view.ring(seen[field.distortion.worst_vertex], COLOURS[1])
     picture.colour_bar(f"error over the\nbound of {field.tolerance:g}", ("0", "0.5", "1"), x=905, y=140, height=220)
@@ -169,7 +171,7 @@ def error_picture(sequence: ArraySequence, field: ErrorField) -> str:
 
 
 def _draw(view: View, seen: Float64Array, connectivity: Connectivity, shares: Float64Array) -> None:
-    has_faces = 0 < connectivity.face_count <= MOST_FACES
+    has_faces = 0 < connectivity.face_count <= MAX_DRAWN_FACES
     if has_faces:
         polygons = polygons_of(connectivity)
         view.mesh(seen, polygons, [heat_colours(shares[rows].max(axis=1)) for rows in polygons], ambient=AMBIENT)
@@ -183,11 +185,11 @@ def _draw(view: View, seen: Float64Array, connectivity: Connectivity, shares: Fl
 
 
 def _axes_for_view(sequence: ArraySequence) -> Float64Array:
-    """(3, 3): from the scene's axes to right, up and towards the viewer; the wide side is seen."""
+    """Return axes, (3, 3), from the scene to right, up and towards the viewer, who sees the wide side."""
     up = {"X": 0, "Z": 2}.get(str(sequence.metadata.get("up_axis", "Y")).upper(), 1)
     wide = np.ptp(sequence.points[0].astype(np.float64), axis=0)
     first, second = (up + 1) % 3, (up + 2) % 3
     axes = np.eye(3)
-    # Right, up, towards: a right-handed frame either way.
+    # Right, up, towards: a right-handed frame in both cases.
     right, towards = (axes[second], axes[first]) if wide[second] >= wide[first] else (axes[first], -axes[second])
     return np.stack([right, axes[up], towards])

@@ -1,4 +1,4 @@
-"""Making a report: find clips, measure each, write its page, and where there are several, one page of them all."""
+"""Make a report: find clips, measure each, write its page, and for several clips one page of them all."""
 
 from __future__ import annotations
 
@@ -26,16 +26,18 @@ from pdecodec.report.clips.recommendation import recommend
 from pdecodec.report.clips.why import measure_alternatives
 from pdecodec.system.whole_output import whole_file
 
-KEPT = "measurements.json"
-"""In the report's folder: what an interrupted run, or another one, need not measure again."""
+KEPT_FILE = "measurements.json"
+"""File in the report's folder with measurements that another run need not repeat."""
 
 SUMMARY = "summary.md"
 
 
 @dataclass(frozen=True)
 class ReportResult:
-    """What a report found: its page, all points, changes beside an earlier report if there is one, a summary in
-    Markdown for a pull request, and how many points were measured now and kept from before.
+    """Result of a report.
+
+    Its page, all points, changes against an earlier report if there is one, a Markdown summary for a pull request,
+    and how many points were measured now and how many taken from before.
     """
 
     page: Path
@@ -51,7 +53,7 @@ class ReportResult:
         return [point for point in self.points if point.kind == "profile" and not point.reached]
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything a dashboard wants, ready for JSON."""
+        """Return everything a dashboard needs, ready for JSON."""
         advice = {
             clip: [
                 {"use": item.use.name, "text": item.text, "take": None if item.point is None else item.point.to_dict()}
@@ -89,11 +91,11 @@ def make_report(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> ReportResult:
-    """Measure clips, one in memory at a time, and write their report into `directory`, made where it is not there.
+    """Measure clips, one in memory at a time, and write their report into `directory`, which is made if missing.
 
-    With `several`, each clip has a page of its own, in a folder of its name, beside the one of all. `skipped` says why
-    baselines that are not there are not, `old` is an earlier report to compare with, and `fresh` measures what an
-    earlier run has kept, too. Clips whose connectivity changes have pages of their own kind, and no share in tables of
+    With `several`, each clip has a page of its own, in a folder of its name, next to the page of all. `skipped` says
+    why missing baselines are missing, `old` is an earlier report to compare with, and `fresh` also measures what an
+    earlier run has kept. Clips whose connectivity changes have their own kind of page and do not appear in tables of
     several clips.
 
     Raises
@@ -101,10 +103,10 @@ def make_report(
     MissingExtraError
         If charts cannot be drawn here.
     InputError
-        If a clip cannot be read or measured; what was measured until then is kept.
+        If a clip cannot be read or measured; measurements made before are kept.
     """
     require_drawing()
-    kept = KeptMeasurements(directory / KEPT, fresh=fresh)
+    kept = KeptMeasurements(directory / KEPT_FILE, fresh=fresh)
     points: list[Measurement] = []
     between: list[BetweenRow] = []
 
@@ -117,7 +119,7 @@ def make_report(
     names = []
     costs = []
     for name, sequence in clips:
-        # Not before a clip could be opened: a wrong name leaves nothing behind.
+        # Only after a clip could be opened: a wrong name leaves nothing behind.
         directory.mkdir(parents=True, exist_ok=True)
         if isinstance(sequence, ChangingSequence):
             names.append(name)
@@ -154,7 +156,7 @@ def make_report(
 
 
 def _changing(name: str, sequence: ChangingSequence, plan: ReportPlan, progress: Progress | None) -> tuple[Report, str]:
-    """The page of a clip whose connectivity changes, and its part of the summary."""
+    """Return the page of a clip whose connectivity changes, and its part of the summary."""
     with naming_file(name):
         points = measure_changing(name, sequence, plan, progress)
     page = changing_report(name, sequence, points, plan)
@@ -183,7 +185,7 @@ def _measure(
 
 
 def _with_points(report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None) -> Report:
-    """The report with every point in its last section, and in its first the comparison, if there is one."""
+    """Return the report with every point in its last section, and the comparison, if any, in its first."""
     sections = list(report.sections)
     names = [name for name in points[0].to_dict() if name != "sections"]
     rows = [point.to_dict() | {"coder": label(point.coder)} for point in points]
@@ -202,7 +204,7 @@ def _with_points(report: Report, points: Sequence[Measurement], changes: Sequenc
 def _summary(
     report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None, plan: ReportPlan, *, several: bool
 ) -> str:
-    """Markdown of what a reviewer wants to see: a table, the advice, and what changed."""
+    """Return Markdown for a reviewer: a table, the advice, and what changed."""
     parts = [f"## {report.title}", report.summary]
     if changes is not None:
         parts.append(f"**Beside the earlier report.** {comparison_text(changes)}")
@@ -216,11 +218,11 @@ def _summary(
 
 
 def find_clips(given: Sequence[Path], extensions: Sequence[str], frame_extensions: Sequence[str]) -> dict[str, Path]:
-    """Every clip by a name of its own, in order; InputError if a folder holds none.
+    """Return every clip under a unique name, in order; raise InputError if a folder holds none.
 
-    A file, a pattern or a folder of frames is a clip; of another folder every file and every folder of frames in it is
-    one. Extensions, lower case with the dot, are of files that hold a clip and of those that hold a frame. Names are
-    those of files without extension; where two are equal, with it, and then with their folder.
+    A file, a pattern or a folder of frames is one clip. Of any other folder, each file and each folder of frames in
+    it is one. Extensions, lower case with the dot, are those of files that hold a clip and of those that hold a
+    frame. Names are file names without extension; equal names get their extension, and then their folder.
     """
     paths: list[Path] = []
     for path in given:

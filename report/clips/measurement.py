@@ -1,6 +1,6 @@
 """One measured point, a coder on a clip at a tolerance; and points kept from run to run.
 
-What is kept lets a report that was cut off go on where it was.
+Kept points let an interrupted report resume.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Kind = Literal["profile", "baseline"]
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What one coder made of one clip at one tolerance; all of it is None where the coder cannot keep the tolerance.
+    """One coder's result for one clip at one tolerance; all values are None if the coder cannot keep the tolerance.
 
     Attributes
     ----------
@@ -35,35 +35,35 @@ class Measurement:
         A profile of pdecodec, or a baseline's name.
     kind : {"profile", "baseline"}
     published : bool
-        False where a baseline has a stage that its source does not describe.
+        False if a baseline has a stage that its source does not describe.
     tolerance : float
         Largest Euclidean vertex distance allowed, over frame 0's diagonal.
     refusal : str or None
         Why the coder cannot keep the tolerance.
     frames, vertices : int
     size : int or None [bytes]
-        All that a decoder needs but connectivity and attributes.
+        Everything that a decoder needs except connectivity and attributes.
     constant_size : int [bytes]
-        Connectivity, order and attributes as pdecodec keeps them: the same for every coder.
+        Connectivity, order and attributes as pdecodec stores them: the same for every coder.
     max_error, rms_error, p99_error : float or None
-        Over frame 0's diagonal, of what came back from the bytes.
+        Over frame 0's diagonal, of the positions decoded from the bytes.
     within : float or None
-        Share of positions within the tolerance.
+        Fraction of positions within the tolerance.
     kg_error : float or None [%]
-        None, too, where every frame is a single point.
+        None, too, if every frame is a single point.
     normal_error, normal_p99 : float or None [degrees]
         Mean and 99th percentile of the angle between normals; None without faces.
     sted : float or None
         Spatio-temporal edge difference (:mod:`pdecodec.mesh.surface_metrics`); None without edges.
     encode_seconds, decode_seconds, copy_seconds, random_seconds : float or None
-        Of encoding; of opening and decoding all; of `np.copyto` of the same positions; of one frame at a random time
-        of an open file (None for baselines, which have no times).
+        Of encoding; of opening and decoding all; of `np.copyto` of the same positions; of one frame at a random time of
+        an open file (None for baselines, which have no times).
     coefficients : int or None
         Numbers that the motion is made of (profiles).
     sections : dict of str to int [bytes]
-        Of the file (profiles); the sum is the file.
+        Bytes by section (profiles); they add up to the file.
     summary : str
-        What model was taken and why (profiles).
+        Which model was chosen and why (profiles).
     """
 
     clip: str
@@ -109,7 +109,7 @@ class Measurement:
 
     @property
     def bpvf(self) -> float | None:
-        """Bits per vertex and frame, connectivity and attributes left out."""
+        """Bits per vertex and frame, without connectivity and attributes."""
         if self.size is None:
             return None
         return bits_per_vertex_frame(self.size, vertices=self.vertices, frames=self.frames)
@@ -121,23 +121,23 @@ class Measurement:
 
     @property
     def encode_rate(self) -> float | None:
-        """Raw float32 taken in [MB/s]."""
+        """Raw float32 encoded per second [MB/s]."""
         return None if not self.encode_seconds else self.raw_size / 1e6 / self.encode_seconds
 
     @property
     def decode_rate(self) -> float | None:
-        """Raw float32 given back, opening included [MB/s]."""
+        """Raw float32 decoded per second, opening included [MB/s]."""
         return None if not self.decode_seconds else self.raw_size / 1e6 / self.decode_seconds
 
     @property
     def decode_multiple(self) -> float | None:
-        """Time of opening and decoding all, over that of a copy of the result."""
+        """Time to open and decode everything, over that of a copy of the result."""
         if not self.decode_seconds or not self.copy_seconds:
             return None
         return self.decode_seconds / self.copy_seconds
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields and what follows from them, ready for JSON."""
+        """Return fields and derived values, ready for JSON."""
         return asdict(self) | {name: getattr(self, name) for name in DERIVED}
 
     @classmethod
@@ -160,18 +160,18 @@ class Measurement:
 
 
 DERIVED = ("bpvf", "ratio", "encode_rate", "decode_rate", "decode_multiple")
-"""Properties of a measurement that are written, too."""
+"""Properties of a measurement that are written too."""
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:
-    """Return the types that a field of some annotation may have in JSON, where whole numbers have no point."""
+    """Return the types that a field of some annotation may have in JSON, where whole numbers lack a point."""
     parts = get_args(hint) if isinstance(hint, UnionType) else (hint,)
     plain = [str if get_origin(part) is Literal else get_origin(part) or part for part in parts]
     return (*plain, *([int] if float in plain else []))
 
 
 def best_baseline(points: Iterable[Measurement], tolerance: float, *, published: bool = False) -> Measurement | None:
-    """The baseline with the fewest bytes that keeps a tolerance, of all or of those that are as published."""
+    """Return the baseline of fewest bytes that keeps a tolerance, among all or among those as published."""
     able = [
         point
         for point in points
@@ -184,15 +184,14 @@ def best_baseline(points: Iterable[Measurement], tolerance: float, *, published:
 
 
 def size_ratio(point: Measurement, other: Measurement | None) -> float | None:
-    """Bytes of one over those of another, connectivity left out."""
+    """Return the bytes of one over those of another, without connectivity."""
     return None if other is None or not other.size or point.size is None else point.size / other.size
 
 
 class KeptMeasurements:
-    """Measurements by what they are of, in a JSON file that is written after every new one; how many were new and
-    found.
+    """Measurements by key, in a JSON file that is written after every new one; counts new and found ones.
 
-    With `fresh` everything is measured anew. InputError is raised if the file is not one of these.
+    With `fresh`, everything is measured anew. Raises InputError if the file is of another kind.
     """
 
     def __init__(self, path: Path, *, fresh: bool = False) -> None:
@@ -201,7 +200,7 @@ class KeptMeasurements:
         self._points: dict[str, dict[str, Any]] = _read(path) if path.exists() and not fresh else {}
 
     def find(self, key: str, clip: str) -> Measurement | None:
-        """The measurement of a key (:func:`measurement_key`), under the name that its clip has now."""
+        """Return the measurement of a key (:func:`measurement_key`), under the clip's present name."""
         if key not in self._points:
             return None
         self.kept += 1
@@ -211,7 +210,7 @@ class KeptMeasurements:
         """Add a measurement, and write the file."""
         self.measured += 1
         self._points[key] = point.to_dict()
-        # Another run may have kept measurements in the meantime.
+        # Another run may have added measurements in the meantime.
         on_disk = _read(self._path) if self._path.exists() else {}
         with whole_file(self._path, overwrite=True) as partial:
             partial.write_text(json.dumps({**on_disk, **self._points}, indent=1, sort_keys=True), encoding="utf-8")
@@ -228,12 +227,12 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def measurement_key(digest: str, version: str, tolerance: float) -> str:
-    """What a measurement is kept under: a clip's digest, its coder's version, and the tolerance."""
+    """Return the key of a measurement: a clip's digest, its coder's version, and the tolerance."""
     return hashlib.sha256(f"{digest} {version} {tolerance!r}".encode()).hexdigest()[:32]
 
 
 def clip_digest(sequence: ArraySequence) -> str:
-    """Of all that coders are given: positions, times, faces, lines, names and attributes."""
+    """Return a digest of everything that coders are given: positions, times, faces, lines, names and attributes."""
     digest = hashlib.sha256(repr(sequence.points.shape).encode())
     digest.update(sequence.points.tobytes())
     digest.update(sequence.times.tobytes())
@@ -249,7 +248,7 @@ def clip_digest(sequence: ArraySequence) -> str:
 
 @cache
 def codec_version() -> str:
-    """Return a digest of the codec's code and its native core: it changes when files or speed may."""
+    """Return a digest of the codec's code and its native core; it changes when files or speed may."""
     digest = hashlib.sha256(Path(str(_core.__file__)).read_bytes())
     folder = Path(pdecodec.__file__).parent
     for path in sorted([*folder.glob("codec/**/*.py"), *folder.glob("mesh/*.py")]):

@@ -1,8 +1,8 @@
-"""Measuring a clip: encode, decode the bytes again, compare; nothing is believed that did not come back from bytes.
+"""Measure a clip: encode, decode the bytes again, compare; only decoded bytes count.
 
-Profiles use every core themselves and are measured one after the other, alone. Baselines use one core each; so many run
-at a time as the plan says, in worker processes. What an earlier run has kept is not measured again. Times are
-medians, since this or that run is always disturbed.
+Profiles use every core and are measured one after the other. Baselines use one core each; the plan says how many run
+at a time, in worker processes. Measurements kept from an earlier run are not repeated. Times are medians, because
+some runs are always disturbed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pdecodec.report.clips.ratesearch import RateCurve
 from pdecodec.system.workers import Worker, WorkerError, call_workers
 
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-"""From what is seen in the background to what an archive wants: two a decade."""
+"""From objects in the background to archives: two per decade."""
 
 PROFILES: tuple[Profile, ...] = ("auto", "paper")
 
@@ -41,23 +41,24 @@ JOBS = 2
 """Baselines measured at a time."""
 
 WARM_UP_FRAMES = 8
-"""Encoded and decoded once before anything is timed, so that loading libraries is not."""
+"""Frames encoded and decoded before timing, so that loading libraries is not timed."""
 
 RUNS = 5
-"""The median of these counts."""
+"""Timed runs; their median counts."""
 
 COPY_RUNS = 15
-"""Copies are short, so that one disturbance is much."""
+"""Timed copies; copies are short, so one disturbance weighs much."""
 
 RANDOM_FRAMES = 100
-"""Times at which single frames are decoded."""
+"""Number of random times at which single frames are decoded."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportPlan:
-    """What is measured: tolerances from coarse to fine, profiles, baselines that can run here, baselines that code
-    faces as well (for clips whose connectivity changes), the effort of profile auto, and how many baselines are
-    measured at a time.
+    """What to measure.
+
+    Tolerances from coarse to fine, profiles, baselines that can run here, baselines that also code faces (for clips
+    whose connectivity changes), the effort of profile auto, and the number of baselines measured at a time.
     """
 
     tolerances: tuple[float, ...] = TOLERANCES
@@ -69,17 +70,17 @@ class ReportPlan:
 
     @property
     def points(self) -> int:
-        """How many measurements a clip has."""
+        """Number of measurements per clip."""
         return (len(self.profiles) + len(self.baselines)) * len(self.tolerances)
 
 
 def measure_clip(
     clip: str, sequence: ArraySequence, plan: ReportPlan, kept: KeptMeasurements, *, progress: Progress | None = None
 ) -> list[Measurement]:
-    """Every measurement of a clip, in the order of the plan: profiles, then baselines, each from coarse to fine.
+    """Measure a clip in the order of the plan: profiles, then baselines, each from coarse to fine.
 
-    What is kept is not measured again; what is new is kept as soon as it is there. InputError is raised if a process
-    that measures baselines ended, as happens where memory runs out.
+    Kept measurements are not repeated; new ones are kept at once. Raises InputError if a process that measures
+    baselines ended, as happens when memory runs out.
     """
     digest = clip_digest(sequence)
     found: dict[tuple[str, float], Measurement] = {}
@@ -92,7 +93,7 @@ def measure_clip(
             progress(len(found), plan.points, f"{clip}: {point.coder}")
 
     def missing(version: str) -> list[float]:
-        """Tolerances of which nothing is kept; what is kept is taken."""
+        """Return tolerances without a kept measurement; take the others."""
         there = {item: kept.find(measurement_key(digest, version, item), clip) for item in plan.tolerances}
         for point in there.values():
             if point is not None:
@@ -119,9 +120,10 @@ def measure_clip(
 def measure_efforts(
     clip: str, sequence: ArraySequence, plan: ReportPlan, kept: KeptMeasurements, *, tolerance: float
 ) -> Iterator[Measurement]:
-    """Profile auto with the efforts that are not the plan's, each a coder of its own; none where auto is not measured.
+    """Measure profile auto with the efforts that are not the plan's, each as a coder of its own; none if auto is not
+    measured.
 
-    What is kept is not measured again; what is new is kept as soon as it is there.
+    Kept measurements are not repeated; new ones are kept at once.
     """
     digest = clip_digest(sequence)
     for effort in get_args(EffortName) if "auto" in plan.profiles else ():
@@ -148,12 +150,12 @@ def measure_profile(
     tolerance: float,
     effort: EffortName = "default",
 ) -> Measurement:
-    """Encode under a profile, decode the bytes, compare.
+    """Encode with a profile, decode the bytes, compare.
 
     Raises
     ------
     AssertionError
-        If connectivity came back otherwise.
+        If decoding changed the connectivity.
     """
     started = time.perf_counter()
     report = encode(sequence, profile=profile, tolerance=tolerance, effort=effort)
@@ -198,7 +200,7 @@ def measure_profile(
 def measure_baseline(
     clip: str, sequence: ArraySequence, baseline: Baseline, tolerances: Sequence[float]
 ) -> Iterator[Measurement]:
-    """Search the fewest bytes with which a baseline keeps each tolerance; a measurement for each, in their order."""
+    """Search the fewest bytes with which a baseline keeps each tolerance; return measurements in their order."""
     scale = frame_scale(sequence.points[0])
     copied = copy_seconds(sequence.points)
     curve = RateCurve(baseline, sequence.points, sequence.connectivity)
@@ -220,7 +222,7 @@ def measure_baseline(
         yield replace(
             empty,
             size=result.size,
-            # The search takes nothing that is not within the bound everywhere.
+            # The search accepts only results that are within the bound everywhere.
             within=1.0,
             **_errors(result.distortion, scale),
             **asdict(measure_surface(sequence.points, curve.decode(result), sequence.connectivity, scale)),
@@ -231,7 +233,7 @@ def measure_baseline(
 
 
 def _errors(found: Distortion, scale: float) -> dict[str, Any]:
-    """Errors of a measurement, lengths over the diagonal `scale`."""
+    """Return the error fields of a measurement, with lengths over the diagonal `scale`."""
     return {
         "max_error": found.max_error / scale,
         "rms_error": found.rms_error / scale,
@@ -241,7 +243,7 @@ def _errors(found: Distortion, scale: float) -> dict[str, Any]:
 
 
 def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[float], effort: EffortName) -> None:
-    """Encode and decode a few frames: what is loaded at first use, is loaded now."""
+    """Encode and decode a few frames, to load everything that is loaded at first use."""
     start = FrameSelection(sequence, range(min(WARM_UP_FRAMES, sequence.frame_count)))
     for tolerance in {min(tolerances), max(tolerances)}:
         report = encode(start, profile=profile, tolerance=tolerance, effort=effort)
@@ -252,7 +254,7 @@ def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[f
 def _measure_baselines(
     clip: str, sequence: ArraySequence, tasks: Mapping[Baseline, list[float]], *, jobs: int
 ) -> Iterator[tuple[Baseline, list[Measurement]]]:
-    """Baselines with their measurements, each as soon as it is done."""
+    """Yield baselines with their measurements, each as soon as it is done."""
     if jobs == 1 or len(tasks) < 2:
         for baseline, tolerances in tasks.items():
             yield baseline, _measure_one(clip, sequence, baseline, tolerances)
@@ -288,18 +290,18 @@ def _measure_one(
 
 
 def median_seconds(work: Callable[[], object], *, runs: int = RUNS) -> float:
-    """Median time of some runs, after one that does not count: it fills caches."""
+    """Return the median time of some runs, after one that fills caches and does not count."""
     work()
     return statistics.median(_seconds(work) for _ in range(runs))
 
 
 def copy_seconds(points: Float32Array) -> float:
-    """Median time of `np.copyto` of positions: what decoding is set beside."""
+    """Return the median time of `np.copyto` of positions, the reference for decoding."""
     return median_seconds(partial(np.copyto, np.empty_like(points), points), runs=COPY_RUNS)
 
 
 def random_frame_seconds(animation: Animation) -> float:
-    """Median time of one frame at a random time, of an animation that is open; the same times in every run."""
+    """Return the median time of one frame at a random time of an open animation; all runs use the same times."""
     times = np.random.default_rng(0).uniform(animation.times[0], animation.times[-1], RANDOM_FRAMES)
     animation.positions(float(times[0]))
     return statistics.median(_seconds(partial(animation.positions, float(at))) for at in times)

@@ -1,4 +1,4 @@
-"""The pages of a report: of one clip, and of several; the table that they are cited by, and how it was measured."""
+"""Pages of a report: of one clip, and of several, with the table to cite and the method."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ MERITS: dict[str, Callable[[Measurement], float | None]] = {
 """Columns of one coder's table."""
 
 COLOURS = (PURPLE, BLUE, SKY, GREEN, ORANGE)
-"""Of tolerances, from coarse to fine."""
+"""Colours of tolerances, from coarse to fine."""
 
 ERROR_PAGE = "errors.html"
-"""Plays the clip in colours of its error."""
+"""Page that plays the clip coloured by its error."""
 
 BESIDE = ("best other method", "its bpvf", "ours / its", "ours / best as published")
 
@@ -71,7 +71,7 @@ Between frames, the clip is encoded at {BETWEEN_TOLERANCE:g} without the frames 
 
 @dataclass(frozen=True, eq=False)
 class ClipFindings:
-    """Everything that was measured of one clip; `efforts` are profile auto with other efforts than the plan's."""
+    """All measurements of one clip; `efforts` are profile auto with other efforts than the plan's."""
 
     name: str
     sequence: ArraySequence
@@ -83,12 +83,12 @@ class ClipFindings:
 
 
 def reference_tolerance(tolerances: Sequence[float]) -> float:
-    """The tolerance at which speeds, errors and tables are shown: the one nearest the default."""
+    """Return the tolerance at which speeds, errors and tables are shown: the one nearest the default."""
     return min(tolerances, key=lambda tolerance: (abs(tolerance / DEFAULT_TOLERANCE - 1.0), tolerance))
 
 
 def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]) -> Report:
-    """The page of one clip; `skipped` says why baselines that are not there are not."""
+    """Return the page of one clip; `skipped` says why missing baselines are missing."""
     points, sequence = findings.points, findings.sequence
     reference = reference_tolerance(plan.tolerances)
     faces = sequence.connectivity.face_count
@@ -131,7 +131,7 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
 def corpus_report(
     points: Sequence[Measurement], between: Sequence[BetweenRow], plan: ReportPlan, skipped: Sequence[str]
 ) -> Report:
-    """The page of several clips; `points` are of all of them."""
+    """Return the page of several clips; `points` are those of all clips."""
     reference = reference_tolerance(plan.tolerances)
     clips = distinct(point.clip for point in points)
     tables = [
@@ -162,7 +162,7 @@ def _settings(plan: ReportPlan) -> dict[str, Value | list[Value]]:
 
 
 def merit_table(points: Sequence[Measurement], *, coder: str, tolerances: Sequence[float], means: bool) -> Table:
-    """One coder's values, a row for each clip and tolerance, beside the best of the baselines.
+    """Return one coder's values, a row for each clip and tolerance, next to the best baseline.
 
     With `means`, medians and geometric means follow for each tolerance.
     """
@@ -190,7 +190,7 @@ def _merits(point: Measurement, points: Sequence[Measurement], *, has_baselines:
 
 
 def _rival(point: Measurement, points: Sequence[Measurement], *, published: bool = False) -> Measurement | None:
-    """The best baseline on the same clip at the same tolerance."""
+    """Return the best baseline on the same clip at the same tolerance."""
     return best_baseline([other for other in points if other.clip == point.clip], point.tolerance, published=published)
 
 
@@ -202,14 +202,14 @@ def _mean(column: Sequence[Value], mean: Callable[[Any], float]) -> Value:
 
 
 def geometric_mean(values: Sequence[float]) -> float:
-    """The geometric mean; zero where a value is."""
+    """Return the geometric mean; zero if a value is."""
     return math.exp(statistics.fmean(map(math.log, values))) if min(values) > 0 else 0.0
 
 
 def _over_best(
     points: Sequence[Measurement], profile: str, tolerance: float
 ) -> list[tuple[Measurement, Measurement, float]]:
-    """Of each clip the profile's point, the best baseline's, and the bytes of one over those of the other."""
+    """Return for each clip the profile's point, the best baseline's, and the ratio of their bytes."""
     ours = [point for point in points if point.coder == profile and point.tolerance == tolerance]
     pairs = [(point, best) for point in ours if (best := _rival(point, points)) is not None]
     return [(point, best, share) for point, best in pairs if (share := size_ratio(point, best)) is not None]
@@ -286,7 +286,7 @@ def _clip_list(points: Sequence[Measurement]) -> Figure:
 
 
 def _method_section(plan: ReportPlan, skipped: Sequence[str]) -> Section:
-    """How it was measured, and the methods with their sources."""
+    """Describe the measurement, and the methods with their sources."""
     jobs = "one at a time" if plan.jobs == 1 else f"up to {plan.jobs} at a time, on {os.cpu_count()} cores"
     absent = "".join(f"\n\nNot measured: {reason}." for reason in skipped)
     figure = Figure(

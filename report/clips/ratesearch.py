@@ -1,4 +1,4 @@
-"""Equal error: the fewest bytes with which a baseline stays within a maximum distance, each try decoded again."""
+"""Find the fewest bytes with which a baseline stays within a maximum distance; every attempt is decoded again."""
 
 from __future__ import annotations
 
@@ -17,38 +17,42 @@ from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, Unreach
 Preview = Callable[[float], Float32Array]
 """From a length to what its bytes would decode to."""
 
-MOST_TRIES = 8
-"""Lengths that one bound may take: a few go towards it, and errors jump by 10 % from one length to the next."""
+MAX_TRIES = 8
+"""Lengths tried per bound: a few approach it, and errors jump by 10 % from one length to the next."""
 
-CLOSE_ENOUGH = 0.98
-"""Share of the bound that need not be improved on, and of neighbouring lengths: about 1 % of the bytes."""
+ACCEPTED_RATIO = 0.98
+"""A try within this fraction of the bound, or of a neighbouring length, is close enough: about 1 % of the bytes."""
 
-AIM = 0.99
-"""Share of the bound that a try is aimed at: the middle of what is close enough."""
+TARGET_RATIO = 0.99
+"""Fraction of the bound that a try aims at: the middle of what is close enough."""
 
-WORTH_A_TRY = 0.98
-"""Share of the bytes that a try beyond the bound must be below, for lengths between it and the bound to be tried."""
+MIN_SAVING_RATIO = 0.98
+"""Lengths between a try beyond the bound and one within it are tried only if the former saves this fraction of
+bytes.
+"""
 
-FARTHEST_STEP = 16.0
-"""Factor by which one step may change the length: errors of small clips jump."""
+MAX_LENGTH_RATIO = 16.0
+"""Largest factor between two lengths tried in a row: errors of small clips jump."""
 
 SLOPE_BASE = math.log(1.5)
-"""Least distance of two lengths, as logarithms, whose errors tell a slope."""
+"""Smallest distance of two lengths, as logarithms, whose errors give a slope."""
 
 SLOPES = (0.5, 1.5)
-"""Range of slopes that are believed: the error is about proportional to the length."""
+"""Plausible slopes: the error is about proportional to the length."""
 
-LEAST_SHARE = 0.1
-"""Of a bracket's width, on a log scale: how near to its ends interpolation may go."""
+MIN_BRACKET_FRACTION = 0.1
+"""Smallest distance of an interpolated length from the ends of a bracket, over its width on a log scale."""
 
 INTERPOLATIONS = 3
-"""Tries that follow interpolation in a bracket; where they do not come close errors jump, and halves do better."""
+"""Interpolated tries in a bracket; if they do not come close, errors jump, and bisection is better."""
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """One encode of a baseline, decoded again: bytes without the connectivity, the length its encoder was given [scene
-    units], how far off what came back is, and seconds of that one encode, preparation included, and that one decode.
+    """One encode of a baseline, decoded again.
+
+    Bytes without the connectivity, the length given to the encoder [scene units], the error of the decoded
+    positions, and the seconds of that one encode, preparation included, and of that one decode.
     """
 
     size: int
@@ -60,14 +64,13 @@ class SearchResult:
 
 
 class RateCurve:
-    """Bytes against error of one baseline on one sequence: prepared once, and every length tried serves every bound.
+    """Bytes against error of one baseline on one sequence; prepared once, and every length tried serves every bound.
 
-    Of a :class:`Transform` lengths are tried by what they would decode to, and only the one chosen is coded. What is
-    given back was always coded and decoded again. Nothing is done before the first bound is asked for.
+    For a :class:`Transform`, lengths are tried by what they would decode to, and only the chosen one is coded.
+    Results were always coded and decoded again. Nothing is done before the first bound is requested.
 
     The same bounds in the same order give the same results. In another order a length may differ where two are close
-    enough to the bound, and the bytes with it by about 1 %. MissingExtraError is raised if the baseline's package is
-    not installed.
+    enough to the bound, and its bytes by about 1 %. Raises MissingExtraError if the baseline's package is missing.
     """
 
     def __init__(self, baseline: Baseline, points: Float32Array, connectivity: Connectivity) -> None:
@@ -87,7 +90,7 @@ class RateCurve:
         return tuple(self._tries[length] for length in sorted(self._tries))
 
     def reach(self, bound: float) -> SearchResult:
-        """The smallest encoding found whose largest Euclidean vertex distance is at most `bound`.
+        """Return the smallest encoding found whose largest Euclidean vertex distance is at most `bound`.
 
         Parameters
         ----------
@@ -111,14 +114,14 @@ class RateCurve:
         return min(able, key=lambda made: made.size)
 
     def decode(self, result: SearchResult) -> Float32Array:
-        """What the bytes of a result decode to, (frames, vertices, 3) float32 [scene units]."""
+        """Decode the bytes of a result, (frames, vertices, 3) float32 [scene units]."""
         return self._baseline.decode(result.data, self._connectivity)
 
     def _search(self, bound: float) -> None:
-        """Find a length for a bound and encode with it, where there is one."""
+        """Find a length for a bound and encode with it, if there is one."""
         self._prepare()
         try:
-            for count in range(MOST_TRIES):
+            for count in range(MAX_TRIES):
                 length = self._next_length(bound, count)
                 if length is None:
                     break
@@ -163,52 +166,52 @@ class RateCurve:
         )
 
     def _next_length(self, bound: float, count: int) -> float | None:
-        """What to try next for a bound after `count` tries for it; None where no length is worth a try."""
+        """Return the next length to try for a bound after `count` tries; None if no length is worth a try."""
         if not self._baseline.adjustable:
             return None if self._errors else bound
         if bound <= 0.0:
             return None
         coarsest = max((length for length, error in self._errors.items() if error <= bound), default=None)
         finest = min((length for length, error in self._errors.items() if error > bound), default=None)
-        if coarsest is not None and self._errors[coarsest] >= CLOSE_ENOUGH * bound:
+        if coarsest is not None and self._errors[coarsest] >= ACCEPTED_RATIO * bound:
             return None
         if coarsest is not None and finest is not None:
-            if coarsest >= CLOSE_ENOUGH * finest or self._saves_little(coarsest, finest):
+            if coarsest >= ACCEPTED_RATIO * finest or self._saves_little(coarsest, finest):
                 return None
             length = self._baseline.effective_length(
                 math.sqrt(coarsest * finest) if count >= INTERPOLATIONS else self._between(coarsest, finest, bound)
             )
-            if length in self._errors:  # of a baseline that sees powers of two alone
+            if length in self._errors:  # for a baseline that distinguishes only powers of two
                 length = self._baseline.effective_length(2.0 * coarsest)
             return None if length in self._errors or length > finest else length
         near = finest if coarsest is None else coarsest
         if near is None:
             return self._baseline.effective_length(bound)
-        if self._errors[near] == 0.0:  # nothing to go by; the bound is a length that most baselines keep
+        if self._errors[near] == 0.0:  # no slope to use; most baselines keep a length equal to the bound
             length = self._baseline.effective_length(bound)
             return length if length > near else None
-        factor = (AIM * bound / self._errors[near]) ** (1.0 / self._slope(near))
-        length = near * min(max(factor, 1.0 / FARTHEST_STEP), FARTHEST_STEP)
-        if count == 0 and CLOSE_ENOUGH <= length / bound <= 1.0 / CLOSE_ENOUGH:
+        factor = (TARGET_RATIO * bound / self._errors[near]) ** (1.0 / self._slope(near))
+        length = near * min(max(factor, 1.0 / MAX_LENGTH_RATIO), MAX_LENGTH_RATIO)
+        if count == 0 and ACCEPTED_RATIO <= length / bound <= 1.0 / ACCEPTED_RATIO:
             length = bound
         length = self._baseline.effective_length(length)
         return length if length != near else self._baseline.effective_length(near * (0.5 if coarsest is None else 2.0))
 
     def _saves_little(self, within: float, beyond: float) -> bool:
-        """Whether a length that misses the bound is known to take hardly fewer bytes than one that keeps it."""
+        """Whether a length that misses the bound is known to save hardly any bytes over one that keeps it."""
         if within not in self._tries or beyond not in self._tries:
             return False
-        return self._tries[beyond].size >= WORTH_A_TRY * self._tries[within].size
+        return self._tries[beyond].size >= MIN_SAVING_RATIO * self._tries[within].size
 
     def _between(self, within: float, beyond: float, bound: float) -> float:
-        """A length by interpolation, both axes logarithmic."""
+        """Interpolate a length, both axes logarithmic."""
         least, largest = self._errors[within], self._errors[beyond]
-        share = math.log(AIM * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
-        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        share = math.log(TARGET_RATIO * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
+        share = min(max(share, MIN_BRACKET_FRACTION), 1.0 - MIN_BRACKET_FRACTION)
         return within * math.exp(share * math.log(beyond / within))
 
     def _slope(self, near: float) -> float:
-        """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""
+        """Return the slope of the logarithm of the error over that of the length at a try; 1 if no other try tells."""
         logarithms = [
             (math.log(length / near), math.log(error / self._errors[near]))
             for length, error in self._errors.items()
@@ -220,7 +223,7 @@ class RateCurve:
 
 
 def largest_distance(points: Float32Array, decoded: Float32Array) -> float:
-    """Largest Euclidean distance [scene units] of two (frames, vertices, 3) float32 arrays."""
+    """Return the largest Euclidean distance [scene units] between two (frames, vertices, 3) float32 arrays."""
     missing = points.astype(np.float64) - decoded
     return math.sqrt(float(np.einsum("fvk,fvk->fv", missing, missing).max()))
 

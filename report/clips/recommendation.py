@@ -1,4 +1,4 @@
-"""What to use for this shot: in words, from the run's own figures."""
+"""Recommend settings for a clip, in words, from the run's own figures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from pdecodec.report.clips.measurement import Measurement, best_baseline, size_r
 
 @dataclass(frozen=True)
 class Use:
-    """A use of a clip: the diagonal of its first frame spans so many pixels on screen, and no vertex may be off by more
-    than one.
+    """A use of a clip: its size on screen.
+
+    The diagonal of the first frame spans so many pixels, and no vertex may be off by more than one.
     """
 
     name: str
@@ -21,18 +22,18 @@ class Use:
 
     @property
     def needed(self) -> float:
-        """Largest error, over the diagonal."""
+        """Largest error allowed, over the diagonal."""
         return 1.0 / self.pixels
 
 
 USES = (Use("background", 300), Use("hero", 3000), Use("archive", 10_000))
-"""A figure in the crowd; one that fills a 4K frame; one that may be seen closer than anybody plans."""
+"""An extra in the crowd; a character that fills a 4K frame; one that may be seen closer than anybody plans."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What to take for one use: the smallest measured file of a profile that is exact enough, if there is one, and the
-    smallest of the baselines.
+    """Advice for one use: the smallest file of a profile that is exact enough, if any, and the smallest of the
+    baselines.
     """
 
     use: Use
@@ -70,12 +71,12 @@ class Advice:
 
 
 def recommend(points: Sequence[Measurement]) -> list[Advice]:
-    """Advice for every use, from what was measured."""
+    """Return advice for every use, from the measurements."""
     return [Advice(use, _smallest(points, use), _rival(points, use)) for use in USES]
 
 
 def _smallest(points: Sequence[Measurement], use: Use) -> Measurement | None:
-    # What is exact by chance at a coarser tolerance is not promised: the bound counts.
+    # A coarser tolerance may be exact enough by chance but promises nothing: the bound counts.
     able = [point for point in points if point.kind == "profile" and point.reached and point.tolerance <= use.needed]
     return min(able, key=lambda point: (point.size or 0, point.tolerance), default=None)
 
@@ -87,7 +88,7 @@ def _rival(points: Sequence[Measurement], use: Use) -> Measurement | None:
 
 
 def recommendation_figure(advice: Sequence[Advice]) -> Figure:
-    """The advice with its values in a table."""
+    """Show the advice with its values in a table."""
     rows: list[tuple[Value, ...]] = []
     for item in advice:
         ours: tuple[Value, ...] = (None,) * 7

@@ -1,4 +1,4 @@
-"""No more model than a clip needs: what else could have been taken, and what each would have cost."""
+"""No more model than a clip needs: which alternatives there were, and what each would have cost."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pdecodec.report.charts.figure import Figure, Table
 
 
 def measure_alternatives(sequence: MeshSequence, *, tolerance: float, effort: EffortName) -> tuple[Question, ...]:
-    """What profile auto could have taken at a tolerance."""
+    """Measure what profile auto could have chosen at a tolerance."""
     return encode(sequence, tolerance=tolerance, effort=effort, why=True).alternatives
 
 
 def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figure:
-    """A row for each way, beside what was chosen."""
+    """Show a row for each alternative next to the choice."""
     rows = [
         (question.what, item.way, question.frames, item.size, item.size / taken.size, item.chosen)
         for question in questions

@@ -18,7 +18,7 @@ from pdecodec.report.viewer.view import list_page, served_page
 
 LOOPBACK = "127.0.0.1"
 
-PIECE_BYTES = 1 << 18
+CHUNK_BYTES = 1 << 18
 """Of a file, read and sent at once."""
 
 
@@ -113,7 +113,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         with path.open("rb") as file:
             file.seek(begin)
-            while begin < end and (piece := file.read(min(PIECE_BYTES, end - begin))):
+            while begin < end and (piece := file.read(min(CHUNK_BYTES, end - begin))):
                 self.wfile.write(piece)
                 begin += len(piece)
 

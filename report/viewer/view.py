@@ -1,4 +1,4 @@
-"""One page that plays `.pdeanim` files, and works offline: scripts, decoder and files are in it."""
+"""One page that plays `.pdeanim` files offline: it contains scripts, decoder and files."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.player import FOLDER
 
 SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "mesh.js", "motion.js", "gpu.js")
-"""Of the player, what the page needs."""
+"""Scripts of the player that the page needs."""
 
-LARGEST_STEP_COUNT = 32767
-"""Steps of the largest difference from an original: what 16 bits hold. Half a step is 1.5e-5 of that difference."""
+MAX_STEPS = 32767
+"""Steps of the largest difference from an original that 16 bits hold; half a step is 1.5e-5 of that difference."""
 
 TIME_TOLERANCE = 1e-6
-"""Seconds by which the times of an original may differ from the file's."""
+"""Largest difference [s] between times of an original and of the file."""
 
 
 @dataclass(frozen=True)
 class Original:
-    """What a file was made from, as differences from what the file decodes to.
+    """The original of a file, as differences from what the file decodes to.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Original:
 
 
 def difference(animation: Animation, original: MeshSequence, name: str) -> Original:
-    """How far an original is from what a file decodes to, at every frame and vertex.
+    """Return the difference of an original from what a file decodes to, at every frame and vertex.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def difference(animation: Animation, original: MeshSequence, name: str) -> Origi
         parts.append((points.astype(np.float64) - decoded).astype(np.float32))
     found = np.concatenate(parts)
     largest = float(np.abs(found).max(initial=0.0))
-    step = largest / LARGEST_STEP_COUNT or 1.0
+    step = largest / MAX_STEPS or 1.0
     steps = np.rint(found / step).astype("<i2")
     return Original(name, step, gzip.compress(steps.tobytes(), mtime=0))
 
@@ -82,7 +82,7 @@ def difference(animation: Animation, original: MeshSequence, name: str) -> Origi
 def view_page(
     title: str, clips: Sequence[tuple[str, bytes]], *, original: Original | None = None, up_axis: str | None = None
 ) -> str:
-    """The page, as HTML.
+    """Return the page as HTML.
 
     Parameters
     ----------
@@ -90,21 +90,21 @@ def view_page(
     clips : sequence of (name, bytes of a .pdeanim file)
         One, or two to compare.
     original : Original, optional
-        What the first clip was made from.
+        The original of the first clip.
     up_axis : {"y", "z"}, optional
-        The axis that is up in the picture; y where nothing is said.
+        The axis that points up in the picture; y by default.
     """
     files = [{"name": name, "data": base64.b64encode(data).decode("ascii")} for name, data in clips]
     return _page(title, {"clips": files, **_of_original(original)}, up_axis, wasm=_packed_wasm())
 
 
 def served_page(title: str, name: str, address: str, *, up_axis: str | None = None) -> str:
-    """The same page for one file that is fetched from an address of the server that gives the page."""
+    """Return the page for one file that it fetches from an address of its server."""
     return _page(title, {"clips": [{"name": name, "address": address}]}, up_axis, wasm=_packed_wasm())
 
 
 def list_page(title: str, files: Sequence[tuple[str, int, str]]) -> str:
-    """A page that lists files: of each its name, its bytes, and its address below ``/file/`` and ``/view/``."""
+    """Return a page that lists files: name, bytes, and address below ``/file/`` and ``/view/``."""
     rows = [{"name": name, "size": size, "address": address} for name, size, address in files]
     return _page(title, {"files": rows}, None, wasm=_packed_wasm(), template="list.html")
 
@@ -134,17 +134,17 @@ def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str
 
 
 def _in_script(text: str) -> str:
-    """JSON that ends no script, whatever names are in it."""
+    """Return JSON that cannot end a script, whatever names it contains."""
     return text.replace("<", "\\u003c")
 
 
 def _imports(folder: Path) -> dict[str, str]:
-    """Every script of the page by the name that others import it by, as an address that holds it."""
+    """Return every script of the page by the name that others import it by, as an address that contains it."""
     files = {f"pdeanim/{name}": FOLDER / name for name in SCRIPTS}
     files |= {f"pdeanim/view/{path.name}": path for path in sorted(folder.glob("*.js"))}
     found = {}
     for name, path in files.items():
-        # An address that holds a script has no folder that others could be beside.
+        # An address that contains a script has no folder for relative imports.
         text = re.sub(r'from "\./(\w+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
         found[name] = "data:text/javascript;base64," + base64.b64encode(text.encode()).decode("ascii")
     return {"pdeanim": found["pdeanim/pdeanim.js"], **found}

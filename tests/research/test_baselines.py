@@ -18,7 +18,7 @@ from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import Connectivity
 from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, UnreachableError, code_digest
-from pdecodec.report.clips.ratesearch import MOST_TRIES, RateCurve, SearchResult, largest_distance
+from pdecodec.report.clips.ratesearch import MAX_TRIES, RateCurve, SearchResult, largest_distance
 from pdecodec.research.baselines import all_baselines, available_baselines
 from pdecodec.research.baselines.bspline import BSpline
 from pdecodec.research.baselines.coding import (
@@ -258,7 +258,7 @@ def test_the_search_comes_close_to_the_bound_in_few_tries() -> None:
     points, baseline = noise(1, 1000, 3), Rounding()
     result = smallest(baseline, points, Connectivity(1000), 0.01)
     assert 0.9 * 0.01 < result.distortion.max_error <= 0.01
-    assert len(baseline.lengths) <= MOST_TRIES / 2
+    assert len(baseline.lengths) <= MAX_TRIES / 2
     assert result.length in baseline.lengths
 
 

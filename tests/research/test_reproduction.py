@@ -59,7 +59,7 @@ from pdecodec.research.reproduction.rope import Rope, RopeSettings, own_substeps
 from pdecodec.research.reproduction.sweep import times_table_1
 from tests.support.mesh_cases import grid
 
-KEPT = Path(__file__).resolve().parents[2] / "docs" / "paper"
+KEPT_FILE = Path(__file__).resolve().parents[2] / "docs" / "paper"
 
 RATES = [(1.0, 1.0), (2.0, 2.0), (0.7, 3.1), (5.0, 1.3)]
 
@@ -356,7 +356,7 @@ def rope() -> Rope:
 
 def test_the_kept_table_of_choices_is_what_a_run_finds_today(rope: Rope) -> None:
     table = choices_figure(Findings(rope)).table
-    kept = (KEPT / "one-choice-at-a-time.md").read_text(encoding="utf-8").splitlines()[2:]
+    kept = (KEPT_FILE / "one-choice-at-a-time.md").read_text(encoding="utf-8").splitlines()[2:]
     assert len(kept) == len(table.rows) == 15
     for line, row in zip(kept, table.rows, strict=True):
         cells = [cell.strip() for cell in line.strip("|").split("|")]
@@ -367,7 +367,7 @@ def test_the_kept_table_of_choices_is_what_a_run_finds_today(rope: Rope) -> None
 
 
 def test_the_kept_bytes_of_files_are_what_is_written_today(rope: Rope) -> None:
-    figure = json.loads((KEPT / "report.json").read_text(encoding="utf-8"))["figures"]["what-the-gap-is"]
+    figure = json.loads((KEPT_FILE / "report.json").read_text(encoding="utf-8"))["figures"]["what-the-gap-is"]
     kept = {row[0]: dict(zip(figure["columns"], row, strict=True)) for row in figure["rows"]}
     for name, settings in (
         (PAPER, EncodeSettings(profile="paper")),
