@@ -28,7 +28,7 @@ from pdecodec.simulate.constraints import Method, RowShapes, SheetConstraints
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IsometricBendingConstraints(SheetConstraints):
-    """Plates that are flat at rest. A curved rest shape is outside the model.
+    """Bending constraints of plates that are flat at rest. Curved rest shapes are outside the model.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class IsometricBendingConstraints(SheetConstraints):
         damping: float = 0.0,
         stiffness: float = 1.0,
     ) -> Self:
-        """From a flat rest shape.
+        """Make constraints from a flat rest shape.
 
         Parameters
         ----------

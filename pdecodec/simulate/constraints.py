@@ -1,8 +1,8 @@
-"""What all constraint types share: a batch of constraints, solved one after another in the given order.
+"""Base classes of constraints: a batch of constraints, solved one after another in the given order.
 
-A batch holds many constraints of one type and one material as arrays. Each of them may have several rows: a vector
-constraint (a point on a target, a bending normal) or a few scalar ones that are solved together. Eq. 6 of Fang et al.
-2024 is a matrix equation, and the rows of one constraint are one block of it.
+A batch holds many constraints of one type and one material as arrays. Each constraint may have several rows: a
+vector constraint (a point on a target, a bending normal) or a few scalar ones that are solved together. Eq. 6 of
+Fang et al. 2024 is a matrix equation, and the rows of one constraint are one block of it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int32Array
 
 Method = Literal["xpbd", "pbd"]
-"""Extended position-based dynamics, or the older method whose stiffness depends on step and iterations."""
+"""Extended position-based dynamics, or the older method, whose stiffness depends on step and iterations."""
 
 
 RowShapes = Mapping[str, tuple[int, ...] | None]
 
 
 class State(NamedTuple):
-    """What a sweep works on: ``x_j`` [m], which it changes in place, ``x^n`` of the substep's start, and 1/kg."""
+    """Arrays of a sweep: ``x_j`` [m], which it changes in place, ``x^n`` at the substep's start, and inverse
+    masses [1/kg].
+    """
 
     positions: Float64Array
     previous: Float64Array
@@ -36,7 +38,7 @@ class State(NamedTuple):
 
 
 class Scaling(NamedTuple):
-    """How one substep scales a material.
+    """Material constants of one substep.
 
     Attributes
     ----------
@@ -45,7 +47,7 @@ class Scaling(NamedTuple):
     damping : float
         ``gamma`` of Eq. 26 in Macklin et al. 2016, here the damping time over the substep; 0 under PBD.
     relaxation : float
-        Share of the correction that is applied: 1 under XPBD, the stiffness under PBD.
+        Fraction of the correction that is applied: 1 under XPBD, the stiffness under PBD.
     """
 
     compliance: float
@@ -75,13 +77,13 @@ class Constraints(ABC):
     """
 
     members: ClassVar[int] = 0
-    """Particles of each constraint; 0 where batches differ in it."""
+    """Particles per constraint; 0 if it differs between batches."""
 
     arrays: ClassVar[RowShapes] = {}
-    """Shape of a constraint's part in each array of reals, by the array's name; None for a number a row of ``C``."""
+    """Shape per constraint of each array of reals, by the array's name; None for one number per row of ``C``."""
 
     rows_of_each: ClassVar[int] = 1
-    """Rows of ``C`` in each constraint; 0 for one fewer than it has particles."""
+    """Rows of ``C`` per constraint; 0 for one fewer than it has particles."""
 
     particles: Int32Array
     damping: float = 0.0
@@ -103,7 +105,7 @@ class Constraints(ABC):
 
     @property
     def rows(self) -> int:
-        """Rows of ``C`` in each constraint."""
+        """Rows of ``C`` per constraint."""
         return self.rows_of_each or int(self.particles.shape[1]) - 1
 
     @property
@@ -117,12 +119,13 @@ class Constraints(ABC):
         """Inverse stiffness ``gamma`` of Eq. 2 for every row, in a shape that broadcasts to (constraints, rows)."""
 
     def new_multipliers(self) -> Float64Array:
-        """Lagrange multipliers at 0, (constraints, rows)."""
+        """Return Lagrange multipliers of 0, (constraints, rows)."""
         return np.zeros((self.count, self.rows))
 
     @abstractmethod
     def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
-        """One Gauss-Seidel sweep, Eqs. 6 and 7, in the order of `particles`; changes positions and `multipliers`.
+        """Do one Gauss-Seidel sweep, Eqs. 6 and 7, in the order of `particles`; change positions and
+        `multipliers`.
 
         Parameters
         ----------
@@ -135,10 +138,10 @@ class Constraints(ABC):
 
     @abstractmethod
     def values(self, positions: Float64Array) -> Float64Array:
-        """``C`` of all constraints, (constraints, rows)."""
+        """Return ``C`` of all constraints, (constraints, rows)."""
 
     def energy(self, positions: Float64Array) -> float:
-        """Elastic energy [J], Eq. 2; rigid rows store none."""
+        """Return the elastic energy [J], Eq. 2; rigid rows store none."""
         inverse = np.divide(1.0, self.compliances, out=np.zeros_like(self.compliances), where=self.compliances > 0)
         return float(0.5 * (self.values(positions) ** 2 * inverse).sum())  # Eq. 2
 
@@ -167,7 +170,7 @@ class UniformConstraints(Constraints):
         return np.full((1, 1), self.compliance)
 
     def scaling(self, substep: float, method: Method) -> Scaling:
-        """How a substep of so many seconds scales the material."""
+        """Return the material constants of a substep [s]."""
         if method == "pbd":
             return Scaling(0.0, 0.0, self.stiffness)
         return Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
@@ -175,14 +178,14 @@ class UniformConstraints(Constraints):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SheetConstraints(UniformConstraints):
-    """A batch that is swept together with others of its kind, with several constraints at once.
+    """A batch that is swept together with others of its kind, several constraints at once.
 
-    Those taken at once share no particle. So the bits are those of taking one after another.
+    Constraints taken at once share no particle, so the bits are those of a sweep one by one.
     """
 
     @abstractmethod
     def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
-        """Make this the next batch of `sheets`; `multipliers`, (constraints, rows), are where those are stored."""
+        """Make this the next batch of `sheets`; it stores its multipliers in `multipliers`, (constraints, rows)."""
 
     def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         sheets = _core.Sheets(state.inverse_masses, len(state.inverse_masses))
@@ -193,10 +196,10 @@ class SheetConstraints(UniformConstraints):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredConstraints(UniformConstraints):
-    """A batch whose ``C`` is what is measured of its particles, less what was measured at rest."""
+    """A batch whose ``C`` is a measure of its particles minus the same measure at rest."""
 
     rest: ClassVar[str]
-    """Name of the array of what was measured at rest."""
+    """Name of the array of measures at rest."""
 
     @classmethod
     def from_positions(
@@ -208,7 +211,7 @@ class MeasuredConstraints(UniformConstraints):
         damping: float = 0.0,
         stiffness: float = 1.0,
     ) -> Self:
-        """At rest as they are at `positions`, (particles, 3); `particles` are those of each constraint."""
+        """Make constraints at rest at `positions`, (particles, 3), for the given particles of each constraint."""
         members: Int32Array = np.asarray(particles, dtype=np.int32)
         at_rest = {cls.rest: cls.measured(positions, members)}
         return cls(particles=members, compliance=compliance, damping=damping, stiffness=stiffness, **at_rest)
@@ -216,7 +219,7 @@ class MeasuredConstraints(UniformConstraints):
     @staticmethod
     @abstractmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
-        """What is measured, in the shape of the array of :attr:`rest`."""
+        """Return the measure, in the shape of the array :attr:`rest`."""
 
     def values(self, positions: Float64Array) -> Float64Array:
         found: Float64Array = self.measured(positions, self.particles) - getattr(self, self.rest)

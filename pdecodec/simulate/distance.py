@@ -1,9 +1,9 @@
-"""Distance constraints, ``C = |x_b - x_a| - L`` (Macklin et al. 2016): one by one, and along polylines solved at once.
+"""Distance constraints, ``C = |x_b - x_a| - L`` (Macklin et al. 2016): one by one, or along polylines solved at once.
 
-Gauss-Seidel carries a pull along a chain one link at a time: a rope of 832 links stretches like rubber unless it takes
-hundreds of iterations. But the rows of Eq. 6 that belong to one chain couple neighbours only. Their matrix is
-tridiagonal, and solving it as a block costs about as much as three sweeps (Deul, Kugelstadt, Weiler and Bender,
-"Direct position-based solver for stiff rods", Computer Graphics Forum 2018, does so for trees of rods).
+Gauss-Seidel carries a pull along a chain one link per iteration: a rope of 832 links stretches like rubber unless it
+takes hundreds of iterations. But the rows of Eq. 6 of one chain couple only neighbours. Their matrix is tridiagonal,
+and solving it as a block costs about as much as three sweeps (Deul, Kugelstadt, Weiler and Bender, "Direct
+position-based solver for stiff rods", Computer Graphics Forum 2018, do so for trees of rods).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
 
     @cached_property
     def pairs(self) -> Int32Array:
-        """The links one by one, (chains * rows, 2)."""
+        """Links one by one, (chains * rows, 2)."""
         return np.stack([self.particles[:, :-1], self.particles[:, 1:]], axis=-1).reshape(-1, 2)
 
     def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
@@ -62,7 +62,7 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
             sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
 
     def lengths_at(self, positions: Float64Array) -> Float64Array:
-        """Present lengths [m], in the shape of `lengths`."""
+        """Return present lengths [m], in the shape of `lengths`."""
         return self.measured(positions, self.particles)
 
     @staticmethod
@@ -73,7 +73,7 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DistanceConstraints(ChainConstraints):
-    """Chains of one link each, taken one after another: springs, or rods where the compliance is 0.
+    """Chains of one link each, solved one after another: springs, or rods if the compliance is 0.
 
     Parameters
     ----------

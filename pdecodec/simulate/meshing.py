@@ -1,4 +1,4 @@
-"""Meshes that scenes are made of: grid, tube, lattice of tetrahedra; and what constraints need to know of a mesh."""
+"""Meshes for scenes (grid, tube, lattice of tetrahedra), and the topology that constraints need."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pdecodec.mesh.arrays import Int32Array
 
 
 def grid_quads(columns: int, rows: int) -> Int32Array:
-    """Quads of a grid, (quads, 4) int32: vertex ``row * columns + column``, counter-clockwise for x along columns."""
+    """Return quads of a grid, (quads, 4) int32: vertex ``row * columns + column``, counter-clockwise for x
+    along columns.
+    """
     vertex = np.arange(columns * rows, dtype=np.int32).reshape(rows, columns)
     quads = np.stack([vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, 1:], vertex[1:, :-1]], axis=-1)
     return quads.reshape(-1, 4)
 
 
 def tube_quads(curves: Int32Array) -> Int32Array:
-    """Quads of an open tube, (sides * (rings - 1), 4) int32.
+    """Return quads of an open tube, (sides * (rings - 1), 4) int32.
 
     They face outwards where the curves run counter-clockwise for an eye that looks back along them.
 
@@ -30,7 +32,7 @@ def tube_quads(curves: Int32Array) -> Int32Array:
 
 
 def triangulate(quads: Int32Array) -> Int32Array:
-    """Two triangles for each quad, the diagonal alternating from quad to quad so that no direction is stiffer."""
+    """Split each quad into two triangles, with diagonals alternating so that no direction is stiffer."""
     first = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
     second = np.stack([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
     odd = np.arange(len(quads)) % 2 == 1
@@ -38,14 +40,14 @@ def triangulate(quads: Int32Array) -> Int32Array:
 
 
 def tetrahedron_edges(tetrahedra: Int32Array) -> Int32Array:
-    """Edges of all tetrahedra, (tetrahedra, 4) int32: each edge once, sorted, (edges, 2) int32."""
+    """Return each edge of tetrahedra, (tetrahedra, 4) int32, once and sorted: (edges, 2) int32."""
     pairs = np.concatenate([tetrahedra[:, [a, b]] for b in range(4) for a in range(b)])
     edges: Int32Array = np.unique(np.sort(pairs, axis=1), axis=0)
     return edges
 
 
 def bending_stencils(triangles: Int32Array) -> Int32Array:
-    """Pairs of triangles that share an edge.
+    """Return pairs of triangles that share an edge.
 
     Parameters
     ----------
@@ -67,7 +69,8 @@ def bending_stencils(triangles: Int32Array) -> Int32Array:
 
 
 def lattice_tetrahedra(cells: int) -> Int32Array:
-    """Five tetrahedra in each cube of a ``cells^3`` lattice, mirrored from cube to cube so that faces match.
+    """Return five tetrahedra in each cube of a ``cells^3`` lattice, mirrored from cube to cube so that faces
+    match.
 
     Vertex ``(i, j, k)`` along x, y, z has the number ``(i * (cells + 1) + j) * (cells + 1) + k``.
 
@@ -92,17 +95,19 @@ def lattice_tetrahedra(cells: int) -> Int32Array:
         ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)),
     ]
     tetrahedra = np.stack([np.stack([corner(*offset) for offset in part], axis=1) for part in parts], axis=1)
-    tetrahedra[odd] = tetrahedra[odd][:, :, [0, 2, 1, 3]]  # a mirror turns orientation round
+    tetrahedra[odd] = tetrahedra[odd][:, :, [0, 2, 1, 3]]  # mirroring reverses the orientation
     return tetrahedra.reshape(-1, 4)
 
 
 def lattice_surface(cells: int) -> Int32Array:
-    """Quads on the six sides of a ``cells^3`` lattice, (6 * cells**2, 4) int32, outwards, numbered as the lattice."""
+    """Return quads on the six sides of a ``cells^3`` lattice, (6 * cells**2, 4) int32, outwards, with its
+    vertex numbers.
+    """
     vertex = np.arange((cells + 1) ** 3, dtype=np.int32).reshape(cells + 1, cells + 1, cells + 1)
     sides = []
     for axis in range(3):
         for end in (0, -1):
-            # Taken in cyclic order of axes, rows and columns span a side whose normal is +axis.
+            # In cyclic order of axes, rows and columns span a side whose normal is +axis.
             side = np.moveaxis(vertex, [(axis + 1) % 3, (axis + 2) % 3], [0, 1])[..., end]
             quads = np.stack([side[:-1, :-1], side[1:, :-1], side[1:, 1:], side[:-1, 1:]], axis=-1).reshape(-1, 4)
             sides.append(quads if end == -1 else quads[:, ::-1])

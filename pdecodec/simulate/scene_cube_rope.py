@@ -30,37 +30,38 @@ from pdecodec.simulate.surroundings import Pins
 from pdecodec.simulate.system import STANDARD_GRAVITY, System
 
 DENSITY = 1000.0
-"""About that of rubber [kg/m^3]."""
+"""Density of rubber, about [kg/m^3]."""
 
-STRETCH = 0.02
-"""How much its own weight stretches the upper end of the hanging rope: a soft rubber, at 20 m."""
+WEIGHT_STRETCH = 0.02
+"""Relative stretch of the upper end of the hanging rope by its own weight: a soft rubber, at 20 m."""
 
 SECTION_STIFFNESS = 40.0
 SHEAR_STIFFNESS = 4.0
-"""Stiffness of struts in a section and of surface diagonals over that of a brace: enough for sections to keep their
-square to a few hundredths, and for one sweep a substep to converge."""
+"""Stiffness of struts in a section and of surface diagonals, over that of a brace. It keeps sections square to
+a few hundredths, and lets one sweep per substep converge.
+"""
 
 DAMPING = 1e-3
-"""Damping time of the lengthwise links [s]: what rings from link to link is gone in a frame, waves stay."""
+"""Damping time of the lengthwise links [s]: vibration between links fades within a frame, waves stay."""
 
 DRAG = 0.05
 """Rate at which air slows the rope [1/s]."""
 
-SHAKES = 1.5
-"""Swings of a held end, to either side and back, in the time that gravity needs for the rope's length."""
+SWING_COUNT = 1.5
+"""Swings of a held end, to either side and back, in the time of free fall over the rope's length."""
 
-TILTS = {"one": 1.2, "both": 0.7}
-"""By how much a held end follows the falling rope [rad]: a clamp that stayed level would kink it."""
+END_TILTS = {"one": 1.2, "both": 0.7}
+"""Angle by which a held end follows the falling rope [rad]: a clamp that stayed level would kink it."""
 
-PULLS = {"one": 3.0, "both": 2.0}
+END_PULL_RATIOS = {"one": 3.0, "both": 2.0}
 """Largest pull on a held end over the rope's weight: three for a rope that swings down from level."""
 
-SLACK = 0.2
-"""Share of the length by which two held ends approach each other, so that the rope between them can swing."""
+END_APPROACH_RATIO = 0.2
+"""Fraction of the length by which two held ends approach each other, so that the rope between them can swing."""
 
 
 def build(options: CubeRopeOptions) -> Scene:
-    """The rope lies stretched out along x, and falls."""
+    """Build the scene: the rope lies stretched out along x, and falls."""
     sides, rings = options.sides, options.rings
     curves = np.arange(sides * rings, dtype=np.int32).reshape(sides, rings)
     positions = _rest_shape(options)
@@ -87,20 +88,21 @@ def build(options: CubeRopeOptions) -> Scene:
 
 
 def _constraints(positions: Float64Array, curves: Int32Array, options: CubeRopeOptions) -> tuple[Constraints, ...]:
-    """In the order of the list above. Neighbours in each batch share no particle, which lets a processor overlap them.
+    """Return the constraints in the order of the list above.
 
-    Stiffness follows from the material: a curve carries its share of the section, ``k = E A / l`` for each link. A
-    brace spans `reach` links, and `reach` braces cross each section beside each other.
+    Neighbours in each batch share no particle, so a processor can overlap them. Stiffness follows from the material:
+    a curve carries its share of the section, ``k = E A / l`` for each link. A brace spans `reach` links, and `reach`
+    braces cross each section.
     """
     sides, rings = curves.shape
     spacing = options.length / (rings - 1)
-    young = DENSITY * STANDARD_GRAVITY * options.length / STRETCH
+    young = DENSITY * STANDARD_GRAVITY * options.length / WEIGHT_STRETCH
     link = spacing * sides / (young * options.thickness**2)
     reach = min(max(1, round(options.thickness / spacing)), rings - 1)
     brace = link * reach**2
 
     def struts(turn: int, shift: int, compliance: float) -> DistanceConstraints:
-        """From each point to the one `turn` curves round and `shift` rings on."""
+        """Connect each point to the one `turn` curves around and `shift` rings further."""
         first, second = curves[:, : rings - shift], np.roll(curves, -turn, axis=0)[:, shift:]
         if shift == 0 and 2 * turn == sides:
             first, second = first[:turn], second[:turn]  # each opposite pair once
@@ -118,18 +120,19 @@ def _constraints(positions: Float64Array, curves: Int32Array, options: CubeRopeO
 
 
 def _substeps(options: CubeRopeOptions) -> int:
-    """Substeps at 24 frames a second.
+    """Return the number of substeps at 24 frames per second.
 
-    XPBD leaves the second derivative of constraints out of its matrix, so that a taut chain of links of mass ``m`` and
-    length ``l`` under the tension ``T`` is explicit across itself: it needs substeps shorter than ``sqrt(m l / T)``.
+    XPBD leaves the second derivative of constraints out of its matrix. A taut chain of links of mass ``m`` and
+    length ``l`` under the tension ``T`` is therefore explicit across itself: it needs substeps shorter than ``sqrt(m
+    l / T)``.
     """
     spacing = options.length / (options.rings - 1)
-    shortest = math.sqrt(0.5 * spacing / (PULLS[options.hold] * STANDARD_GRAVITY * options.rings))
+    shortest = math.sqrt(0.5 * spacing / (END_PULL_RATIOS[options.hold] * STANDARD_GRAVITY * options.rings))
     return max(20, math.ceil(1 / (DEFAULT_FPS * shortest)))
 
 
 def _held_end(positions: Float64Array, ring: Int32Array, options: CubeRopeOptions) -> Pins:
-    """A held section that is shaken across the rope, twisted, and turned down as the rope falls."""
+    """Return a held section that is shaken across the rope, twisted, and turned down as the rope falls."""
     center = positions[ring].mean(axis=0)
     offsets = positions[ring] - center
     inwards = 1.0 if center[0] < options.length / 2 else -1.0
@@ -138,9 +141,11 @@ def _held_end(positions: Float64Array, ring: Int32Array, options: CubeRopeOption
     def path(time: float) -> Float64Array:
         share = min(time / fall, 1.0)
         ease = share * share * (3 - 2 * share)
-        swing = math.sin(2 * math.pi * SHAKES * time / fall)
-        tilt = -inwards * TILTS[options.hold] * ease
-        move = np.array([0.5 * SLACK * options.length * inwards * ease if options.hold == "both" else 0.0, 0.0, 0.0])
+        swing = math.sin(2 * math.pi * SWING_COUNT * time / fall)
+        tilt = -inwards * END_TILTS[options.hold] * ease
+        move = np.array(
+            [0.5 * END_APPROACH_RATIO * options.length * inwards * ease if options.hold == "both" else 0.0, 0.0, 0.0]
+        )
         move[2] = options.shake * swing
         turn = _rotation(2, tilt) @ _rotation(0, 0.5 * math.pi * swing)
         carried: Float64Array = center + move + offsets @ turn.T
@@ -150,7 +155,7 @@ def _held_end(positions: Float64Array, ring: Int32Array, options: CubeRopeOption
 
 
 def _rotation(axis: int, angle: float) -> Float64Array:
-    """Rotation about a coordinate axis, (3, 3)."""
+    """Return the rotation about a coordinate axis, (3, 3)."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     rotation = np.eye(3)
     rotation[[first, second], [first, second]] = math.cos(angle)

@@ -17,17 +17,17 @@ from pdecodec.simulate.system import System
 from pdecodec.simulate.tetrahedra import NeoHookeanConstraints, VolumeConstraints, tetrahedron_volumes
 
 DENSITY = 1000.0
-"""Water, mostly [kg/m^3]."""
+"""Density of water, about [kg/m^3]."""
 
 DAMPING = 2e-3
 """Damping time of the elastic forces [s]."""
 
 FRICTION = 0.5
-"""Of jelly on the ground."""
+"""Coulomb's coefficient of jelly on the ground."""
 
 
 def build(options: JellyOptions) -> Scene:
-    """The cube starts on a corner, its size above the ground at ``y = 0``."""
+    """Build the cube: it starts on a corner, its size above the ground at ``y = 0``."""
     axis = np.linspace(-0.5, 0.5, options.cells + 1) * options.size
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
     offsets = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1) @ _tilt().T
@@ -54,14 +54,14 @@ def build(options: JellyOptions) -> Scene:
 
 
 def _tilt() -> Float64Array:
-    """Rotation that turns a corner of the cube down, (3, 3)."""
+    """Return the rotation that turns a corner of the cube down, (3, 3)."""
     down = -np.ones(3) / math.sqrt(3)
     first = np.array([1.0, -1.0, 0.0]) / math.sqrt(2)
     return np.stack([first, -down, np.cross(first, -down)])
 
 
 def _masses(positions: Float64Array, tetrahedra: Int32Array) -> Float64Array:
-    """A quarter of each tetrahedron's mass to each corner, (particles,) [kg]."""
+    """Give each corner a quarter of its tetrahedra's masses, (particles,) [kg]."""
     share = np.repeat(DENSITY * tetrahedron_volumes(positions, tetrahedra) / 4, 4)
     return np.bincount(tetrahedra.ravel(), share, len(positions)).astype(np.float64)
 

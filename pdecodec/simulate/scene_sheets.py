@@ -18,15 +18,14 @@ from pdecodec.simulate.surroundings import Ground, Sphere, Wind
 from pdecodec.simulate.system import System
 
 DENSITY = 0.2
-"""Cotton [kg/m^2]."""
+"""Density of cotton [kg/m^2]."""
 
 STRETCH_STIFFNESS = 5e3
 SHEAR_STIFFNESS = 5e2
-"""Force over width for a strain of one, along the threads and across them [N/m]; a thread's links have the same at
-any spacing."""
+"""Force over width for a strain of one, along and across the threads [N/m]. A thread's links have it at any spacing."""
 
 BENDING_RIGIDITY = 5e-5
-"""Of cotton [J]."""
+"""Bending rigidity of cotton [J]."""
 
 DAMPING = 1e-3
 """Damping time of stretch and bending [s]."""
@@ -34,21 +33,21 @@ DAMPING = 1e-3
 DRAG = 0.2
 """Rate at which air slows the cloth [1/s]."""
 
-CLIP = 0.03
-"""Share of the width that is held at each corner: a single vertex would be pulled out into a thread."""
+CLIP_WIDTH_FRACTION = 0.03
+"""Fraction of the width that is held at each corner; a single vertex would be pulled out into a thread."""
 
 FRICTION = 0.4
-"""Of cloth on the sphere and on the ground."""
+"""Coulomb's coefficient of cloth on the sphere and on the ground."""
 
-LARGE = 4096
-"""Particles from which on a sheet is simulated in halves: threads have something to do between two meetings then."""
+TWO_THREAD_MIN_PARTICLES = 4096
+"""Smallest sheet, in particles, that is simulated in two halves by two threads; smaller ones gain nothing."""
 
 WIND_DIRECTION = np.array([0.97, 0.0, 0.24])
-"""Not quite along the flag at rest, so that it is blown out of its plane at once."""
+"""Not quite along the flag at rest, so that the flag leaves its plane at once."""
 
 
 def build_cloth(options: ClothOptions) -> Scene:
-    """A level sheet around the origin in x and z, held by clips at two corners, or free above a sphere."""
+    """Build a level sheet around the origin in x and z, held by clips at two corners, or free above a sphere."""
     columns, rows = options.columns, options.rows
     spacing = options.size / (columns - 1)
     height = spacing * (rows - 1)
@@ -58,7 +57,7 @@ def build_cloth(options: ClothOptions) -> Scene:
     quads = grid_quads(columns, rows)[:, ::-1]  # outwards is up
     colliders: tuple[Ground | Sphere, ...] = ()
     if options.drape == "corners":
-        clip = 1 + int(CLIP * columns)
+        clip = 1 + int(CLIP_WIDTH_FRACTION * columns)
         held = np.zeros((rows, columns), dtype=bool)
         held[:clip, :clip] = held[:clip, -clip:] = True
         inverse_masses[held.ravel()] = 0
@@ -85,7 +84,7 @@ def build_cloth(options: ClothOptions) -> Scene:
 
 
 def build_flag(options: FlagOptions) -> Scene:
-    """The flag hangs stretched in the xy plane, its pole along y at x = 0."""
+    """Build the flag: stretched in the xy plane, with its pole along y at x = 0."""
     columns, rows = options.columns, options.rows
     spacing = options.size / (columns - 1)
     x, y = np.meshgrid(np.arange(columns) * spacing, np.arange(rows) * spacing)
@@ -111,12 +110,12 @@ def build_flag(options: FlagOptions) -> Scene:
 
 
 def _middle(columns: int, rows: int) -> int:
-    """The first particle of a large sheet's second half; the one behind the last of a small one."""
-    return columns * (rows // 2 if columns * rows >= LARGE else rows)
+    """Return the first particle of a large sheet's second half; for a small sheet, the number of particles."""
+    return columns * (rows // 2 if columns * rows >= TWO_THREAD_MIN_PARTICLES else rows)
 
 
 def _sheet_constraints(positions: Float64Array, columns: int, rows: int) -> tuple[Constraints, ...]:
-    """Warp and weft as chains, both diagonals of each quad, and isometric bending, of a flat grid, row after row.
+    """Return warp and weft as chains, both diagonals of each quad, and isometric bending, of a flat grid.
 
     Chains are solved as wholes, so that a fine cloth stretches no more than a coarse one at the same substeps.
     """

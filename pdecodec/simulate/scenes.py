@@ -1,4 +1,4 @@
-"""The bundled scenes by name, and their options: frozen dataclasses that check themselves and explain themselves."""
+"""The bundled scenes by name, and their options: frozen dataclasses with checks and help texts."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from pdecodec.simulate.simulation import Scene
 
 MAX_PARTICLES = 4_000_000
-"""What a scene may hold: about a gigabyte of state and constraints."""
+"""Largest scene: about a gigabyte of state and constraints."""
 
 
 class OptionInfo(NamedTuple):
-    """One option, for help pages: its words joined by underscores, a default of its type, a phrase with the unit.
+    """One option, for help pages: its name with underscores, a default of its type, help with the unit.
 
-    `choices` are what a text may be.
+    `choices` are the allowed values of a text.
     """
 
     name: str
@@ -37,7 +37,7 @@ def _option(
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(ABC):
-    """Base of all scenes' options: SettingsError if one has the wrong type, or lies out of range."""
+    """Base of all scenes' options; raises SettingsError for a wrong type or a value out of range."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -59,11 +59,11 @@ class SceneOptions(ABC):
     @property
     @abstractmethod
     def particle_count(self) -> int:
-        """Particles that the scene simulates."""
+        """Number of particles that the scene simulates."""
 
     @classmethod
     def infos(cls) -> tuple[OptionInfo, ...]:
-        """All options, in order, for help pages."""
+        """Return all options in order, for help pages."""
         return tuple(
             OptionInfo(item.name, cast(float | str, item.default), item.metadata["help"], item.metadata["choices"])
             for item in fields(cls)
@@ -148,7 +148,7 @@ class SceneEntry:
         One sentence.
     options_type : type of SceneOptions
     builder : str
-        Module and function that make the scene of its options; imported then.
+        Module and function that build the scene from its options; imported on use.
     """
 
     description: str
@@ -157,7 +157,7 @@ class SceneEntry:
 
     @property
     def options(self) -> tuple[OptionInfo, ...]:
-        """Its options, for help pages."""
+        """The scene's options, for help pages."""
         return self.options_type.infos()
 
 

@@ -18,12 +18,12 @@ from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.system import System
 
 MAX_SUBSTEPS = 100_000
-"""More substeps a frame than this is a slip of the keyboard."""
+"""Largest number of substeps per frame; more is a typing error."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene:
-    """A system, the part of it that is seen, and how finely it wants to be simulated.
+    """A system, its visible part, and how finely to simulate it.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Scene:
     faces : (faces, 3 or 4) int32
         Over the vertices, not over the particles.
     substeps : int
-        Substeps a frame at 24 frames a second at which the scene looks right with one iteration.
+        Substeps per frame at 24 frames per second with which the scene looks right at one iteration.
     frames : int
-        Frames that show it.
+        Default number of frames.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Scene:
         iterations: int = 1,
         method: Method = "xpbd",
     ) -> Simulation:
-        """A mesh sequence that simulates as it is read.
+        """Return a mesh sequence that simulates while it is read.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class Scene:
             Frame 0 is the initial state. Default: the scene's own.
         fps : float [1/s]
         substeps : int, optional
-            Substeps a frame. Default: the scene's own, kept as long in seconds at another frame rate.
+            Substeps per frame. Default: the scene's own, with the same length in seconds at another frame rate.
         iterations : int
             Sweeps over all constraints in each substep.
         method : {"xpbd", "pbd"}
@@ -83,9 +83,9 @@ class Scene:
 class Simulation(MeshSequence):
     """Frames of a scene, computed when they are read.
 
-    Frames come out of each other: reading forwards costs one simulation, however it is divided into blocks. Reading
-    an earlier frame starts again from the initial state, and gives the same bits. Use :meth:`to_array` to keep the
-    frames where they fit in memory.
+    Each frame follows from the one before. Reading forwards costs one simulation, however it is divided into blocks.
+    Reading an earlier frame starts again from the initial state and gives the same bits. Use :meth:`to_array` to
+    keep frames that fit in memory.
 
     Attributes
     ----------
@@ -116,13 +116,15 @@ class Simulation(MeshSequence):
         self._frame = 0
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """Positions of frames ``start`` to ``stop - 1``; SettingsError where too long substeps made them infinite."""
+        """Return positions of frames ``start`` to ``stop - 1``; raise SettingsError if too long substeps made
+        them infinite.
+        """
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         if start < stop and start < self._frame:
             self._restart()
         for frame in range(start, stop):
-            # What overflows is found below, and named with its frame.
+            # Overflow is found below and reported with its frame.
             with np.errstate(over="ignore", invalid="ignore"):
                 self.solver.advance((frame - self._frame) * self._substeps)
                 self._frame = frame

@@ -26,10 +26,10 @@ from pdecodec.simulate.system import System
 from pdecodec.system.shares import thread_count
 
 MAX_ITERATIONS = 10_000
-"""More is a slip of the keyboard: small substeps serve better than iterations (Macklin et al. 2019)."""
+"""Largest number of iterations; more is a typing error, since small substeps work better (Macklin et al. 2019)."""
 
-SUBSTEPS_AT_ONCE = 20
-"""After so many in compiled code an interrupt is heard."""
+SUBSTEPS_PER_CALL = 20
+"""Substeps per call of compiled code; an interrupt is handled between calls."""
 
 
 class Solver:
@@ -71,7 +71,7 @@ class Solver:
         movable = system.inverse_masses > 0
         self.velocities[movable] -= 0.5 * self.substep * self._accelerations()[movable]
         self._parts = self._group()
-        # Nothing but one group, which then need not come back between substeps.
+        # With a single group of sheets, the state stays in compiled code between substeps.
         surroundings = (*system.colliders, *system.pins, *system.winds)
         self._alone = self._parts[0] if len(self._parts) == 1 and not surroundings else None
 
@@ -82,18 +82,18 @@ class Solver:
 
     @property
     def multipliers(self) -> list[Float64Array]:
-        """Of each batch, (constraints, rows) float64, after the last substep."""
+        """Multipliers of each batch, (constraints, rows) float64, after the last substep."""
         for part in self._parts:
             if isinstance(part, _core.Sheets):
                 part.store()
         return self._multipliers
 
     def advance(self, substeps: int = 1) -> None:
-        """Go on by `substeps` substeps."""
+        """Advance by `substeps` substeps."""
         if isinstance(self._alone, _core.Sheets):
             state = (self.positions, self.previous, self.velocities, self._accelerations())
-            for done in range(0, substeps, SUBSTEPS_AT_ONCE):
-                count = min(substeps - done, SUBSTEPS_AT_ONCE)
+            for done in range(0, substeps, SUBSTEPS_PER_CALL):
+                count = min(substeps - done, SUBSTEPS_PER_CALL)
                 self._alone.advance(*state, self.substep, self._keep, count, self.iterations, thread_count())
                 self.substeps_done += count
         else:
@@ -102,11 +102,11 @@ class Solver:
 
     @property
     def _keep(self) -> float:
-        """Share of the velocities that drag leaves in a substep."""
+        """Fraction of the velocities that drag leaves in a substep."""
         return math.exp(-self.system.drag * self.substep)
 
     def _group(self) -> list[_core.Sheets | tuple[Constraints, Float64Array]]:
-        """Batches in their order, with their multipliers; those of sheets that follow each other together."""
+        """Return batches in order with their multipliers; consecutive batches of sheets are grouped."""
         parts: list[_core.Sheets | tuple[Constraints, Float64Array]] = []
         for batch, multipliers in zip(self.system.constraints, self._multipliers, strict=True):
             if not isinstance(batch, SheetConstraints):
@@ -142,7 +142,7 @@ class Solver:
         self.substeps_done += 1
 
     def _accelerations(self) -> Float64Array:
-        """External accelerations at the present state, (particles, 3) [m/s^2]."""
+        """Return external accelerations at the present state, (particles, 3) [m/s^2]."""
         system = self.system
         accelerations = np.zeros_like(self.positions)
         for wind in system.winds:

@@ -1,13 +1,14 @@
-"""What acts on particles from outside: pins, the ground and a sphere, wind.
+"""External influences on particles: pins, the ground and a sphere, wind.
 
-Contacts are rigid inequalities, ``C = distance to the surface - thickness >= 0``, taken after the constraints in each
-iteration, so that no particle ends a substep inside. Friction acts on the positions: of the way that a particle slid
-in this substep, as much is taken back as Coulomb's law allows for the depth it was pushed out by (Macklin, Mueller,
-Chentanez and Kim, "Unified particle physics for real-time applications", TOG 2014, Eq. 24). Nothing bounces.
+Contacts are rigid inequalities, ``C = distance to the surface - thickness >= 0``, solved after the constraints in
+each iteration, so that no particle ends a substep inside. Friction acts on positions: it takes back as much of a
+particle's slide in this substep as Coulomb's law allows for the depth the particle was pushed out by (Macklin,
+Mueller, Chentanez and Kim, "Unified particle physics for real-time applications", TOG 2014, Eq. 24). Nothing
+bounces.
 
-Moving air presses on each triangle of area ``A`` and normal ``n`` with ``f = rho/2 c A |u.n| (u.n) n``, ``u`` being the
-air's velocity past it; its corners share that. Gusts are a sum of sines carried downstream at the wind's speed
-(Taylor's frozen turbulence): no random numbers, the same at every run.
+Moving air presses on each triangle of area ``A`` and normal ``n`` with ``f = rho/2 c A |u.n| (u.n) n``, ``u`` being
+the air's velocity relative to it; the three corners share this force. Gusts are a sum of sines carried downstream at
+the wind's speed (Taylor's frozen turbulence), without random numbers.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ Path = Callable[[float], Float64Array]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pins:
-    """Particles that are held, or carried along a path, whatever pulls at them.
+    """Particles that are held, or carried along a path, whatever forces act on them.
 
     Their inverse mass in the system is 0.
 
@@ -47,7 +48,7 @@ class Pins:
 
 @dataclass(frozen=True, kw_only=True)
 class Collider(ABC):
-    """Something that particles cannot enter.
+    """An obstacle that particles cannot enter.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class Collider(ABC):
         check_positive("thickness", self.thickness)
 
     def solve(self, state: State) -> None:
-        """Push particles out and rub them; changes positions in place."""
+        """Push particles out and apply friction; changes positions in place."""
         positions, previous, inverse_masses = state
         depth = self._depth(positions)
         inside = np.flatnonzero((depth > 0) & (inverse_masses > 0))
@@ -81,11 +82,11 @@ class Collider(ABC):
 
     @abstractmethod
     def _depth(self, positions: Float64Array) -> Float64Array:
-        """How far each particle is inside, (particles,) [m]; less than 0 outside."""
+        """Return how far inside each particle is, (particles,) [m]; negative outside."""
 
     @abstractmethod
     def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Points so deep inside, (n, 3), taken to the surface, and the normals there."""
+        """Return the nearest surface points, (n, 3), of points at the given depth inside, and the normals there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +105,7 @@ class Ground(Collider):
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere(Collider):
-    """A ball that stands still; `center` and `radius` in metres."""
+    """A fixed ball; `center` and `radius` in metres."""
 
     center: tuple[float, float, float]
     radius: float
@@ -121,7 +122,7 @@ class Sphere(Collider):
 
     def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:
         distance = (self.radius + self.thickness - depth)[:, None]
-        # A particle at the very centre leaves upwards: every direction is as good.
+        # A particle at the very centre leaves upwards; any direction would do.
         upwards = np.broadcast_to([0.0, 1.0, 0.0], points.shape).copy()
         normal = np.divide(points - self.center, distance, out=upwards, where=distance > 0)
         return points + depth[:, None] * normal, normal
@@ -131,7 +132,7 @@ AIR_DENSITY = 1.2
 """Air at 20 degrees Celsius and sea level [kg/m^3]."""
 
 GUST_FREQUENCIES = (0.61, 1.37, 2.53)
-"""Gusts a second: no two in a small ratio, so that the sum does not repeat within a clip [Hz]."""
+"""Frequencies of the gusts [Hz]: no two in a small ratio, so that their sum does not repeat within a clip."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,14 +161,14 @@ class Wind:
         object.__setattr__(self, "velocity", np.ascontiguousarray(self.velocity, dtype=np.float64))
 
     def forces(self, positions: Float64Array, velocities: Float64Array, *, time: float) -> Float64Array:
-        """Forces on the particles [N], (particles, 3) float64, at `positions` [m] and `velocities` [m/s]."""
+        """Return forces on the particles [N], (particles, 3) float64, at `positions` [m] and `velocities` [m/s]."""
         forces = np.zeros_like(positions)
         past = self.air_velocity(positions, time=time) - velocities
         _core.add_wind(positions, past, self.triangles, 0.5 * AIR_DENSITY * self.drag, forces)
         return forces
 
     def air_velocity(self, points: Float64Array, *, time: float) -> Float64Array:
-        """Velocity of the air [m/s] at `points`, (n, 3)."""
+        """Return the air's velocity [m/s] at `points`, (n, 3)."""
         speed = float(np.linalg.norm(self.velocity))
         if speed == 0 or self.gusts == 0:
             return np.broadcast_to(self.velocity, points.shape)

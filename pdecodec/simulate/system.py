@@ -1,4 +1,4 @@
-"""What is simulated: particles, the constraints and forces on them, and what they run into."""
+"""The simulated system: particles, constraints and forces on them, and obstacles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class System:
     ----------
     positions : (particles, 3) float64 [m]
     inverse_masses : (particles,) float64 [1/kg]
-        0 holds a particle where it is, or on the path of its pin.
+        0 holds a particle in place, or on the path of its pin.
     velocities : (particles, 3) float64 [m/s], optional
         Default: at rest.
     constraints : tuple of Constraints
@@ -39,9 +39,10 @@ class System:
     drag : float [1/s]
         Rate at which all velocities fade, as in still air.
     middle : int, optional
-        The first particle of the second half of a sheet that two threads simulate, with the same bits as one: in each
-        batch constraints within the halves are solved first, then those across the middle. Chains cross it once, from
-        the first half, all of a batch at the same link. Default: the number of particles; nothing is divided.
+        First particle of the second half of a sheet that two threads simulate, with the same bits as one thread. In
+        each batch constraints within the halves are solved first, then those across the middle. Chains cross it once,
+        from the first half, all chains of a batch at the same link. Default: the number of particles, which divides
+        nothing.
     """
 
     positions: Float64Array

@@ -1,19 +1,19 @@
-"""Constraints of tetrahedra: volumes kept, and stable neo-Hookean solids.
+"""Constraints of tetrahedra: constant volumes, and stable neo-Hookean solids.
 
 A volume is one row, ``C = (x_1 - x_0) x (x_2 - x_0) . (x_3 - x_0) / 6 - V`` (Mueller et al. 2007, section 4).
 
-Stable neo-Hookean: a deviatoric and a hydrostatic constraint (Macklin and Mueller, "A constraint-based formulation of
-stable neo-Hookean materials", MIG 2021): with the deformation gradient ``F`` and the rest volume ``V``,
+Stable neo-Hookean: a deviatoric and a hydrostatic constraint (Macklin and Mueller, "A constraint-based formulation
+of stable neo-Hookean materials", MIG 2021). With the deformation gradient ``F`` and the rest volume ``V``,
 
     C_D = sqrt(tr(F^T F)),  compliance 1/(mu V);    C_H = det F - (1 + mu/lambda),  compliance 1/(lambda V).
 
-The two hold each other at rest, so they are taken as the two rows of one constraint: Eq. 6 is then a system of two
-equations, whose solution leaves a body at rest where it is. Taken one after the other, as that paper does, a stiff body
-swells towards ``det F = 1 + mu/lambda``.
+The two balance each other at rest, so they are the two rows of one constraint: Eq. 6 is then a system of two
+equations, whose solution leaves a body at rest where it is. Solved one after the other, as in that paper, a stiff
+body swells towards ``det F = 1 + mu/lambda``.
 
-Shear is felt through the second derivatives of both rows, which XPBD leaves out of its matrix: it is explicit, and too
-long a substep would make it oscillate. Where a tetrahedron's shear would be undone more than once in a substep, its
-two moduli are lowered together until it is undone just once. Stiffer than that cannot be had at that substep.
+Shear acts through the second derivatives of both rows, which XPBD leaves out of its matrix. It is explicit, and too
+long a substep would make it oscillate. Where a substep would undo a tetrahedron's shear more than once, both moduli
+are lowered together until it is undone exactly once. That is the largest stiffness possible with this substep.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pdecodec.simulate.constraints import Constraints, MeasuredConstraints, Meth
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VolumeConstraints(MeasuredConstraints):
-    """Tetrahedra that keep their volumes.
+    """Volume constraints of tetrahedra.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class VolumeConstraints(MeasuredConstraints):
 
 
 def tetrahedron_volumes(positions: Float64Array, tetrahedra: Int32Array) -> Float64Array:
-    """Signed volumes [m^3], (tetrahedra,)."""
+    """Return signed volumes [m^3], (tetrahedra,)."""
     corners = positions[tetrahedra]
     volumes: Float64Array = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
     return volumes
@@ -68,8 +68,8 @@ def tetrahedron_volumes(positions: Float64Array, tetrahedra: Int32Array) -> Floa
 class NeoHookeanConstraints(Constraints):
     """Linear finite elements of a stable neo-Hookean solid.
 
-    PBD has no energies to balance. There the two rows become ``sqrt(tr(F^T F)) - sqrt(3)`` and ``det F - 1``, which
-    are 0 at rest, and are taken one after the other.
+    PBD has no energies to balance. Its two rows are ``sqrt(tr(F^T F)) - sqrt(3)`` and ``det F - 1``, which are 0 at
+    rest, and are solved one after the other.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class NeoHookeanConstraints(Constraints):
         damping: float = 0.0,
         stiffness: float = 1.0,
     ) -> Self:
-        """From a rest shape and the elastic constants of small strain.
+        """Make constraints from a rest shape and the elastic constants of small strain.
 
         Parameters
         ----------
@@ -149,11 +149,11 @@ class NeoHookeanConstraints(Constraints):
         return np.stack([size, np.linalg.det(deformation) - self.target], axis=1)
 
     def deformations(self, positions: Float64Array) -> Float64Array:
-        """Deformation gradients ``F``, (constraints, 3, 3)."""
+        """Return deformation gradients ``F``, (constraints, 3, 3)."""
         corners = positions[self.particles]
         return (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1) @ self.inverse_rest
 
     def energy(self, positions: Float64Array) -> float:
-        """Elastic energy [J], Eq. 2, less its value at rest."""
+        """Return the elastic energy [J], Eq. 2, minus its value at rest."""
         rest = 0.5 * (3 * self.shear + self.shear**2 / self.bulk) * float(self.volumes.sum())
         return super().energy(positions) - rest

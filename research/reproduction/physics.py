@@ -16,7 +16,7 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.research.reproduction import bspline
 from pdecodec.research.reproduction.method import HONEST, product_fit, reconstruct_all
 from pdecodec.research.reproduction.rope import FRAMES, RopeSettings
-from pdecodec.simulate.scene_cube_rope import STRETCH
+from pdecodec.simulate.scene_cube_rope import WEIGHT_STRETCH
 from pdecodec.simulate.scenes import CubeRopeOptions
 from pdecodec.simulate.system import STANDARD_GRAVITY
 
@@ -100,7 +100,7 @@ def stiffness_over_mass(settings: RopeSettings) -> float:
     sqrt(12)`` [m^2/s], times the clip's seconds over the length squared.
     """
     options = CubeRopeOptions()
-    speed = math.sqrt(STANDARD_GRAVITY * options.length / STRETCH)  # sqrt(E / rho) [m/s]
+    speed = math.sqrt(STANDARD_GRAVITY * options.length / WEIGHT_STRETCH)  # sqrt(E / rho) [m/s]
     return speed * options.thickness / math.sqrt(12.0) * (FRAMES - 1) / settings.fps / options.length**2
 
 
