@@ -220,6 +220,7 @@ def runs_of_scene(
     changes: Sequence[ArrayLike],
     timing: Timing,
     open_run: Callable[[int, Timing], MeshSequence],
+    vertices_from: Callable[[int], int] | None = None,
 ) -> MeshSequence:
     """A scene whose frames stand at times [s]; of several runs where connectivity changes between two of them.
 
@@ -232,6 +233,8 @@ def runs_of_scene(
         Of all frames.
     open_run : callable
         Gives the run from a frame on, given its timing.
+    vertices_from : callable, optional
+        Gives how many vertices the run from a frame on has. Default: the run is opened.
     """
     edges = np.unique(np.concatenate([np.zeros(0), *map(np.asarray, changes)]))
     numbers = np.searchsorted(edges, times + SAME_TIME, side="right")
@@ -243,7 +246,10 @@ def runs_of_scene(
     def own(first: int, end: int) -> MeshSequence:
         return open_run(first, (times[first:end], timing[1], timing[2]))
 
-    vertices = [own(first, end).vertex_count for first, end in zip(firsts, ends, strict=True)]
+    if vertices_from is None:
+        vertices = [own(first, end).vertex_count for first, end in zip(firsts, ends, strict=True)]
+    else:
+        vertices = [vertices_from(first) for first in firsts]
     return runs_of_frames([*zip(firsts, vertices, strict=True)], timing, open_run)
 
 

@@ -57,12 +57,9 @@ class Implicit:
         return np.asarray(points)[:, self._axis].astype(np.float32)
 
 
-def read_implicit(prim: Any) -> Implicit | None:
-    """The polygons of an implicit shape; None where the prim is something else."""
-    make = _SOLIDS.get(str(prim.GetTypeName()))
-    if make is None:
-        return None
-    vectors, faces, parts = make()
+def read_implicit(prim: Any) -> Implicit:
+    """The polygons of an implicit shape, a prim of one of :data:`IMPLICIT_TYPES`."""
+    vectors, faces, parts = _SOLIDS[str(prim.GetTypeName())]()
     counts = np.array([len(face) for face in faces], np.int32)
     points = len(next(iter(vectors.values())))
     connectivity = Connectivity(points, counts, np.concatenate([np.array(face, np.int32) for face in faces]))
@@ -157,3 +154,6 @@ _SOLIDS: Mapping[str, Callable[[], _Solid]] = {
     "Plane": _plane,
 }
 """Polygons of shapes by type, along Z."""
+
+IMPLICIT_TYPES = frozenset(_SOLIDS)
+"""Types of prims that are implicit shapes."""

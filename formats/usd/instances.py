@@ -46,7 +46,7 @@ class Instancer:
     @property
     def turning(self) -> list[Any]:
         """Attributes along which instances move in no straight line."""
-        return [self.arrays.GetOrientationsAttr(), self.arrays.GetScalesAttr()]
+        return [self.arrays.GetOrientationsAttr(), self.arrays.GetOrientationsfAttr(), self.arrays.GetScalesAttr()]
 
     def root(self, instance: int) -> Any:
         """The root prim of an instance's prototype."""

@@ -140,6 +140,7 @@ class Inventory:
         self._left_out: dict[str, set[str]] = {}
         self._prims: dict[str, dict[str, None]] = {}
         self._names: dict[str, dict[str, None]] = {}
+        self._known: dict[Any, str] = {}
         self._textures: dict[str, None] = {}
         self._refused = {one.name for one in refusals.found}
         self._applied, self._within, self._bound = set[str](), set[Any](), set[Any]()
@@ -189,7 +190,7 @@ class Inventory:
             word = str(UsdShade.Shader(prim).GetIdAttr().Get() or prim.GetName())
             self._drop(path, "", "shaders", word)
         elif fate == Fate.DROPPED:
-            self._drop(path, "", word, object_name(prim), is_prim=True)
+            self._drop(path, "", word, object_name(prim, self._known), is_prim=True)
             self.others[kind] += word == kind
         else:
             self.items.append(Item(path, "", fate))
@@ -219,7 +220,7 @@ class Inventory:
             return Fate.APPLIED, ""
         if prim.GetPath() in self._within:
             return Fate.CODED, ""
-        if object_name(prim) in self._refused:
+        if object_name(prim, self._known) in self._refused:
             return Fate.TOLD, ""
         if prim.IsA(UsdGeom.Gprim) and UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
             return Fate.TOLD, ""

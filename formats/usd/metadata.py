@@ -38,14 +38,22 @@ def valid_name(step: str) -> str:
     return found if Sdf.Path.IsValidIdentifier(found) else f"_{found}"
 
 
-def object_name(prim: Any) -> str:
-    """The path of an object: names from the root, without the leading slash."""
-    steps = []
+def object_name(prim: Any, known: dict[Any, str] | None = None) -> str:
+    """Return the path of an object: names from the root, without the leading slash; names found are kept in `known`."""
+    known = {} if known is None else known
+    unknown, name = [], ""
     while prim and not prim.IsPseudoRoot():
-        if not prim.GetCustomDataByKey(ADDED):
-            steps.append(str(prim.GetCustomDataByKey(NAME) or prim.GetName()))
+        if prim.GetPath() in known:
+            name = known[prim.GetPath()]
+            break
+        unknown.append(prim)
         prim = prim.GetParent()
-    return "/".join(reversed(steps))
+    for below in reversed(unknown):
+        if not below.GetCustomDataByKey(ADDED):
+            own = str(below.GetCustomDataByKey(NAME) or below.GetName())
+            name = f"{name}/{own}" if name else own
+        known[below.GetPath()] = name
+    return name
 
 
 def read_metadata(stage: Any, times: Float64Array, per_second: float) -> dict[str, str]:

@@ -32,7 +32,8 @@ from pdecodec.formats.usd.inventory import Inventory
 from pdecodec.formats.usd.layers import open_stage
 from pdecodec.formats.usd.metadata import SAMPLED, read_metadata
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
-from pdecodec.formats.usd.walk import shapes_of
+from pdecodec.formats.usd.time_codes import TimeCodes
+from pdecodec.formats.usd.walk import shapes_again, shapes_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import MeshSequence
@@ -66,15 +67,22 @@ def open_usd(
         metadata = read_metadata(stage, times, _codes_per_second(stage, fps))
     facts = SceneFacts(path=path, transforms=transforms, metadata=metadata, unsupported=tuple(scan.refusals.found))
 
-    def open_run(first: int, own: Timing) -> MeshSequence:
+    def shapes_from(first: int) -> Sequence[UsdShape]:
         with stage_errors(path):
             again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
-            found = shapes_of(stage, again) if scan.changes else shapes
+            return shapes_again(shapes, again) if scan.changes else shapes
+
+    def open_run(first: int, own: Timing) -> MeshSequence:
+        found = shapes_from(first)
+        with stage_errors(path):
             return UsdSequence(stage, codes[first : first + own[0].size], facts, found, own, first)
+
+    def vertices_from(first: int) -> int:
+        return sum(shape.connectivity.vertex_count for shape in shapes_from(first))
 
     per_second = _codes_per_second(stage, fps)
     changes = [np.asarray(one) / per_second for one in scan.changes.values()]
-    return runs_of_scene(times, changes, (times, rate, notices), open_run)
+    return runs_of_scene(times, changes, (times, rate, notices), open_run, vertices_from)
 
 
 def inventory_of(path: Path) -> Inventory:
@@ -175,9 +183,8 @@ def _timing(stage: Any, shapes: Sequence[UsdShape], fps: float | None) -> tuple[
     nominal = float(stage.GetFramesPerSecond()) if stage.HasAuthoredMetadata("framesPerSecond") else per_second
     if says and fps is not None:
         nominal, notices = rate_or_default(nominal, fps)
-    found = [shape.time_codes() for shape in shapes]
-    straight = [codes / per_second for one, _ in found for codes in one]
-    curved = [codes / per_second for _, one in found for codes in one]
+    found = TimeCodes(shapes)
+    straight, curved = ([codes / per_second for codes in lists] for lists in (found.straight, found.curved))
     if not straight and not curved:
         code = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
         return np.array([code]), (np.array([code / per_second]), nominal, notices if says else ())

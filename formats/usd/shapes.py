@@ -26,12 +26,12 @@ from pdecodec.formats.base.normals import NORMAL_GROUP
 from pdecodec.formats.base.scene_reading import Extras, Refusals, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.scene_space import mirrors
 from pdecodec.formats.usd.attributes import read_extras
-from pdecodec.formats.usd.implicit import Implicit
+from pdecodec.formats.usd.implicit import read_implicit
 from pdecodec.formats.usd.instances import Instancer
 from pdecodec.formats.usd.metadata import OWN
 from pdecodec.formats.usd.skinning import Skinning
-from pdecodec.formats.usd.values import spline_codes, value_at
-from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
+from pdecodec.formats.usd.values import value_at
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
@@ -69,48 +69,6 @@ class UsdShape(Shape):
         own = [sample for sample in self.points.GetTimeSamples() if sample < later[0]]
         return min(code, own[-1]) if own else code
 
-    def time_codes(self) -> tuple[list[Float64Array], list[Float64Array]]:
-        """Lists of codes at which its points and the transforms above it are sampled.
-
-        Of the first lists, points move in straight lines between codes; of the second they need not.
-        """
-        straight: list[Any] = [self.points.GetTimeSamples(), self.described_at]
-        curved: list[Any] = (
-            [self.points.spline_codes(self.prim.GetStage())] if isinstance(self.points, Implicit) else []
-        )
-        if self.skinning is not None:
-            (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
-        prim, prims = self.placed_by, []
-        for instancer, instance in self.instances:
-            straight.append(instancer.arrays.GetPositionsAttr().GetTimeSamples())
-            curved += [one.GetTimeSamples() for one in instancer.turning]
-            prims += _up(prim, instancer.root(instance))
-            prim = instancer.prim
-        for above in [*prims, *_up(prim)]:
-            xformable = UsdGeom.Xformable(above)
-            if xformable:
-                steps = xformable.GetOrderedXformOps()
-                moving = [op for op in steps if op.GetNumTimeSamples() > 1]
-                shifts = all(op.GetOpType() == UsdGeom.XformOp.TypeTranslate for op in moving)
-                (straight if shifts else curved).append(xformable.GetTimeSamples())
-                curved += [spline_codes(op.GetAttr(), prim.GetStage()) for op in steps]
-        first, second = (
-            [np.asarray(codes, np.float64) for codes in lists if len(codes)] for lists in (straight, curved)
-        )
-        return first, second
-
-
-def _up(prim: Any, last: Any = None) -> list[Any]:
-    """A prim and those above it whose transforms place it, up to the last one if that is given."""
-    found = []
-    while prim and not prim.IsPseudoRoot():
-        found.append(prim)
-        xformable = UsdGeom.Xformable(prim)
-        if prim == last or (xformable and xformable.GetResetXformStack()):
-            break
-        prim = prim.GetParent()
-    return found
-
 
 class ShapeScan(SceneWalk):
     """A walk through a stage; its times are time codes.
@@ -119,6 +77,8 @@ class ShapeScan(SceneWalk):
     ----------
     within : list of Usd.Prim
         Instancers whose prototypes are being looked at.
+    names, hidden : dict
+        Names of prims, and whether they or prims above them are invisible, by path.
     """
 
     def __init__(
@@ -126,6 +86,8 @@ class ShapeScan(SceneWalk):
     ) -> None:
         super().__init__(refusals, at, changes)
         self.within: list[Any] = []
+        self.names: dict[Any, str] = {}
+        self.hidden: dict[Any, bool] = {}
 
     def look(self, prim: Any, attributes: Sequence[Any], *, by_size: bool = False) -> float | None:
         """The code at which array attributes of a prim that may change are to be read; None for their first values.
@@ -162,7 +124,8 @@ def change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
     return sorted(set(changed))
 
 
-def open_implicit(prim: Any, name: str, implicit: Implicit, skinning: Skinning | None) -> UsdShape:
+def open_implicit(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape:
+    implicit = read_implicit(prim)
     extras = read_extras(prim, implicit.connectivity, np.arange(implicit.connectivity.face_indices.size))
     extras.attributes.append(implicit.normal_group)
     return UsdShape(

@@ -43,6 +43,11 @@ class Skinning:
         animation = [self._animation.GetPrim().GetPath()] if self._animation else []
         return {str(path) for path in (self.skeleton_prim.GetPath(), *animation, *shapes)}
 
+    @property
+    def sampled_by(self) -> tuple[str, bool]:
+        """Path of the animation, and whether blend shapes are taken from it: what its time codes depend on."""
+        return str(self._animation.GetPrim().GetPath()) if self._animation else "", self._shapes is not None
+
     def time_codes(self) -> list[float]:
         """Time codes at which the animation is sampled."""
         if not self._animation:

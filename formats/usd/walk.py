@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom
 
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED
-from pdecodec.formats.usd.implicit import Implicit, read_implicit
+from pdecodec.formats.usd.implicit import IMPLICIT_TYPES, Implicit
 from pdecodec.formats.usd.instances import open_instancer
 from pdecodec.formats.usd.metadata import object_name
 from pdecodec.formats.usd.shapes import (
@@ -26,6 +26,14 @@ from pdecodec.formats.usd.shapes import (
 )
 from pdecodec.formats.usd.skinning import Skinning, find_skinning
 
+_OPENERS = (
+    (UsdGeom.TetMesh, open_tets),
+    (UsdGeom.Mesh, open_mesh),
+    (UsdGeom.BasisCurves, open_curves),
+    (UsdGeom.Points, open_points),
+)
+"""What opens prims of a type."""
+
 _PURPOSES = ("default", "render")
 """Purposes of prims that are read; proxies and guides stand beside what they stand for."""
 
@@ -38,6 +46,27 @@ def shapes_of(stage: Any, scan: ShapeScan) -> list[UsdShape]:
     return shapes
 
 
+def shapes_again(shapes: Sequence[UsdShape], scan: ShapeScan) -> list[UsdShape]:
+    """Return shapes as they are at the time code of another walk, without those that have no vertices there."""
+    found: list[UsdShape] = []
+    for shape in shapes:
+        opened: UsdShape | None = shape
+        open_prim = _opener(shape.prim) if shape.described_at else None
+        if open_prim is not None:
+            opened = open_prim(shape.prim, shape.name, scan, shape.skinning)
+        if opened is not None and opened.connectivity.vertex_count:
+            opened.hidden = shape.hidden
+            found.append(opened)
+    return found
+
+
+def _opener(prim: Any) -> Callable[[Any, str, ShapeScan, Skinning | None], UsdShape | None] | None:
+    """What opens a prim, by its type; None where nothing does."""
+    if str(prim.GetTypeName()) in IMPLICIT_TYPES:
+        return open_implicit
+    return next((open_prim for schema, open_prim in _OPENERS if prim.IsA(schema)), None)
+
+
 def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
     """Shapes at and below a prim; those of instancers once for each instance."""
     shapes: list[UsdShape] = []
@@ -45,34 +74,25 @@ def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -
     predicate = Usd.PrimIsActive & Usd.PrimIsLoaded if scan.within else Usd.PrimDefaultPredicate
     prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(predicate)))
     for prim in prims:
-        name = object_name(prim)
+        name = object_name(prim, scan.names)
         imageable = UsdGeom.Imageable(prim)
         skinning = skinned.get(str(prim.GetPath()))
-        opened = None
         if imageable and prim.IsA(UsdGeom.Gprim) and imageable.ComputePurpose() not in _PURPOSES:
             scan.refusals.others[f"prim of purpose {imageable.ComputePurpose()}"] += 1
         elif prim.IsA(UsdGeom.PointInstancer):
             # Prototypes below it stand nowhere by themselves.
             prims.PruneChildren()
             shapes += _instances(prim, name, skinned, scan)
-        elif prim.IsA(UsdGeom.TetMesh):
-            opened = open_tets(prim, name, scan, skinning)
-        elif prim.IsA(UsdGeom.Mesh):
-            opened = open_mesh(prim, name, scan, skinning)
-        elif prim.IsA(UsdGeom.BasisCurves):
-            opened = open_curves(prim, name, scan, skinning)
-        elif prim.IsA(UsdGeom.Points):
-            opened = open_points(prim, name, scan, skinning)
-        elif (implicit := read_implicit(prim)) is not None:
-            opened = open_implicit(prim, name, implicit, skinning)
+        elif (open_prim := _opener(prim)) is not None:
+            opened = open_prim(prim, name, scan, skinning)
+            # Times are of all that changes, be it there at first or not.
+            if opened is not None and (opened.connectivity.vertex_count or opened.described_at):
+                opened.hidden = _is_hidden(prim, scan.hidden)
+                shapes.append(opened)
         elif prim.IsA(UsdGeom.Gprim):
             scan.refusals.refuse(
                 name, f"the type {prim.GetTypeName()}, which is no mesh, curve or point set; convert it"
             )
-        # Times are of all that changes, be it there at first or not.
-        if opened is not None and (opened.connectivity.vertex_count or (scan.is_first and opened.described_at)):
-            opened.hidden = _is_hidden(prim)
-            shapes.append(opened)
     return shapes
 
 
@@ -113,7 +133,7 @@ def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: Shap
         return []
     shapes = []
     for number in numbers:
-        of_prototype = object_name(instancer.root(number))
+        of_prototype = object_name(instancer.root(number), scan.names)
         for one in found[int(instancer.prototypes[number])]:
             inner = f"{name}/{number}{one.name.removeprefix(of_prototype)}"
             hidden = one.hidden or bool(instancer.hidden[number])
@@ -122,13 +142,19 @@ def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: Shap
     return shapes
 
 
-def _is_hidden(prim: Any) -> bool:
-    """Whether a prim or one above it is invisible, always or at times."""
+def _is_hidden(prim: Any, known: dict[Any, bool]) -> bool:
+    """Whether a prim or one above it is invisible, always or at times; what is found is kept by path in `known`."""
+    unknown, found = [], False
     while prim and not prim.IsPseudoRoot():
-        visibility = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
-        if visibility and visibility.HasAuthoredValue():
-            codes = [Usd.TimeCode(code) for code in visibility.GetTimeSamples()] or [Usd.TimeCode.Default()]
-            if any(visibility.Get(code) == UsdGeom.Tokens.invisible for code in codes):
-                return True
+        if prim.GetPath() in known:
+            found = known[prim.GetPath()]
+            break
+        unknown.append(prim)
         prim = prim.GetParent()
-    return False
+    for below in reversed(unknown):
+        visibility = UsdGeom.Imageable(below).GetVisibilityAttr() if below.IsA(UsdGeom.Imageable) else None
+        if not found and visibility and visibility.HasAuthoredValue():
+            codes = [Usd.TimeCode(code) for code in visibility.GetTimeSamples()] or [Usd.TimeCode.Default()]
+            found = any(visibility.Get(code) == UsdGeom.Tokens.invisible for code in codes)
+        known[below.GetPath()] = found
+    return found

@@ -20,6 +20,7 @@ pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdeco
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 
+from pdecodec.formats.usd import shapes
 from pdecodec.formats.usd.metadata import NAME
 
 
@@ -239,6 +240,29 @@ def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
         assert read.run_starts.tolist() == [0, 7]
         up = [float(points[3, 2]) for _, block in read.blocks() for points in block]
         assert np.allclose(up, [0, 0.2, 0.4, 0.6, 0.8, 1, 1, 8])
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_each_mesh_is_opened_once_however_many_runs_or_prims_above_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deep: bool
+) -> None:
+    stage, path, meshes, runs = stage_at(tmp_path / "x.usdc"), "/top", 20, 30
+    UsdGeom.Xform.Define(stage, path).AddTranslateOp().Set(Gf.Vec3d(1, 0, 0), 0)
+    for number in range(meshes):
+        path += "/x" * deep
+        triangle(stage, f"{path}/m{number}")
+    changing = triangle(stage, "/changing")
+    for code in range(runs):
+        changing.GetFaceVertexIndicesAttr().Set([0, 1, 2] if code % 2 else [0, 2, 1], code)
+    stage.Save()
+    calls: dict[str, list[object]] = {"read_extras": [], "GetOrderedXformOps": []}
+    for owner, name in ((shapes, "read_extras"), (UsdGeom.Xformable, "GetOrderedXformOps")):
+        whole = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, _n=name, _w=whole, **k: (calls[_n].append(a), _w(*a, **k))[1])
+    with open_sequence(tmp_path / "x.usdc") as read:
+        assert len(read.runs) == runs
+    assert len(calls["read_extras"]) <= meshes + 1 + runs + 2
+    assert len(calls["GetOrderedXformOps"]) <= 2 * meshes + 3
 
 
 def test_points_that_do_not_fit_a_run_are_named_by_the_frame_of_the_whole(tmp_path: Path) -> None:
