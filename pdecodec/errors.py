@@ -150,7 +150,7 @@ class PdecodecError(Exception):
         super().__init__(message)
         self.message = message
         self.code = self.default_code if code is None else ErrorCode(code)
-        self.path = None if path is None else os.fspath(path)
+        self.path = None if path is None else os.fsdecode(path)
         self.object, self.frame, self.section, self.offset = object, frame, section, offset
         self.limit, self.setting, self.value, self.purpose = limit, setting, value, purpose
 

@@ -29,6 +29,7 @@ from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.system.arguments import as_number, as_path, as_positive, shown
 from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
@@ -95,7 +96,7 @@ def open_sequence(
     MissingExtraError
         If the format needs a package that is not installed.
     """
-    _check_fps(fps)
+    fps = None if fps is None else as_positive(fps, "fps")
     given = {
         "mesh": mesh,
         "clip": clip,
@@ -106,7 +107,7 @@ def open_sequence(
     with asset_folders_allowed(asset_folders):
         if is_address(path):
             return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
-        return _open_here(Path(path), fps, given, isolate=isolate)
+        return _open_here(as_path(path), fps, given, isolate=isolate)
 
 
 def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate: bool) -> MeshSequence:
@@ -224,10 +225,14 @@ def write_sequence(
                 meshopt=meshopt,
                 rigid=rigid,
             )
-    where = Path(path)
+    where = as_path(path)
     check_path(where)
-    _check_fps(fps)
-    entry = format_to_write(path)
+    fps = None if fps is None else as_positive(fps, "fps")
+    if not isinstance(sequence, MeshSequence):
+        raise InputError(f"no mesh sequence can be made of {shown(sequence)}; give one, as ArraySequence", path=where)
+    if rigid is not None and as_number(rigid, "rigid") < 0:
+        raise SettingsError(f"must be a distance, not {shown(rigid)}", setting="rigid")
+    entry = format_to_write(os.fsdecode(path))
     if entry.frame_per_file and "*" in where.name:
         where = where.with_name(where.name.replace("*", FOLDER_PADDING))
     writer: Writer = load(entry, entry.writer, "written", where)
@@ -281,11 +286,6 @@ def _users(name: str) -> str:
 def misplaced(name: str, users: str, path: str | Path) -> SettingsError:
     """Return the error about an option that is given for a format that has no use for it."""
     return SettingsError(f"is for {users}; leave it out", code="setting-unsupported", path=path, setting=name)
-
-
-def _check_fps(fps: float | None) -> None:
-    if fps is not None and not 0 < fps < float("inf"):
-        raise SettingsError(f"must be a positive number, not {fps}", setting="fps")
 
 
 def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:

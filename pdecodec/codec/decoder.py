@@ -25,19 +25,12 @@ from pdecodec.errors import InputError, LimitError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
+from pdecodec.system.arguments import as_integer, as_numbers, shown
 
 Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
-
-
-def _numbers(times: ArrayLike) -> Float64Array:
-    """As an array; SettingsError for what are no numbers."""
-    try:
-        return np.asarray(times, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SettingsError("must be a number or a list of numbers", setting="times") from error
 
 
 def _writable(out: Any) -> NDArray[Any]:
@@ -199,14 +192,14 @@ class Animation(MeshSequence):
     def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Positions at several times: (n, vertices, 3), as of :meth:`positions` of a list."""
-        asked = _numbers(times)
+        asked = as_numbers(times, "times")
         if asked.ndim == 0:
             raise SettingsError("must be a list of numbers; `positions` takes a single one, too", setting="times")
         return self._evaluated(POSITIONS, asked, out, outside)
 
     def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:
         """A quantity at one time or at several; of one, there is no axis of times."""
-        given = _numbers(times)
+        given = as_numbers(times, "times")
         asked = given if given.ndim else given[np.newaxis]
         return self._of_core(quantity, asked, self._inside(asked, outside), out, outside, is_one=not given.ndim)
 
@@ -275,7 +268,8 @@ class Animation(MeshSequence):
 
     def _inside(self, asked: Float64Array, outside: Outside) -> Float64Array:
         first, last = self._ends
-        if asked.size == 1 == asked.ndim and first <= asked.item() <= last and outside in OUTSIDES:
+        is_known = isinstance(outside, str) and outside in OUTSIDES
+        if is_known and asked.size == 1 == asked.ndim and first <= asked.item() <= last:
             return asked
         if asked.ndim != 1 or np.isnan(asked).any():
             raise SettingsError("must be a number or a list of numbers", setting="times")
@@ -300,9 +294,9 @@ class Animation(MeshSequence):
         """
         with self._naming_the_file():
             groups = self._core.groups
-        if not 0 <= group < len(groups):
+        if not 0 <= as_integer(group, "group") < len(groups):
             raise SettingsError(
-                f"there is no group {group}; the file has {len(groups)}, from 0 on", code="unknown-name"
+                f"there is no group {shown(group)}; the file has {len(groups)}, from 0 on", code="unknown-name"
             )
         entry = groups[group]
         reference, space = self.reference_and_space()

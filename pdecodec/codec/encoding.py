@@ -25,6 +25,7 @@ from pdecodec.errors import SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence, Progress
+from pdecodec.system.arguments import as_path
 from pdecodec.system.storage import is_address, remote_output
 from pdecodec.system.whole_output import check_writable, whole_file
 
@@ -98,7 +99,7 @@ def encode(
         with remote_output(str(path), overwrite=overwrite) as local:
             report = encode(sequence, local, chosen, rms=rms, size=size, progress=progress)
             return replace(report, path=str(path))
-    target = None if path is None else Path(path)
+    target = None if path is None else as_path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
     if limit is None:

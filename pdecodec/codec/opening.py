@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from typing import Any, BinaryIO
+from typing import Any
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.paper_form import PaperForm
-from pdecodec.codec.source import DecodeLimits, chosen_limits, open_core, open_source
+from pdecodec.codec.source import DecodeLimits, FileSource, chosen_limits, open_core, open_source
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, one_run_of
@@ -15,14 +14,12 @@ from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.times import Outside
 
 
-def open_animation(
-    source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
-) -> Animation:
+def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) -> Animation:
     """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
 
     Parameters
     ----------
-    source : path-like, bytes or binary file
+    source : path-like, bytes, bytearray, memoryview or binary file
         The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
         more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
         may move it while the animation is open, unless it is a plain file of the system.

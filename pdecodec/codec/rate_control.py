@@ -17,6 +17,7 @@ from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.settings import DEFAULT_TOLERANCE, EncodeSettings, check_one_target
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import Progress
+from pdecodec.system.arguments import as_number, shown
 
 Outcome = TypeVar("Outcome")
 
@@ -115,8 +116,8 @@ def rate_limit(settings: EncodeSettings, *, rms: float | None = None, size: int 
 
 def check_positive(name: str, value: Any, kind: Any, noun: str) -> None:
     """Raise SettingsError unless `value` is a positive, finite number of a kind."""
-    if not isinstance(value, kind) or not (math.isfinite(value) and value > 0):
-        raise SettingsError(f"must be a positive {noun}, not {value!r}", setting=name)
+    if not isinstance(value, kind) or not 0 < as_number(value, name) < math.inf:
+        raise SettingsError(f"must be a positive {noun}, not {shown(value)}", setting=name)
 
 
 def encode_within(

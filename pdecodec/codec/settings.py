@@ -13,6 +13,7 @@ import numpy as np
 
 from pdecodec.codec.sections.closed_form import MAX_RATE
 from pdecodec.errors import SettingsError
+from pdecodec.system.arguments import as_integer, shown
 
 Profile = Literal["auto", "paper"]
 Order = Literal["keep", "free"]
@@ -79,12 +80,9 @@ class PaperSettings:
     def __post_init__(self) -> None:
         _settle(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
         _settle(self, ("alpha", "r"), float, Real, "a number")
-        if not 2 <= self.segment_frames <= MAX_SEGMENT_FRAMES:
-            raise SettingsError(
-                f"must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}", setting="segment_frames"
-            )
+        as_integer(self.segment_frames, "segment_frames", 2, MAX_SEGMENT_FRAMES)
         if self.piece_points is not None and self.piece_points < 2:
-            raise SettingsError(f"must be at least 2, not {self.piece_points}", setting="piece_points")
+            raise SettingsError(f"must be at least 2, not {shown(self.piece_points)}", setting="piece_points")
         for name in ("alpha", "r"):
             value = getattr(self, name)
             if value is not None and not 0 < value <= MAX_RATE:
@@ -98,7 +96,7 @@ def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, w
         if value is None:
             continue
         if not isinstance(value, kind | taken):
-            raise SettingsError(f"must be {what}, not {value!r}", setting=name)
+            raise SettingsError(f"must be {what}, not {shown(value)}", setting=name)
         try:
             object.__setattr__(settings, name, kind(value))
         except OverflowError as error:
@@ -166,17 +164,18 @@ class EncodeSettings:
                 raise SettingsError(f"must be a positive number, not {value}", setting=name)
         _settle(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
         if self.group_frames is not None and self.group_frames < 2:
-            raise SettingsError(f"must be at least 2, not {self.group_frames}", setting="group_frames")
+            raise SettingsError(f"must be at least 2, not {shown(self.group_frames)}", setting="group_frames")
         for name, instead in (("group_frames", "is segment_frames"), ("max_memory", "takes short segments anyway")):
             if getattr(self, name) is not None and self.profile == "paper":
                 message = f"is a setting of the profile auto; the paper's {instead}"
                 raise SettingsError(message, code="setting-unsupported", setting=name)
         for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
             known = get_args(kind)
-            if getattr(self, name) not in known:
-                raise SettingsError(f"must be one of {', '.join(known)}, not {getattr(self, name)!r}", setting=name)
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in known:
+                raise SettingsError(f"must be one of {', '.join(known)}, not {shown(value)}", setting=name)
         if not isinstance(self.paper, PaperSettings):
-            raise SettingsError(f"must be PaperSettings, not {self.paper!r}", setting="paper")
+            raise SettingsError(f"must be PaperSettings, not {shown(self.paper)}", setting="paper")
         if self.profile != "paper" and self.paper != PaperSettings():
             message = "segment_frames, piece_points, alpha and r are settings of the profile paper; take it"
             raise SettingsError(message, code="setting-unsupported")

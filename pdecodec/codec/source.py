@@ -12,13 +12,20 @@ from typing import BinaryIO, NamedTuple, cast
 
 from pdecodec import _core
 from pdecodec.codec.container import before_groups
-from pdecodec.errors import CorruptFileError, InputError, LimitError, unreadable
+from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError, unreadable
+from pdecodec.system.arguments import as_integer, shown
 from pdecodec.system.reading import open_regular
 from pdecodec.system.shares import thread_count
 from pdecodec.system.storage import is_address, open_range_reader
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
+
+LARGEST_LIMIT = 2**63 - 1
+"""Bytes: what the core counts with."""
+
+FileSource = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
+"""Where a file is read from: a path, an address, bytes, a binary file."""
 
 DEFAULT_MAX_KEPT = 512 * 2**20
 """Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
@@ -44,6 +51,12 @@ class DecodeLimits:
     max_memory: int = DEFAULT_MAX_MEMORY
     max_output: int | None = None
     max_kept: int = DEFAULT_MAX_KEPT
+
+    def __post_init__(self) -> None:
+        for name in ("max_memory", "max_output", "max_kept"):
+            value = getattr(self, name)
+            if value is not None or name != "max_output":
+                object.__setattr__(self, name, as_integer(value, name, 0, LARGEST_LIMIT))
 
 
 _usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
@@ -86,11 +99,13 @@ class Source(NamedTuple):
             self.file.close()
 
 
-def open_source(source: str | os.PathLike[str] | bytes | BinaryIO) -> Source:
+def open_source(source: FileSource) -> Source:
     """Open what :func:`pdecodec.open` takes; InputError where that fails."""
-    if isinstance(source, bytes):
-        return Source(source, "bytes in memory")
+    if isinstance(source, bytes | bytearray | memoryview):
+        return Source(bytes(source), "bytes in memory")
     if not isinstance(source, str | os.PathLike):
+        if not (hasattr(source, "seek") and hasattr(source, "read")):
+            raise SettingsError(f"must be a path, bytes or a binary file, not {shown(source)}", setting="source")
         return Source(source, str(getattr(source, "name", "a file in memory")))
     if is_address(source):
         remote = open_range_reader(str(source))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
+from pdecodec.system.arguments import shown
 
 
 class FrameSelection(MeshSequence):
@@ -24,7 +26,10 @@ class FrameSelection(MeshSequence):
     """
 
     def __init__(self, source: MeshSequence, frames: Sequence[int] | range) -> None:
-        chosen = np.asarray(list(frames), dtype=np.int64)
+        try:
+            chosen = np.asarray([operator.index(frame) for frame in frames], np.int64)
+        except (TypeError, OverflowError) as error:
+            raise InputError(f"frames must be whole numbers, not {shown(frames)}", code="frame-out-of-range") from error
         if chosen.size == 0:
             raise InputError("the selection holds no frame", code="no-frames")
         if chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
@@ -123,6 +128,9 @@ class ObjectSelection(MeshSequence):
 
     def __init__(self, source: MeshSequence, names: Sequence[str]) -> None:
         known = [item.name for item in source.objects]
+        if isinstance(names, str | bytes) or not isinstance(names, Iterable):
+            raise InputError(f"names of objects must be a list, not {shown(names)}", code="object-missing")
+        names = [name if isinstance(name, str) else shown(name) for name in names]
         for name in names:
             if name not in known:
                 raise InputError(

@@ -22,6 +22,7 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed, to_float32
 from pdecodec.mesh.times import check_times
+from pdecodec.system.arguments import shown
 
 Progress = Callable[[int, int, str], None]
 """Called as ``progress(frames done, frames in all, what is being done)``."""
@@ -455,9 +456,15 @@ class ArraySequence(MeshSequence):
             self.points: Float32Array = to_float32(array)
         self._rounding = rounding.largest
         frames, vertices = array.shape[:2]
+        polygons = Connectivity(vertices) if faces is None else Connectivity.from_padded(vertices, faces)
+        if objects is not None and not (
+            isinstance(objects, Sequence) and all(isinstance(one, MeshObject) for one in objects)
+        ):
+            raise InputError(f"objects must be a list of MeshObject, not {shown(objects)}")
         if objects and faces is not None:
             raise InputError("objects have faces of their own; give either objects or faces")
-        polygons = Connectivity(vertices) if faces is None else Connectivity.from_padded(vertices, faces)
+        if metadata is not None and not isinstance(metadata, Mapping):
+            raise InputError(f"metadata must be a mapping of names to texts, not {shown(metadata)}")
         self.objects = tuple(objects) if objects else (MeshObject("mesh", polygons),)
         if self.vertex_count != vertices:
             raise InputError(f"objects have {self.vertex_count} vertices, points have {vertices}")

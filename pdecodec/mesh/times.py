@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
+from pdecodec.system.arguments import as_numbers, as_positive, shown
 
 DEFAULT_FPS = 24.0
 """Frames per second where neither the file nor the user gives them; readers say so in a notice."""
@@ -46,13 +47,19 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
     """
     if frames == 0:
         raise InputError("there are no frames; give at least one", code="no-frames")
-    if fps is not None and not (np.isfinite(fps) and fps > 0):
-        raise InputError(f"frames per second must be a positive number, not {fps}", code="invalid-times")
+    if fps is not None:
+        try:
+            fps = as_positive(fps, "fps")
+        except SettingsError as error:
+            raise InputError(f"frames per second {error.message}", code="invalid-times") from error
     if times is None:
         fps = DEFAULT_FPS if fps is None else fps
         with np.errstate(over="ignore"):  # refused below
             times = np.arange(frames) / fps
-    checked = np.ascontiguousarray(times, dtype=np.float64)
+    try:
+        checked = np.ascontiguousarray(as_numbers(times, "times"))
+    except SettingsError as error:
+        raise InputError(f"times {error.message}", code="invalid-times") from error
     if checked.shape != (frames,):
         raise InputError(f"there are {frames} frames, but times have shape {checked.shape}", code="invalid-times")
     if not np.isfinite(checked).all():
@@ -95,8 +102,7 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
     SettingsError
         If `fps` is not a positive number, or gives more than :data:`MOST_TIMES` times.
     """
-    if not (np.isfinite(fps) and fps > 0):
-        raise SettingsError(f"must be a positive number, not {fps}", setting="fps")
+    fps = as_positive(fps, "fps")
     intervals = (last - first) * fps + TIME_SLACK
     if intervals >= MOST_TIMES:
         raise SettingsError(
@@ -134,8 +140,8 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     SettingsError
         If one lies outside and that is refused, one is infinite and looped, or `outside` is something else.
     """
-    if outside not in OUTSIDES:
-        raise SettingsError(f"must be one of {', '.join(OUTSIDES)}, not {outside!r}", setting="outside")
+    if not isinstance(outside, str) or outside not in OUTSIDES:
+        raise SettingsError(f"must be one of {', '.join(OUTSIDES)}, not {shown(outside)}", setting="outside")
     if times.size and first <= times.min() and times.max() <= last:
         return times
     beyond = (times < first - ROUNDING) | (times > last + ROUNDING)

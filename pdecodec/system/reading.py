@@ -15,7 +15,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
-from pdecodec.errors import InputError, damaged, unreadable
+from pdecodec.errors import InputError, SettingsError, damaged, unreadable
+from pdecodec.system.arguments import as_path, shown
 from pdecodec.system.storage import RemoteFile
 
 FOLDERS_VARIABLE = "PDECODEC_ASSET_FOLDERS"
@@ -32,7 +33,14 @@ _allowed: ContextVar[tuple[str, ...]] = ContextVar("folders in which files may n
 @contextmanager
 def asset_folders_allowed(folders: Iterable[str | os.PathLike[str]]) -> Iterator[None]:
     """Within, files that are opened may name files in these folders as well, and below them."""
-    token = _allowed.set((*_allowed.get(), *(os.path.realpath(os.fspath(folder)) for folder in folders)))
+    listed = [folders] if isinstance(folders, str | bytes | os.PathLike) else folders
+    if not isinstance(listed, Iterable):
+        raise SettingsError(f"must be a list of folders, not {shown(folders)}", setting="asset_folders")
+    paths = [as_path(folder, "asset_folders") for folder in listed]
+    try:
+        token = _allowed.set((*_allowed.get(), *map(os.path.realpath, paths)))
+    except ValueError as error:
+        raise SettingsError("must be folders as there can be", setting="asset_folders") from error
     try:
         yield
     finally:
@@ -54,6 +62,7 @@ def open_regular(path: str | os.PathLike[str], *, is_buffered: bool = True) -> B
     InputError
         If it is a pipe, a socket or a device, or no file can have its name.
     """
+    path = as_path(path)
     try:
         _check_mode(path, os.stat(path).st_mode)  # a device may act when it is opened
         return open(path, "rb", -1 if is_buffered else 0, opener=_opened)

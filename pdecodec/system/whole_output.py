@@ -43,12 +43,14 @@ _OWN = re.compile(r"\..+\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}(\.p
 
 def check_path(path: Path) -> None:
     """Raise InputError if no file can have this path."""
-    if "\0" in str(path):
-        raise InputError(
-            "holds a character that no path can have (NUL); give another name", code="output-unwritable", path=path
-        )
     try:
         os.lstat(path)
+    except ValueError as error:
+        raise InputError(
+            "holds a character that no path can have (NUL, or half of a pair); give another name",
+            code="output-unwritable",
+            path=path,
+        ) from error
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise InputError(

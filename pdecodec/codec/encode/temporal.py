@@ -563,7 +563,8 @@ def sums_of_squares(rows: Rows, precision: type[np.floating[Any]] = np.float64) 
 
 def product(left: Float64Array, right: Float64Array) -> Float64Array:
     """``left @ right``, of two matrices."""
-    return _core.product(left, right, thread_count())
+    # Copied here and not there: that there is no memory for it is a MemoryError here, and a wrong argument there.
+    return _core.product(left, np.ascontiguousarray(right), thread_count())
 
 
 def eigen(squares: Float64Array) -> tuple[Float64Array, Float64Array]:

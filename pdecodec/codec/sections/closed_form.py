@@ -188,6 +188,7 @@ class ClosedForm:
         values = self._series(t)
         weights = np.empty_like(values)
         for j in range(self.functions):
-            column = values[:, j] - _core.product(weights[:, :j], self.triangle[:j, j : j + 1], 1)[:, 0]
+            factors = np.ascontiguousarray(self.triangle[:j, j : j + 1])
+            column = values[:, j] - _core.product(weights[:, :j], factors, 1)[:, 0]
             weights[:, j] = column / self.triangle[j, j]
         return weights
