@@ -133,9 +133,9 @@ def say_notices(notices: Iterable[str]) -> None:
 
 def say_rounding(distance: float, scale: float) -> None:
     """A line where rounding moves positions noticeably, beside the diagonal of the scene."""
-    from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
+    from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
-    if distance > NOTEWORTHY * scale:
+    if distance > REPORTED_ROUNDING * scale:
         say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")
 
 

@@ -1,12 +1,12 @@
 """pdecodec: a codec for deforming meshes.
 
-A mesh sequence goes in, its motion is fitted with closed-form solutions of a dynamic PDE (Fang et al. 2024,
-Mathematics 12, 3175), a compact `.pdeanim` file comes out, and meshes at any time come back from it.
+The encoder fits the motion of a mesh sequence with closed-form solutions of a dynamic PDE (Fang et al. 2024,
+Mathematics 12, 3175) or with simpler models, and writes a compact `.pdeanim` file; the decoder returns the mesh at
+any time.
 
-The public names are listed in `__init__.pyi`. Each is imported when it is first used, so that ``import pdecodec`` stays
-light. Begin with `codec/encoding.py` (from a sequence to a file) and `codec/opening.py` (from a file to
-positions). `mesh/` has what goes in and comes out, `codec/` the file format, `simulate/` scenes to try it on, `system/`
-files and threads.
+The public names are listed in `__init__.pyi`. Each is imported on first use, so that ``import pdecodec`` stays
+light. Begin with `codec/encoding.py` (from a sequence to a file) and `codec/opening.py` (from a file to positions).
+`mesh/` has mesh sequences, `codec/` the file format, `simulate/` scenes to try it on, `system/` files and threads.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, Notice, SettingsError
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.mesh.times import DEFAULT_FPS, MOST_TIMES, check_times, times_at_rate
+from pdecodec.mesh.times import DEFAULT_FPS, MAX_TIMES, check_times, times_at_rate
 
 SAME_TIME = 1e-6
 """Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""
@@ -180,10 +180,10 @@ def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
         If they are too many.
     """
     steps = np.maximum(1, np.ceil(np.diff(keys) * rate - FRAME_SLACK))
-    if steps.sum() >= MOST_TIMES:
+    if steps.sum() >= MAX_TIMES:
         raise InputError(
             f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} a second, more than "
-            f"{MOST_TIMES:,}",
+            f"{MAX_TIMES:,}",
             code="invalid-times",
             setting="fps",
             purpose="to take a lower rate",

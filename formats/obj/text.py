@@ -14,7 +14,7 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.metrics import frame_scale
-from pdecodec.mesh.rounding import NOTEWORTHY, largest_rounding
+from pdecodec.mesh.rounding import REPORTED_ROUNDING, largest_rounding
 
 _CONTINUATION = re.compile(rb"\\[ \t]*\r?\n")
 _TOKEN = re.compile(rb"[^ \t\r\n\v\f]*")
@@ -113,10 +113,10 @@ class ObjText:
 
 
 def is_far(points: Float32Array) -> bool:
-    """Whether rounding to float32 may move positions (vertices, 3) by more than :data:`NOTEWORTHY` of the diagonal."""
+    """Return whether float32 moves positions (vertices, 3) by over :data:`REPORTED_ROUNDING` of the diagonal."""
     if not points.size or not np.isfinite(points).all():
         return False
-    return math.sqrt(3) / 2 * float(np.spacing(np.abs(points).max())) > NOTEWORTHY * frame_scale(points)
+    return math.sqrt(3) / 2 * float(np.spacing(np.abs(points).max())) > REPORTED_ROUNDING * frame_scale(points)
 
 
 def rounding_of_text(text: ObjText, points: Float32Array) -> float:

@@ -1,4 +1,4 @@
-"""Array types by their number type, for annotations everywhere in the package."""
+"""Array types by number type, for annotations everywhere in the package."""
 
 from __future__ import annotations
 

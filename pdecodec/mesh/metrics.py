@@ -1,7 +1,7 @@
-"""How far one mesh sequence is from another: the distortion measures of the field, gathered block by block.
+"""Distance between mesh sequences: the distortion measures of the field, gathered block by block.
 
-All sums are float64, where the square of any float32 coordinate (1e-45 to 3.4e38) is exact to the last bits
-and far from overflow. A sequence longer than memory is measured in one pass and a fixed amount of memory.
+All sums are float64, where the square of any float32 coordinate (1e-45 to 3.4e38) is exact to the last bits and far
+from overflow. A sequence longer than memory is measured in one pass with a fixed amount of memory.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
 
 CHUNK_POINTS = 2**19
-"""Vertices times frames taken at once: the float64 temporaries then stay near 40 MB."""
+"""Vertices times frames processed together: the float64 temporaries stay near 40 MB."""
 
 HISTOGRAM_SHIFT = 12
 """Bits of a float32 dropped for the percentile's histogram: 2**19 bins, each 2**-11 (0.05 %) wide."""
 
 HISTOGRAM_BINS = 2 ** (31 - HISTOGRAM_SHIFT)
-"""One for each value of the bits that are left, the sign aside: distances have none."""
+"""One bin for each value of the remaining bits without the sign, which distances lack."""
 
 
 def frame_scale(points0: ArrayLike) -> float:
-    """Length that errors of a sequence are measured against: the diagonal of frame 0's bounding box.
+    """Return the length that errors are relative to: the diagonal of frame 0's bounding box.
 
-    Where the diagonal is zero (one vertex, all vertices equal) it is the largest absolute coordinate of
-    frame 0, and where that is zero too, 1.
+    If the diagonal is zero (one vertex, or all vertices equal), it is the largest absolute coordinate of frame 0; if
+    that is zero too, 1.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def frame_scale(points0: ArrayLike) -> float:
 
 
 def bits_per_vertex_frame(byte_count: int, *, vertices: int, frames: int) -> float:
-    """Rate in bits per vertex and frame; raw float32 positions take 96."""
+    """Return the rate in bits per vertex and frame; raw float32 positions take 96."""
     return 8.0 * byte_count / (vertices * frames)
 
 
@@ -62,25 +62,24 @@ class Distortion:
     Attributes
     ----------
     scale : float [scene units]
-        Length `e_a` and `e_m` are relative to (:func:`frame_scale` of the reference).
+        Length that `e_a` and `e_m` are relative to (:func:`frame_scale` of the reference).
     max_error, rms_error, p99_error : float [scene units]
-        Largest distance; root of the mean square distance; smallest distance that 99 % of all vertices of all
-        frames do not exceed (rounded up by at most 0.05 %).
+        Largest distance; root of the mean square distance; smallest distance that 99 % of all vertices of all frames do
+        not exceed (rounded up by at most 0.05 %).
     worst_frame, worst_vertex : int
-        Where `max_error` is first reached.
+        First place of `max_error`.
     kg_error : float [%]
-        ``100 * ||A - A'|| / ||A - E(A)||``, Frobenius norms over all frames, ``E(A)`` the mean position of each
-        frame (Karni and Gotsman 2004). Infinite where every frame of the reference is a single point.
+        ``100 * ||A - A'|| / ||A - E(A)||``, Frobenius norms over all frames, ``E(A)`` the mean position of each frame
+        (Karni and Gotsman 2004). Infinite if every frame of the reference is a single point.
     e_a : float
         Mean over the frames of E_An, Eq. 26.
     e_m : float
-        Largest E_Mn over the frames, Eq. 27. Fang et al. divide by the distance of the two furthest points of
-        the first extracted curve; here `scale` stands in its place, so that clips without curves have one too.
+        Largest E_Mn over the frames, Eq. 27. Fang et al. divide by the largest distance within the first extracted
+        curve; `scale` replaces it here, so that clips without curves have these errors too.
     frames, vertices : int
-        How many were measured; vertices of the last frame.
+        Number of measured frames; vertices of the last frame.
     within : float or None
-        Share of all vertices of all frames whose distance is at most the limit that the measurement was given; None
-        where it was given none.
+        Fraction of all vertices of all frames whose distance is at most the given limit; None without a limit.
     """
 
     scale: float
@@ -97,14 +96,14 @@ class Distortion:
     within: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields by name, ready for JSON: an infinite `kg_error` becomes None."""
+        """Return fields by name, ready for JSON: an infinite `kg_error` becomes None."""
         fields = asdict(self)
         fields["kg_error"] = self.kg_error if math.isfinite(self.kg_error) else None
         return fields
 
 
 class DistortionMeter:
-    """Gathers a :class:`Distortion` from blocks of frames given in order.
+    """Gathers a :class:`Distortion` from blocks of frames in order.
 
     Parameters
     ----------
@@ -132,7 +131,7 @@ class DistortionMeter:
         self._histogram = np.zeros(HISTOGRAM_BINS, np.int64)
 
     def add(self, reference: Float32Array, other: Float32Array) -> None:
-        """Take the next frames.
+        """Add the next frames.
 
         Parameters
         ----------
@@ -181,15 +180,15 @@ class DistortionMeter:
         self._histogram += np.bincount(bins, minlength=HISTOGRAM_BINS)
 
     def _percentile(self, share: float, scale: float) -> float:
-        """Upper edge of the bin in which the nearest-rank percentile lies, at most the maximum."""
+        """Return the upper edge of the bin with the nearest-rank percentile, at most the maximum."""
         cumulative = np.cumsum(self._histogram)
         found = int(np.searchsorted(cumulative, math.ceil(share * int(cumulative[-1]))))
         edge = np.array((found << HISTOGRAM_SHIFT) | (2**HISTOGRAM_SHIFT - 1), np.int32).view(np.float32)
-        # The lowest bin holds the exact zeros, and nothing else that float32 does not call subnormal.
+        # The lowest bin holds exact zeros and subnormal float32 numbers only.
         return 0.0 if found == 0 else min(float(edge) * scale, self._worst[0])
 
     def result(self) -> Distortion:
-        """Distortion of all frames added so far.
+        """Return the distortion of all frames added so far.
 
         Raises
         ------
@@ -231,7 +230,7 @@ def measure_distortion(
     limit: float | None = None,
     progress: Progress | None = None,
 ) -> Distortion:
-    """Distortion of `other` against `reference`, frame by frame in order, whatever their times.
+    """Measure the distortion of `other` against `reference`, frame by frame in order, whatever their times.
 
     Parameters
     ----------

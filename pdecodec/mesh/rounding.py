@@ -1,8 +1,8 @@
-"""Positions as float32, which is what all of this library takes and gives, and how far they are moved by that.
+"""Convert positions to float32, the type of the whole library, and record how far that moves them.
 
-float32 has 24 binary digits: a million units from the origin its numbers are a sixteenth of a unit apart. Error bounds
-count from the float32 positions; whoever wants to know how far those are from a source's own takes note while it is
-read: ``with rounding_noticed() as rounding``.
+float32 has 24 binary digits: a million units from the origin its numbers are a sixteenth of a unit apart. Error
+bounds count from the float32 positions. To learn how far those are from a source's own positions, read it inside
+``with rounding_noticed() as rounding``.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float32Array
 
-NOTEWORTHY = 1e-6
-"""Rounding that is told where nobody asked for a bound, over the diagonal: float32 numbers as far from the origin as
-the scene is large are rounded by a tenth of that at most."""
+REPORTED_ROUNDING = 1e-6
+"""Rounding over the diagonal that is reported even without a bound. Float32 numbers as far from the origin as
+the scene is large are rounded by a tenth of that at most.
+"""
 
 ROWS = 2**16
-"""Positions that are looked at together, so that float64 differences stay small beside a block of frames."""
+"""Positions that are compared together, so that float64 differences stay small next to a block of frames."""
 
 
 @dataclass
 class Rounding:
-    """How far positions that were read meanwhile are from the source's own at most.
+    """Largest distance between positions read within a context and the source's own.
 
     Attributes
     ----------
     largest : float [scene units]
-        Euclidean; 0 where they are float32 in the source, or exact in float32.
+        Euclidean; 0 if the source's positions are float32 or exact in float32.
     """
 
     largest: float = 0.0
@@ -44,7 +45,7 @@ _noticed: ContextVar[Rounding | None] = ContextVar("_noticed", default=None)
 
 @contextmanager
 def rounding_noticed(factor: float = 1.0) -> Iterator[Rounding]:
-    """Take note of the rounding of positions that are read inside; `factor` times it is noted outside, too."""
+    """Record the rounding of positions that are read inside; `factor` times it is recorded outside, too."""
     found = Rounding()
     token = _noticed.set(found)
     try:
@@ -55,26 +56,26 @@ def rounding_noticed(factor: float = 1.0) -> Iterator[Rounding]:
 
 
 def is_rounding_noticed() -> bool:
-    """Whether somebody wants to know."""
+    """Whether rounding is being recorded."""
     return _noticed.get() is not None
 
 
 def note_rounding(distance: float) -> None:
-    """Note that positions were moved so far [scene units]."""
+    """Record that positions were moved by this distance [scene units]."""
     found = _noticed.get()
     if found is not None:
         found.largest = max(found.largest, distance)
 
 
 def rounding_words(distance: float) -> str:
-    """What rounding by so much [scene units] does to positions of more digits than float32 has."""
+    """Describe the effect of rounding by this distance [scene units] on positions with more digits than float32."""
     return f"positions are rounded to float32, which moves them by up to {distance:.3g} scene units"
 
 
 def to_float32(points: NDArray[Any]) -> Float32Array:
-    """Positions (..., 3) of any kind of number as float32 in C order; how far they are moved is noted.
+    """Convert positions (..., 3) of any number type to float32 in C order; record how far that moves them.
 
-    Those beyond float32 become infinite, for whoever reads them to refuse.
+    Positions beyond float32 become infinite, and the reader of the file refuses them.
     """
     with np.errstate(over="ignore"):
         rounded = np.ascontiguousarray(points, np.float32)
@@ -84,7 +85,7 @@ def to_float32(points: NDArray[Any]) -> Float32Array:
 
 
 def largest_rounding(points: NDArray[Any], rounded: Float32Array) -> float:
-    """Largest finite distance of positions (..., 3) from what they were rounded to [scene units]."""
+    """Return the largest finite distance of positions (..., 3) from their rounded values [scene units]."""
     if np.can_cast(points.dtype, np.float32):
         return 0.0
     stored, taken = points.reshape(-1, 3), rounded.reshape(-1, 3)

@@ -1,7 +1,7 @@
 """Sequences whose connectivity changes: runs of frames, each a mesh sequence of its own, on one timeline.
 
-A fluid that is meshed anew in every frame is runs of one frame. Between the last frame of a run and the first of the
-next the earlier one stands still.
+A fluid with a new mesh in every frame has runs of one frame. Between the last frame of a run and the first of the
+next, the earlier frame stands still.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 OPEN_RUNS = 2
-"""Runs that stay open after they were asked for: the one at a time, and the next."""
+"""Runs that stay open after use: the one at the current time, and the next."""
 
 
 class OpenedRuns(Sequence[MeshSequence]):
-    """Runs that are opened when they are asked for; the latest ones stay open.
+    """Runs that are opened on use; the latest ones stay open.
 
     Parameters
     ----------
     open_run : callable
-        Opens the run of a number.
+        Opens the run of a given index.
     count : int
     """
 
@@ -50,14 +50,15 @@ class OpenedRuns(Sequence[MeshSequence]):
         )
 
     def forget(self) -> None:
-        """Let go of runs that are open."""
+        """Close all open runs."""
         self._open.cache_clear()
 
 
 class ChangingSequence(MeshSequence):
     """A sequence whose connectivity changes from frame to frame, as runs of constant connectivity.
 
-    What is of one connectivity (:attr:`objects`, :attr:`vertex_count`) is each run's own: here it is an InputError.
+    Properties of one connectivity (:attr:`objects`, :attr:`vertex_count`) belong to each run; here they raise
+    InputError.
 
     Parameters
     ----------
@@ -66,9 +67,9 @@ class ChangingSequence(MeshSequence):
     times : (frames,) array [s], optional
         Of all runs, strictly increasing. Default: those of the runs.
     frames, vertices : sequence of int, optional
-        Of each run. Default: as the runs have them. Where all three are given no run is looked at before it is needed.
+        Of each run. Default: taken from the runs. If all three are given, no run is opened before it is needed.
     fps : float, optional
-        Nominal frame rate. Default: that of the first run, as are metadata.
+        Nominal frame rate. Default: that of the first run; the same holds for metadata.
     metadata : mapping of str to str, optional
     notices : sequence of str, optional
         Default: those of all runs, each once.
@@ -151,7 +152,7 @@ class ChangingSequence(MeshSequence):
         return self.runs[0]
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """Positions of frames, all of which must have as many vertices; else InputError, and errors as of runs."""
+        """Return positions of frames, which must all have the same number of vertices; raise InputError otherwise."""
         check_frame_range(self, start, stop)
         first = self.run_number_of(min(start, self.frame_count - 1))
         last = max(first, self.run_number_of(stop - 1))
@@ -165,7 +166,7 @@ class ChangingSequence(MeshSequence):
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def blocks(self, frames: int | None = None) -> Iterator[tuple[int, Float32Array]]:
-        """Blocks of frames as of other sequences, none of frames of two runs."""
+        """Yield blocks of frames; no block has frames of two runs."""
         for first, run in zip(self._starts.tolist(), self.runs, strict=True):
             for start, block in run.blocks(frames):
                 yield first + start, block
@@ -179,13 +180,13 @@ class ChangingSequence(MeshSequence):
 
 
 class DerivedRuns(ChangingSequence):
-    """Another sequence's runs, each changed in the same way.
+    """The runs of another sequence, each changed in the same way.
 
     Parameters
     ----------
     source : ChangingSequence
     change : callable
-        Gives a sequence of as many frames, at the same times.
+        Returns a sequence of as many frames, at the same times.
     """
 
     def __init__(self, source: ChangingSequence, change: Callable[[MeshSequence], MeshSequence]) -> None:
@@ -207,23 +208,23 @@ class DerivedRuns(ChangingSequence):
 
 
 def changed(sequence: MeshSequence, change: Callable[[MeshSequence], MeshSequence]) -> MeshSequence:
-    """A sequence after a change that keeps frames and vertices; of several runs each, when it is needed."""
+    """Apply a change that keeps frames and vertices to a sequence; to several runs one by one, when needed."""
     return DerivedRuns(sequence, change) if isinstance(sequence, ChangingSequence) else change(sequence)
 
 
 def equal_runs(keys: Sequence[object]) -> list[int]:
-    """How many frames there are in each run, given for each frame what is the same within a run."""
+    """Return the lengths of runs of equal keys, given one key per frame."""
     edges = [0, *(frame for frame, (a, b) in enumerate(pairwise(keys), 1) if a != b), len(keys)]
     return [end - begin for begin, end in pairwise(edges)]
 
 
 def one_run_of(sequence: ChangingSequence, times: Float64Array) -> int:
-    """The number of the run that holds at all of several times.
+    """Return the number of the run that contains all of several times.
 
     Raises
     ------
     SettingsError
-        If they are of several runs.
+        If the times belong to several runs.
     """
     numbers = {sequence.run_number_at(float(time)) for time in (times.min(), times.max())} if times.size else {0}
     if len(numbers) > 1:

@@ -1,4 +1,4 @@
-"""Views of a mesh sequence as sequences of their own: some frames, some objects."""
+"""Select frames or objects of a mesh sequence, as sequences of their own."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class FrameSelection(MeshSequence):
 
 
 class SelectedRuns(ChangingSequence):
-    """Some frames of a sequence of runs; runs of which none is left are left out.
+    """Some frames of a sequence of runs; runs without a selected frame are left out.
 
     Parameters
     ----------
@@ -95,7 +95,9 @@ class SelectedRuns(ChangingSequence):
 
 
 def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequence:
-    """Some frames of a sequence, of one run or of several; an ordinary sequence where they are all of one run."""
+    """Select frames of a sequence, of one run or of several; the result is an ordinary sequence if all are of
+    one run.
+    """
     if not isinstance(sequence, ChangingSequence):
         return FrameSelection(sequence, frames)
     selected = SelectedRuns(sequence, frames)
@@ -103,7 +105,7 @@ def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequenc
 
 
 def _rate(chosen: Int64Array, fps: float) -> float | None:
-    """Frames a second of evenly chosen frames: the source's over the step, not what rounded times say; else None."""
+    """Return the rate of evenly spaced frames: the source's over the step, not what rounded times say; else None."""
     steps = np.diff(chosen)
     if (steps != steps[:1]).any():
         return None

@@ -1,8 +1,8 @@
 """Mesh sequences: named objects of constant connectivity whose vertices move.
 
-Everything that gives frames is a :class:`MeshSequence`: an array in memory, a reader that holds a file
-open, the decoder of a `.pdeanim` file. Everything that takes frames asks for them by blocks, so that a
-sequence longer than memory passes through.
+Every source of frames is a :class:`MeshSequence`: an array in memory, a reader that holds a file open, the decoder
+of a `.pdeanim` file. Everything that takes frames asks for them by blocks, so that a sequence longer than memory
+passes through.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from pdecodec.mesh.times import check_times
 from pdecodec.system.arguments import shown
 
 Progress = Callable[[int, int, str], None]
-"""Called as ``progress(frames done, frames in all, what is being done)``."""
+"""Called as ``progress(frames done, total frames, current activity)``."""
 
 AttributeDomain = Literal["vertex", "face", "corner", "object"]
 
 BLOCK_BYTES = 64 * 2**20
-"""Raw float32 bytes that one block of frames may take: what bounds memory while frames pass through."""
+"""Raw float32 bytes of one block of frames; this bounds memory while frames pass through."""
 
 MAX_INDEX = int(np.iinfo(np.int32).max)
 """Largest vertex index: indices are int32 everywhere, here and in the file."""
@@ -99,7 +99,7 @@ class Connectivity:
 
     @classmethod
     def from_padded(cls, vertex_count: int, faces: ArrayLike | Sequence[Sequence[int]]) -> Connectivity:
-        """From a rectangular index array padded with -1; rows of one or two vertices become lines.
+        """Make connectivity from an index array padded with -1; rows of one or two vertices become lines.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Connectivity:
         return int(self.line_counts.size)
 
     def same_as(self, other: Connectivity) -> bool:
-        """Whether both have the same vertices, faces and lines in the same order."""
+        """Return whether both have the same vertices, faces and lines in the same order."""
         return self.vertex_count == other.vertex_count and all(
             np.array_equal(getattr(self, name), getattr(other, name))
             for name in ("face_counts", "face_indices", "line_counts", "line_indices")
@@ -155,11 +155,11 @@ class Attribute:
     name : str
         ``"uv"``, ``"color"``, ``"group"``, ``"material"``, or the source's own name.
     domain : {"vertex", "face", "corner", "object"}
-        What `values` (or `indices`, where present) has one row for.
+        The elements that `values` (or `indices`, if present) has one row for each.
     values : (n,) or (n, k) array
         float32, float64, int32 or uint8.
     indices : (rows of the domain,) int32, optional
-        Row of `values` used by each element of the domain; -1 for none. Keeps UV seams as they were.
+        Row of `values` for each element of the domain; -1 for none. Keeps UV seams as they were.
     labels : tuple of str
         Names that integer `values` refer to (group and material names).
     """
@@ -173,7 +173,7 @@ class Attribute:
 
 @dataclass(frozen=True, eq=False)
 class MeshObject:
-    """One named object: what stays the same from frame to frame.
+    """One named object: its data that are constant over frames.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class MeshObject:
     Raises
     ------
     InputError
-        If an attribute has not one row for each vertex, face or corner, or refers to rows that it does not have.
+        If an attribute does not have one row per vertex, face or corner, or refers to rows that it lacks.
     """
 
     name: str
@@ -229,11 +229,11 @@ class Unsupported:
     Parameters
     ----------
     name : str
-        Of the object, with its path.
+        The object's name with its path.
     feature : str
-        What about it is beyond us.
+        The feature of the object that is not supported.
     frame : int, optional
-        Where its connectivity changes first.
+        First frame at which its connectivity changes.
     """
 
     name: str
@@ -242,19 +242,19 @@ class Unsupported:
 
 
 Fate = Literal["coded", "implied", "dropped"]
-"""What becomes of a thing in a file: it is kept, it says no more than what is kept, or it is not kept."""
+"""What happens to an item of a file: it is kept, it repeats what is kept, or it is not kept."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """A thing that a file holds, and what becomes of it.
+    """An item of a file, and what happens to it.
 
     Parameters
     ----------
     path : str
-        Where it is in the file.
+        Its place in the file.
     kind : str
-        What it is, by the format's own words.
+        Its kind, in the format's own words.
     fate : {"coded", "implied", "dropped"}
     """
 
@@ -266,7 +266,7 @@ class Content:
 class MeshSequence(ABC):
     """Named objects and their vertex positions at a list of times.
 
-    Vertices of all objects stand one after the other, object by object, in `read_frames`.
+    In `read_frames`, vertices of all objects stand one after the other, object by object.
 
     Attributes
     ----------
@@ -277,13 +277,13 @@ class MeshSequence(ABC):
     fps : float [1/s]
         Nominal frame rate, for formats that count frames.
     metadata : mapping of str to str
-        What else the source said (``up_axis``, ``unit``, ``source``...).
+        Other facts that the source states (``up_axis``, ``unit``, ``source``...).
     notices : tuple of str
-        What a person should know (an assumed frame rate, data left out); the command line prints them.
+        Messages for a person (an assumed frame rate, data left out); the command line prints them.
     unsupported : tuple of Unsupported
-        Objects that a reader left out because it was told to go on without them.
+        Objects that a reader was told to leave out if they are not supported.
     contents : tuple of Content
-        Everything that the file holds, of formats whose readers list it.
+        Everything that the file holds, for formats whose readers list it.
     """
 
     objects: tuple[MeshObject, ...]
@@ -296,7 +296,7 @@ class MeshSequence(ABC):
 
     @abstractmethod
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """Positions of frames ``start`` to ``stop - 1``.
+        """Return positions of frames ``start`` to ``stop - 1``.
 
         Returns
         -------
@@ -324,7 +324,7 @@ class MeshSequence(ABC):
         return len(self.objects)
 
     def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
-        """Let go of open files. Nothing to do by default."""
+        """Close open files. Does nothing by default."""
 
     def __enter__(self) -> Self:
         return self
@@ -344,39 +344,41 @@ class MeshSequence(ABC):
 
     @property
     def position_count(self) -> int:
-        """Vertices of all frames together."""
+        """Number of vertices of all frames together."""
         return self.frame_count * self.vertex_count
 
     @property
     def most_vertices(self) -> int:
-        """Vertices of the frame that has most."""
+        """Number of vertices of the largest frame."""
         return self.vertex_count
 
     @property
     def run_starts(self) -> Int64Array:
-        """The first frame of each run."""
+        """First frame of each run."""
         return np.zeros(1, np.int64)
 
     @property
     def runs(self) -> Sequence[MeshSequence]:
-        """Runs of frames of constant connectivity, in order: itself, but of :class:`pdecodec.ChangingSequence`."""
+        """Runs of frames of constant connectivity, in order: the sequence itself, except for
+        :class:`pdecodec.ChangingSequence`.
+        """
         return (self,)
 
     def run_number_at(self, time: float) -> int:
-        """The number of the run that holds at a time [s]; between two runs it is the earlier one."""
+        """Return the number of the run at a time [s]; between two runs the earlier one."""
         return 0
 
     def run_number_of(self, frame: int) -> int:
-        """The number of the run that has a frame."""
+        """Return the number of the run that has a frame."""
         return 0
 
     def run_at(self, time: float) -> MeshSequence:
-        """The run that holds at a time [s]: its objects are those of that time."""
+        """Return the run at a time [s]; its objects are those of that time."""
         return self.runs[self.run_number_at(time)]
 
     @cached_property
     def connectivity(self) -> Connectivity:
-        """All objects as one connectivity, indices shifted by the vertices before each object."""
+        """All objects as one connectivity, with indices shifted by the vertices before each object."""
         if len(self.objects) == 1:
             return self.objects[0].connectivity
         shifts = np.cumsum([0] + [item.vertex_count for item in self.objects])
@@ -395,17 +397,17 @@ class MeshSequence(ABC):
 
     @property
     def frames_per_block(self) -> int:
-        """Frames that fit in :data:`BLOCK_BYTES`, at least one."""
+        """Number of frames that fit in :data:`BLOCK_BYTES`, at least one."""
         return max(1, BLOCK_BYTES // max(1, 12 * self.vertex_count))
 
     def blocks(self, frames: int | None = None) -> Iterator[tuple[int, Float32Array]]:
-        """Blocks of consecutive frames, ``(first frame, positions)``, at most `frames` long each."""
+        """Yield blocks of consecutive frames, ``(first frame, positions)``, of at most `frames` frames."""
         size = frames or self.frames_per_block
         for start in range(0, self.frame_count, size):
             yield start, self.read_frames(start, min(start + size, self.frame_count))
 
     def to_array(self) -> ArraySequence:
-        """The whole sequence in memory."""
+        """Return the whole sequence in memory."""
         return ArraySequence(
             self.read_frames(0, self.frame_count),
             objects=self.objects,

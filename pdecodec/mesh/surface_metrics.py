@@ -1,4 +1,4 @@
-"""How far surfaces are apart, beside how far vertices are: normals, and lengths of edges in space and in time."""
+"""Distance between surfaces rather than vertices: normals, and lengths of edges in space and in time."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 from pdecodec.system.shares import side_by_side
 
 CHUNK_VALUES = 2**22
-"""Numbers of an array that are worked on at once."""
+"""Numbers of an array that are processed together."""
 
 ANGLE_BINS = 4096
-"""Bins of the percentile's histogram, of equal width on a log scale from LEAST_ANGLE to 180 degrees: 0.6 % each."""
+"""Bins of the percentile's histogram, of equal width on a log scale from MIN_ANGLE to 180 degrees: 0.6 % each."""
 
-LEAST_ANGLE = 1e-8
-"""Degrees that the histogram begins with."""
+MIN_ANGLE = 1e-8
+"""Lower end of the histogram [degrees]."""
 
 TIME_STEP = 0.01
-"""Length of an edge in time of a vertex that stands still, over frame 0's diagonal."""
+"""Length of an edge in time of a vertex at rest, over frame 0's diagonal."""
 
-WINDOW = 10
-"""Edges in time, one after the other, whose differences are compared."""
+TIME_WINDOW = 10
+"""Number of consecutive edges in time whose differences are compared."""
 
 TIME_WEIGHT = 0.174
-"""Of the temporal part beside the spatial one."""
+"""Weight of the temporal part relative to the spatial one."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SurfaceDistortion:
 
 @dataclass(frozen=True)
 class _Block:
-    """What some frames add: how many angles fall into each bin, their sum [degrees]; deviations of edges in space."""
+    """Contribution of some frames: number of angles per bin, their sum [degrees]; deviations of edges in space."""
 
     angles: Int64Array
     angle_sum: float
@@ -62,17 +62,17 @@ class _Block:
 
 
 class SurfaceMeter:
-    """Gathers a :class:`SurfaceDistortion` from blocks of frames given in order.
+    """Gathers a :class:`SurfaceDistortion` from blocks of frames in order.
 
-    A vertex's normal is the sum of its faces' normals as long as their area; vertices without one are left out.
+    A vertex's normal is the sum of its faces' normals weighted by area; vertices without one are left out.
 
-    The edge difference is one after Vasa and Skala, "A perception correlated comparison method for dynamic meshes",
-    TVCG 2011: how unevenly edges around a vertex, and its steps in time, are off their lengths. An edge of length l
-    that has length l' is off by d = abs(l - l') / l. In space, the deviation at a vertex is the standard deviation of
-    the d of its edges, weighted by l; in time, that of the d of WINDOW consecutive steps, where the length of a step is
-    sqrt(step^2 / scale^2 + TIME_STEP^2). Both are averaged over all vertices and frames, S and T, and it is
-    sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step are chosen here: values are for comparison with
-    each other, not with those of other works.
+    The edge difference is one after Váša and Skala, "A perception correlated comparison method for dynamic meshes",
+    TVCG 2011: how uneven the relative errors of the edges around a vertex, and of its steps in time, are. An edge of
+    length l that becomes l' has the error d = abs(l - l') / l. In space, the deviation at a vertex is the standard
+    deviation of d over its edges, weighted by l; in time, that of d over TIME_WINDOW consecutive steps, where the
+    length of a step is sqrt(step^2 / scale^2 + TIME_STEP^2). Both are averaged over all vertices and frames,
+    S and T; the result is sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step are our own:
+    compare values with each other, not with those of other works.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class SurfaceMeter:
         self._is_short = False
 
     def begin(self, connectivity: Connectivity) -> None:
-        """The frames that follow are of this mesh; no step in time leads to them from those before."""
+        """Start a mesh of this connectivity; no step in time leads to it from the frames before."""
         self._end_run()
         self._corners = connectivity.face_indices.size
         self._normals_of = _Normals(connectivity).of
@@ -101,7 +101,7 @@ class SurfaceMeter:
         self._ends = csr_array((np.ones(ends.size), (ends, rows)), (connectivity.vertex_count, len(self._edges)))
 
     def add(self, reference: Float32Array, other: Float32Array) -> None:
-        """Take the next frames, (frames, vertices, 3) float32 each."""
+        """Add the next frames, (frames, vertices, 3) float32 each."""
         blocks = _blocks(len(reference), 9 * max(self._corners, len(self._edges), 1))
         for found in side_by_side(*(partial(self._block, reference[a:b], other[a:b]) for a, b in blocks)):
             self._angles += found.angles
@@ -114,13 +114,13 @@ class SurfaceMeter:
         if self._latest is not None:
             reference = np.concatenate([self._latest[0], reference])
             other = np.concatenate([self._latest[1], other])
-        if len(reference) > WINDOW:
-            self._add_windows(reference, other, WINDOW)
-        self._latest = reference[-WINDOW:], other[-WINDOW:]
-        self._is_short = len(reference) <= WINDOW
+        if len(reference) > TIME_WINDOW:
+            self._add_windows(reference, other, TIME_WINDOW)
+        self._latest = reference[-TIME_WINDOW:], other[-TIME_WINDOW:]
+        self._is_short = len(reference) <= TIME_WINDOW
 
     def _block(self, reference: Float32Array, other: Float32Array) -> _Block:
-        # Frames last: what is gathered of a vertex lies together.
+        # Frames become the last axis: values of one vertex are contiguous.
         before, after = (points.transpose(1, 2, 0).astype(np.float64) for points in (reference, other))
         angles = self._angles_between(before, after)
         spatial = 0.0
@@ -131,7 +131,7 @@ class SurfaceMeter:
         return _Block(np.bincount(_bins(angles), minlength=ANGLE_BINS), float(angles.sum()), spatial)
 
     def _angles_between(self, before: Float64Array, after: Float64Array) -> Float64Array:
-        """Between the normals of all vertices that have two [degrees]."""
+        """Return angles between the normals of all vertices that have two [degrees]."""
         first, second = self._normals_of(before), self._normals_of(after)
         there = (first != 0.0).any(axis=0) & (second != 0.0).any(axis=0)
         x, y, z = first[:, there]
@@ -141,7 +141,7 @@ class SurfaceMeter:
             + np.square(z * other_x - x * other_z)
             + np.square(x * other_y - y * other_x)
         )
-        # Of the sine and the cosine: neither alone tells small and large angles.
+        # From sine and cosine together: neither alone resolves both small and large angles.
         return np.asarray(np.degrees(np.arctan2(cross, x * other_x + y * other_y + z * other_z)))
 
     def _add_windows(self, reference: Float32Array, other: Float32Array, window: int) -> None:
@@ -155,13 +155,13 @@ class SurfaceMeter:
         self._windows += frames - window
 
     def _end_run(self) -> None:
-        # A run shorter than a window is one by itself; a single step has no spread.
+        # A run shorter than a window counts as one window; a single step has no spread.
         if self._latest is not None and self._is_short and len(self._latest[0]) > 2:
             self._add_windows(*self._latest, window=len(self._latest[0]) - 1)
         self._latest = None
 
     def result(self) -> SurfaceDistortion:
-        """Of all frames added so far."""
+        """Return the distortion of all frames added so far."""
         self._end_run()
         sted = None
         if self._has_edges:
@@ -169,14 +169,14 @@ class SurfaceMeter:
         if not self._normals:
             return SurfaceDistortion(None, None, sted)
         at = int(np.searchsorted(np.cumsum(self._angles), math.ceil(0.99 * self._normals)))
-        p99 = 0.0 if at == 0 else LEAST_ANGLE * (180.0 / LEAST_ANGLE) ** (at / (ANGLE_BINS - 1))
+        p99 = 0.0 if at == 0 else MIN_ANGLE * (180.0 / MIN_ANGLE) ** (at / (ANGLE_BINS - 1))
         return SurfaceDistortion(self._angle_sum / self._normals, p99, sted)
 
 
 def measure_surface(
     reference: Float32Array, other: Float32Array, connectivity: Connectivity, scale: float
 ) -> SurfaceDistortion:
-    """Normals and edges of two (frames, vertices, 3) arrays; `scale` is frame 0's diagonal [scene units]."""
+    """Measure normals and edges of two (frames, vertices, 3) arrays; `scale` is frame 0's diagonal [scene units]."""
     meter = SurfaceMeter(scale)
     meter.begin(connectivity)
     meter.add(reference, other)
@@ -186,7 +186,7 @@ def measure_surface(
 def measure_surfaces(
     reference: MeshSequence, other: MeshSequence, scale: float, progress: Progress | None = None
 ) -> SurfaceDistortion:
-    """The same of two sequences of equal connectivity in every frame, a run after the other."""
+    """Measure two sequences of equal connectivity in every frame, run after run."""
     meter = SurfaceMeter(scale)
     edges = sorted({*reference.run_starts.tolist(), *other.run_starts.tolist(), reference.frame_count})
     for first, last in itertools.pairwise(edges):
@@ -201,13 +201,13 @@ def measure_surfaces(
 
 
 def _bins(angles: Float64Array) -> Int32Array:
-    """Upper edges: bin k has angles up to LEAST_ANGLE (180 / LEAST_ANGLE)^(k / (ANGLE_BINS - 1))."""
-    places = np.log(np.maximum(angles, LEAST_ANGLE) / LEAST_ANGLE) / math.log(180.0 / LEAST_ANGLE) * (ANGLE_BINS - 1)
+    """Return bins; the upper edge of bin k is MIN_ANGLE (180 / MIN_ANGLE)^(k / (ANGLE_BINS - 1))."""
+    places = np.log(np.maximum(angles, MIN_ANGLE) / MIN_ANGLE) / math.log(180.0 / MIN_ANGLE) * (ANGLE_BINS - 1)
     return np.minimum(np.ceil(places - 1e-9), ANGLE_BINS - 1).astype(np.int32)
 
 
 class _Normals:
-    """Normals of a mesh's vertices: sums of its faces' normals as long as their area."""
+    """Normals of a mesh's vertices: sums of its faces' normals weighted by area."""
 
     def __init__(self, connectivity: Connectivity) -> None:
         self._corners, sizes = connectivity.face_indices, connectivity.face_counts
@@ -220,11 +220,11 @@ class _Normals:
         self._gather = csr_array((np.ones(faces.size), (self._corners, faces)), shape)
 
     def of(self, points: Float64Array) -> Float64Array:
-        """Not of unit length, (3, vertices, frames), of points (vertices, 3, frames)."""
+        """Return normals, not of unit length, (3, vertices, frames), of points (vertices, 3, frames)."""
         if not self._starts.size:
             return np.zeros((3, points.shape[0], points.shape[2]))
         corners = points[self._corners]
-        corners -= points[self._firsts]  # from the face's first corner, which keeps digits
+        corners -= points[self._firsts]  # relative to the face's first corner, which keeps digits
         x, y, z = corners.transpose(1, 0, 2)
         next_x, next_y, next_z = corners[self._following].transpose(1, 0, 2)
         areas = (y * next_z - z * next_y, z * next_x - x * next_z, x * next_y - y * next_x)
@@ -232,19 +232,19 @@ class _Normals:
 
 
 def _steps(points: Float32Array, scale: float) -> Float64Array:
-    """Lengths of edges in time, (frames - 1, vertices), over the scale."""
+    """Return lengths of edges in time, (frames - 1, vertices), over the scale."""
     step = np.diff(points.astype(np.float64), axis=0) / scale
     return np.asarray(np.sqrt(np.einsum("fvx,fvx->fv", step, step) + TIME_STEP**2))
 
 
 def _in_windows(values: Float64Array, window: int) -> Float64Array:
-    """Sums over so many consecutive rows."""
+    """Return sums over windows of consecutive rows."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     return np.asarray(sums[window:] - sums[:-window])
 
 
 def _edges(connectivity: Connectivity) -> Int32Array:
-    """(edges, 2), each once: of faces and of lines."""
+    """Return edges of faces and of lines, (edges, 2), each once."""
     found = []
     for indices, sizes, is_closed in (
         (connectivity.face_indices, connectivity.face_counts, True),
@@ -257,30 +257,30 @@ def _edges(connectivity: Connectivity) -> Int32Array:
         found.append(pairs if is_closed else np.delete(pairs, ends - 1, axis=0))
     pairs = np.concatenate(found).astype(np.int64)
     low, high = pairs.min(axis=1), pairs.max(axis=1)
-    # One number each: pairs take three times as long to sort.
+    # One number per pair: sorting pairs takes three times as long.
     keys = np.unique((low * connectivity.vertex_count + high)[low < high])
     return np.stack(np.divmod(keys, connectivity.vertex_count), axis=1).astype(np.int32)
 
 
 def _lengths(points: Float64Array, edges: Int32Array) -> Float64Array:
-    """(edges, frames), of points (vertices, 3, frames)."""
+    """Return lengths of edges, (edges, frames), of points (vertices, 3, frames)."""
     along = points[edges[:, 1]]
     along -= points[edges[:, 0]]
     return np.asarray(np.sqrt(np.einsum("exf,exf->ef", along, along)))
 
 
 def _off(before: Float64Array, after: Float64Array) -> Float64Array:
-    """Relative differences; 0 where there was no length."""
+    """Return relative differences; 0 where there was no length."""
     return np.abs(before - after) / np.where(before > 0, before, np.inf)
 
 
 def _deviation(weights: Float64Array, first: Float64Array, second: Float64Array) -> Float64Array:
-    """Weighted standard deviations, of sums of weights and of weighted values and squares."""
+    """Return weighted standard deviations, from sums of weights, weighted values and weighted squares."""
     safe = np.where(weights > 0, weights, 1.0)
     return np.asarray(np.sqrt(np.maximum(second / safe - np.square(first / safe), 0.0)))
 
 
 def _blocks(count: int, values: int) -> Iterator[tuple[int, int]]:
-    """Ranges of `count` things of so many values each."""
+    """Yield ranges of `count` items of `values` values each."""
     step = max(1, CHUNK_VALUES // values)
     return ((begin, min(begin + step, count)) for begin in range(0, count, step))

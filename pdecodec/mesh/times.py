@@ -1,4 +1,4 @@
-"""Times of frames: checked, completed, at a rate, and what one before the first frame or after the last one means."""
+"""Times of frames: check and complete them, make them at a rate, and handle times outside a clip."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.system.arguments import as_numbers, as_positive, shown
 
 DEFAULT_FPS = 24.0
-"""Frames per second where neither the file nor the user gives them; readers say so in a notice."""
+"""Frames per second if neither the file nor the user states them; readers say so in a notice."""
 
-LARGEST_TIME = 2.0**53
-"""Farthest time from 0 [s]: there float64 no longer tells half seconds apart."""
+MAX_TIME = 2.0**53
+"""Largest distance of a time from 0 [s]: beyond it float64 cannot resolve half seconds."""
 
 SHORTEST_TIME_STEP = 2.0**-53
-"""Least time from frame to frame [s], a tenth of a femtosecond: rates stay far from overflow."""
+"""Smallest time between frames [s], a tenth of a femtosecond: rates stay far from overflow."""
 
 TIME_SLACK = 1e-9
-"""Share of a frame by which the last time may overshoot: 100 frames at 1/24 s each do not add up exactly."""
+"""Fraction of a frame by which the last time may overshoot: 100 frames of 1/24 s do not add up exactly."""
 
 
-MOST_TIMES = 2**24
-"""Times that one rate may give: eight days at 24 a second. More is a rate mistyped, and would fill the memory."""
+MAX_TIMES = 2**24
+"""Largest number of times at one rate: eight days at 24 per second. More would be a mistyped rate and fill the
+memory.
+"""
 
 
 def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tuple[Float64Array, float]:
-    """Times and nominal frame rate, checked and completed.
+    """Check times and nominal frame rate, and complete them.
 
     Parameters
     ----------
@@ -73,9 +75,9 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
             code="invalid-times",
             frame=int(np.flatnonzero(steps <= 0)[0]) + 1,
         )
-    if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
+    if np.abs(checked).max() > MAX_TIME or (steps < SHORTEST_TIME_STEP).any():
         raise InputError(
-            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart",
+            f"times must lie within {MAX_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart",
             code="invalid-times",
         )
     if fps is None:
@@ -85,7 +87,7 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
 
 
 def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
-    """Times from `first` to `last` at `fps` a second.
+    """Return times from `first` to `last` at `fps` per second.
 
     Parameters
     ----------
@@ -100,29 +102,29 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
     Raises
     ------
     SettingsError
-        If `fps` is not a positive number, or gives more than :data:`MOST_TIMES` times.
+        If `fps` is not a positive number, or gives more than :data:`MAX_TIMES` times.
     """
     fps = as_positive(fps, "fps")
     intervals = (last - first) * fps + TIME_SLACK
-    if intervals >= MOST_TIMES:
+    if intervals >= MAX_TIMES:
         raise SettingsError(
             f"{fps:g} frames per second are {intervals:.3g} frames from {first:g} to {last:g} s, "
-            f"more than {MOST_TIMES:,}; take a lower rate"
+            f"more than {MAX_TIMES:,}; take a lower rate"
         )
     return first + np.arange(int(intervals) + 1) / fps
 
 
-ROUNDING = 1e-6
-"""Seconds by which a time may pass the clip's ends: times written as text are rounded there."""
+TIME_ROUNDING = 1e-6
+"""Seconds by which a time may exceed the clip's ends, because times written as text are rounded."""
 
 Outside = Literal["refuse", "clamp", "loop"]
-"""What a time before the first frame or after the last one means."""
+"""What to do with a time before the first frame or after the last one."""
 
 OUTSIDES: tuple[Outside, ...] = get_args(Outside)
 
 
 def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
-    """Times brought between `first` and `last`.
+    """Bring times between `first` and `last`.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
         raise SettingsError(f"must be one of {', '.join(OUTSIDES)}, not {shown(outside)}", setting="outside")
     if times.size and first <= times.min() and times.max() <= last:
         return times
-    beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
+    beyond = (times < first - TIME_ROUNDING) | (times > last + TIME_ROUNDING)
     if not beyond.any():
         return np.clip(times, first, last)
     if outside == "refuse":

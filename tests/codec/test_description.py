@@ -30,7 +30,7 @@ from pdecodec.codec.sections.description import (
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject, MeshSequence
-from pdecodec.mesh.times import LARGEST_TIME, SHORTEST_TIME_STEP
+from pdecodec.mesh.times import MAX_TIME, SHORTEST_TIME_STEP
 from spec.sealing import content, seal, take_apart
 from tests.support.damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 
@@ -94,7 +94,7 @@ def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
 
 
 @settings(max_examples=80)
-@given(st.lists(st.floats(-LARGEST_TIME, LARGEST_TIME) | st.floats(-2, 2), min_size=1, max_size=12, unique=True))
+@given(st.lists(st.floats(-MAX_TIME, MAX_TIME) | st.floats(-2, 2), min_size=1, max_size=12, unique=True))
 def test_any_times_come_back_to_the_last_bit(values: list[float]) -> None:
     chosen: list[float] = []
     for time in sorted(value + 0.0 for value in values):  # a zero without a sign

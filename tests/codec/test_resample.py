@@ -15,7 +15,7 @@ from pdecodec.codec.resampling import LinearInterpolation, SampledAnimation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import ArraySequence
-from pdecodec.mesh.times import MOST_TIMES, times_at_rate, times_inside
+from pdecodec.mesh.times import MAX_TIMES, times_at_rate, times_inside
 
 
 def test_times_at_the_clips_own_rate_are_its_own_times() -> None:
@@ -35,7 +35,7 @@ def test_a_rate_that_is_no_positive_number_is_refused(fps: float) -> None:
         times_at_rate(0.0, 1.0, fps)
 
 
-@pytest.mark.parametrize("fps", [1e12, 1e300, MOST_TIMES])
+@pytest.mark.parametrize("fps", [1e12, 1e300, MAX_TIMES])
 def test_a_rate_of_too_many_times_is_refused_before_they_are_made(fps: float) -> None:
     with pytest.raises(SettingsError, match="take a lower rate"):
         times_at_rate(0.0, 1.0, fps)

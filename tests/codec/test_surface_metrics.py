@@ -11,7 +11,7 @@ from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from pdecodec.mesh.surface_metrics import (
     TIME_STEP,
     TIME_WEIGHT,
-    WINDOW,
+    TIME_WINDOW,
     SurfaceMeter,
     measure_surface,
     measure_surfaces,
@@ -105,7 +105,7 @@ def test_what_trembles_differs_in_time_more_than_what_is_off_at_rest() -> None:
 
 
 def test_the_temporal_part_is_the_spread_of_steps_in_a_window() -> None:
-    frames = WINDOW + 1
+    frames = TIME_WINDOW + 1
     points = np.zeros((frames, 2, 3), np.float32)
     points[:, 1, 0] = 1
     line = Connectivity(2, line_counts=np.array([2], np.int32), line_indices=np.arange(2, dtype=np.int32))
@@ -124,7 +124,7 @@ def test_points_alone_have_neither() -> None:
     assert (found.normal_error, found.normal_p99, found.sted) == (None, None, None)
 
 
-@pytest.mark.parametrize("frames", [1, 2, 7, WINDOW, 30])
+@pytest.mark.parametrize("frames", [1, 2, 7, TIME_WINDOW, 30])
 @pytest.mark.parametrize("block", [1, 4, 11])
 def test_blocks_of_frames_give_what_all_at_once_give(frames: int, block: int) -> None:
     points, random = sheet(frames), np.random.default_rng(0)

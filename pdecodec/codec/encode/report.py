@@ -10,7 +10,7 @@ from typing import Any
 from pdecodec import __version__
 from pdecodec.codec.container import SECTION_KINDS
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
-from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
+from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
 COARSE_TOLERANCE = 0.1
 """Share of the diagonal beyond which a bound is hardly meant: 1 stands for the whole scene, not for one percent."""
@@ -175,7 +175,7 @@ class EncodeReport:
             )
         if self.size_limit is not None and self.max_error == 0 and self.file_bytes < self.size_limit:
             found.append(f"the file is lossless and takes less than the {self.size_limit} bytes that are allowed")
-        if self.rounding > (NOTEWORTHY * self.scale if self.bound is None else self.bound):
+        if self.rounding > (REPORTED_ROUNDING * self.scale if self.bound is None else self.bound):
             beyond = "" if self.bound is None else ", more than the bound, which counts from there"
             found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
         return tuple(found)
