@@ -39,6 +39,16 @@ class CodedReference(NamedTuple):
     predictor: int
     data: bytes
 
+class Smoothing(NamedTuple):
+    """Weights by class, (7, 2); the point that each vertex lies on, or nothing; grid coordinates [1/64 steps]; mean
+    error of the smoothed frame to that of the frame.
+    """
+
+    weights: Int32Array
+    points: Int32Array
+    grid: Int64Array
+    error_ratio: float
+
 class Curves(NamedTuple):
     """Vertices of all curves, and where in them each curve begins."""
 
@@ -53,11 +63,25 @@ def coded_orders(parts: Sequence[Part]) -> list[CodedOrder | None]:
     """Of each part; None where it is coded as polygons, which keep their order."""
 
 def extract_curves(parts: Sequence[Part], reference: Int64Array) -> Curves: ...
-def encode_reference(starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array) -> CodedReference: ...
+def encode_reference(
+    starts: Int64Array,
+    vertex: Int32Array,
+    faces: int,
+    grid: Int64Array,
+    weights: Int32Array | None,
+    points: Int32Array,
+) -> CodedReference:
+    """`weights`, `points`: how the frame is smoothed, or None and nothing."""
+
+def smooth_reference(
+    starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array, wanted: NDArray[np.float64]
+) -> Smoothing | None:
+    """Nothing where the frame would hardly come nearer to the coordinates that are wanted [steps], (vertices, 3)."""
+
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
 ) -> Int64Array:
-    """Grid coordinates, (vertices, 3)."""
+    """Grid coordinates, (vertices, 3), in 1/64 steps where the predictor smooths."""
 
 def encode_attributes(
     parts: Sequence[Part],

@@ -220,11 +220,11 @@ def paper(tolerance: float | None = None, **options: Any) -> Choices:
     return Choices(settings={"profile": "paper", "paper": PaperSettings(**options), "tolerance": tolerance})
 
 
-def soup() -> ArraySequence:
+def soup(frames: int = 6, rows: int = 4, columns: int = 5) -> ArraySequence:
     """Quads that share points, each with vertices of its own."""
-    corners = grid(4, 5).face_indices
+    corners = grid(rows, columns).face_indices
     faces = np.arange(corners.size).reshape(-1, 4).tolist()
-    return clip(wave(6, 4, 5)[:, corners], connectivity(corners.size, faces))
+    return clip(wave(frames, rows, columns)[:, corners], connectivity(corners.size, faces))
 
 
 def two_sheets() -> ArraySequence:
@@ -320,6 +320,8 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "points": (lambda: clip(noise(1, 40, 3) + 0.1 * noise(7, 40, 3, seed=1)), Choices()),
     "one_vertex": (lambda: clip(noise(9, 1, 3)), Choices()),
     "welded": (soup, Choices()),
+    "smoothed": (lambda: clip(wave(5, 9, 12), grid(9, 12)), Choices(settings={"tolerance": 0.02})),
+    "smoothed_across_welds": (lambda: soup(4, 8, 9), Choices(settings={"tolerance": 0.02})),
     "one_frame": (lambda: sheet(1, times=[1.5]), Choices()),
     "two_frames": (lambda: sheet(2), Choices()),
     "static": (lambda: clip(np.repeat(wave(1, 5, 7), 5, axis=0), grid(5, 7)), Choices()),

@@ -177,7 +177,7 @@ def _reference(base: Base) -> Iterator[Refused]:
     for name, at, new, reason in (
         ("step_of_rest_zero", 0, _real(0.0), "a step of 0 (7.1)"),
         ("origin_beyond", 24, _real(-(2.0**161)), "an origin beyond 2^160 (7.1)"),
-        ("predictor_4", 32, b"\x04", "predictor 4 (7.1)"),
+        ("predictor_8", 32, b"\x08", "predictor 8 (7.1)"),
     ):
         yield Refused(name, base.overwritten("REST", at, new), reason)
     yield Refused("rest_header_cut", base.section("REST", rest[:32]), "no predictor (7.1)")

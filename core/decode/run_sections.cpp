@@ -24,7 +24,7 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 // Of a byte of a name: the place that a text grows into, and Python's four bytes of each character.
 constexpr u64 bytes_per_name_byte = 6;
 
-constexpr u8 predictors = 4;  // of the reference frame
+constexpr u8 predictors = 8;  // of the reference frame
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
@@ -169,6 +169,7 @@ const Reference &RunSections::reference() {
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError(Section("REST"), "has a quantisation step or an origin out of range");
         found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        if (predictor & smooths_points) found.step = std::ldexp(found.step, -smooth_bits);
         found.points.reserve(3 * found.grid.size());
         for (const GridPoint &point : found.grid) {
             for (int axis = 0; axis < 3; ++axis) {

@@ -1,4 +1,4 @@
-"""Section 7 of the specification: REST, welds and the reference frame, which is predicted across the faces."""
+"""Section 7 of the specification: REST, welds and the reference frame, predicted across the faces and smoothed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec.decoder.contexts import Contexts, MatchModel, length_near
 from spec.decoder.fields import LARGEST_REAL, Fields, bits, clamp, grade, require
 from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
-WELDED, MATCHED = 1, 2
+WELDED, MATCHED, SMOOTHED = 1, 2, 4
 GRID_BITS = 40
 MOST_CORNERS = MOST_FOLLOWED = 16
 LARGEST_MISS = 2**30
@@ -19,6 +19,7 @@ LARGEST_TURNED = 2**32
 KINDS = 9
 TERMS = 4
 MOST_GRADE = 47
+CLASS_SIZES = (16, 32, 48, 64, 96, 160)
 
 Vector = NDArray[np.int64]
 Points = list[list[int]]
@@ -37,20 +38,53 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
     fields = Fields(data)
     step, *origin = (fields.f64() for _ in range(4))
     predictor = fields.u8()
-    require(predictor <= WELDED + MATCHED, "an unknown predictor")
+    require(predictor <= WELDED + MATCHED + SMOOTHED, "an unknown predictor")
     require(0 < step <= LARGEST_REAL and max(map(abs, origin)) <= LARGEST_REAL, "a step or an origin out of range")
     contexts = Contexts(fields.rest())
     mesh = CornerTable(polygons_of(meshes), sum(item.vertices for item in meshes))
     matches = MatchModel(contexts, "residual") if predictor & MATCHED else None
+    point_of = WeldReader(contexts, mesh).read() if predictor & WELDED else list(range(len(mesh.corners)))
     if predictor & WELDED:
-        point_of = WeldReader(contexts, mesh).read()
         welded = [[point_of[vertex] for vertex in polygon] for polygon in mesh.polygons]
-        by_point = GridReader(contexts, CornerTable(welded, max(point_of) + 1), matches).read()
-        grid = [by_point[point] for point in point_of]
-    else:
-        grid = GridReader(contexts, mesh, matches).read()
+        mesh = CornerTable(welded, max(point_of) + 1)
+    reader = GridReader(contexts, mesh, matches)
+    weights = reader.read_weights()
+    smoothing = reader.read_smoothing() if predictor & SMOOTHED else None
+    points = reader.read(weights)
     contexts.finish()
+    if smoothing is not None:
+        points, step = smooth(mesh, points, smoothing), step / 64
+    grid = [points[point] for point in point_of]
     return ReferenceFrame(grid, np.array(origin) + np.array(grid, np.float64) * step)
+
+
+def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
+    """7.7: coordinates in sixty-fourths of a step."""
+
+    def beside(corner: int) -> list[int]:
+        around = mesh.neighbourhood(corner)
+        return [around.after, around.before] if mesh.before_counts(corner) else [around.after]
+
+    neighbours = [
+        [v for corner in corners[:MOST_CORNERS] for v in beside(corner) if v != NONE] for corners in mesh.corners
+    ]
+
+    def laplacian(values: Points, scale: int) -> Points:
+        found = []
+        for own, around in zip(values, neighbours, strict=True):
+            sums = [sum(values[v][axis] - own[axis] for v in around) for axis in range(3)]
+            k = len(around)
+            found.append([(2 * scale * each + k) // (2 * k) if k else 0 for each in sums])
+        return found
+
+    first = laplacian(grid, 64)
+    second = laplacian(first, 1)
+    found = []
+    for g, once, twice in zip(grid, first, second, strict=True):
+        size = max(map(abs, once))
+        w, u = weights[sum(size >= least for least in CLASS_SIZES)].tolist()
+        found.append([64 * g[x] + clamp((w * once[x] + u * twice[x] + 8) >> 4, -32, 32) for x in range(3)])
+    return found
 
 
 class WeldReader:
@@ -190,10 +224,18 @@ class GridReader:
         self._misses: dict[int, Vector] = {}
         self._errors: dict[int, Vector] = {}
 
-    def read(self) -> Points:
-        """Grid coordinates of each vertex."""
+    def read_weights(self) -> Vector:
+        """7.4: (kinds, sets, terms)."""
         size = KINDS, 2, TERMS
-        weights = np.array([self._read_weight(place // TERMS % 2) for place in range(np.prod(size))]).reshape(size)
+        return np.array([self._read_weight(place // TERMS % 2) for place in range(np.prod(size))]).reshape(size)
+
+    def read_smoothing(self) -> Vector:
+        """7.7: (classes, 2)."""
+        classes = len(CLASS_SIZES) + 1
+        return np.array([self._read_weight(2) for _ in range(2 * classes)]).reshape(classes, 2)
+
+    def read(self, weights: Vector) -> Points:
+        """Grid coordinates of each vertex."""
         last = last_seed = NONE
         seed_errors = np.zeros(3, np.int64)
         for vertex in self._mesh.walk():
@@ -211,9 +253,9 @@ class GridReader:
                 seed_errors = 3 * seed_errors + 16 * self._errors[vertex] >> 2
         return [self._grid[vertex].tolist() for vertex in range(len(self._grid))]
 
-    def _read_weight(self, turned: int) -> int:
+    def _read_weight(self, of_set: int) -> int:
         """7.4."""
-        if not self._contexts.bit("is used", turned):
+        if not self._contexts.bit("is used", of_set):
             return 0
         weight = sum(self._contexts.bit("weight", digit) << digit for digit in reversed(range(7)))
         return -weight if self._contexts.bypass() else weight

@@ -20,11 +20,15 @@ from pdecodec.codec.sections.reference import (
     LARGEST_BITS,
     MATCHED,
     PREDICTORS,
+    SMOOTH_DIVISIONS,
+    SMOOTHED,
     WELDED,
+    CodedGrid,
     ReferenceFrame,
     decode_reference,
     encode_reference,
     quantise_reference,
+    quantise_smoothly,
 )
 from pdecodec.errors import CorruptFileError
 from pdecodec.mesh.arrays import Float32Array, Int64Array
@@ -45,12 +49,16 @@ def shape_of(coordinates: Sequence[Sequence[int]] | Int64Array) -> ReferenceFram
     return ReferenceFrame(np.array(coordinates, np.int64), np.array([0.1, -1e30, 3e-30]), 1e-7)
 
 
-def bumpy(rows: int, columns: int) -> ReferenceFrame:
+def bumpy_points(rows: int, columns: int) -> Float32Array:
     """A smooth sheet that is curved both ways and lies askew."""
     x, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     points = np.stack([x, y, 0.3 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
     points @= np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-    return quantise_reference(points.astype(np.float32), 1e-3)
+    return points.astype(np.float32)
+
+
+def bumpy(rows: int, columns: int) -> ReferenceFrame:
+    return quantise_reference(bumpy_points(rows, columns), 1e-3)
 
 
 def faces_of(rows: int, columns: int, width: int = 3) -> list[list[int]]:
@@ -84,7 +92,8 @@ def decoded_alike(data: bytes, objects: list[MeshObject]) -> list[list[int]] | N
     with suppress(IndependentError):
         theirs = independent.read_reference(data, meshes_of(objects)).grid
     assert ours == theirs
-    assert ours is None or all(0 <= level < 2**LARGEST_BITS for row in ours for level in row)
+    divisions, move = (SMOOTH_DIVISIONS, SMOOTH_DIVISIONS // 2) if data[32:33] >= bytes([SMOOTHED]) else (1, 0)
+    assert ours is None or all(-move <= level < divisions * 2**LARGEST_BITS for row in ours for level in row)
     return ours
 
 
@@ -215,6 +224,49 @@ def test_damage_ends_in_our_own_error_or_in_levels_in_range(is_soup: bool) -> No
     assert assert_only_corrupt_file_errors(data, lambda each: decode_reference(each, objects)) > 100
 
 
+@pytest.mark.parametrize("step", [0.01, 0.03])
+@pytest.mark.parametrize("is_soup", [False, True])
+def test_smoothing_brings_points_nearer_within_the_cells_of_the_grid(step: float, is_soup: bool) -> None:
+    points, faces = bumpy_points(20, 20), faces_of(20, 20, 4)
+    objects = one(connectivity_of(400, faces))
+    if is_soup:
+        objects, _ = soup(faces, np.zeros((400, 3), np.int64))
+        points = points[np.ravel(faces)]
+    coarse, frame = quantise_reference(points, step), quantise_smoothly(points, step, objects)
+    assert frame.coded is not None
+    assert frame.coded_step == step
+    assert np.array_equal(frame.coded.grid, coarse.grid)
+    assert np.abs(frame.points - coarse.points).max() <= 0.5 * step * (1 + 1e-9)
+    before, after = (np.sqrt(np.square(each.points - points).mean()) for each in (coarse, frame))
+    assert after < 0.6 * before
+    # A soup has a vertex for each corner of a point.
+    assert is_soup or after == pytest.approx(frame.coded.error_ratio * before)
+    data = encode_reference(frame, objects)
+    assert predictor_of(data) & ~MATCHED == SMOOTHED + (WELDED if is_soup else 0)
+    found = decode_reference(data, objects)
+    assert np.array_equal(found.grid, frame.grid)
+    assert found.step == frame.step
+    assert decoded_alike(data, objects) == frame.grid.tolist()
+
+
+@settings(max_examples=30)
+@given(mesh_objects(), st.integers(0, 2**32 - 1), st.sampled_from([4, 2**20, 2**LARGEST_BITS]))
+def test_both_decoders_smooth_any_mesh_by_any_weights_alike(objects: list[MeshObject], seed: int, size: int) -> None:
+    random, count = np.random.default_rng(seed), sum(item.vertex_count for item in objects)
+    weights = random.integers(-127, 128, (7, 2)).astype(np.int32)
+    coded = CodedGrid(random.integers(0, size, (count, 3)), weights, np.zeros(0, np.int32), 1.0)
+    data = encode_reference(ReferenceFrame(coded.grid, np.zeros(3), 1.0, coded), objects)
+    levels = decoded_alike(data, objects)
+    assert levels is not None
+    assert np.abs(np.array(levels) - SMOOTH_DIVISIONS * coded.grid).max() <= SMOOTH_DIVISIONS // 2
+
+
+@pytest.mark.parametrize("points", [bumpy_points(1, 9), np.round(bumpy_points(12, 12))])
+def test_a_frame_that_smoothing_brings_no_nearer_stays_as_it_is(points: Float32Array) -> None:
+    frame = quantise_smoothly(points, 1e-3, one(connectivity_of(len(points))))
+    assert frame.coded is None
+
+
 def section(content: bytes, *, predictor: int, step: float = 0.5, origin: tuple[float, ...] = (0, 0, 0)) -> bytes:
     writer = FieldWriter()
     writer.numbers("ddddB", step, *origin, predictor)
@@ -222,7 +274,11 @@ def section(content: bytes, *, predictor: int, step: float = 0.5, origin: tuple[
 
 
 @settings(max_examples=100)
-@given(mesh_objects(), st.binary(max_size=80) | st.sampled_from([b"\0" * 999, b"\xff" * 999]), st.integers(0, 3))
+@given(
+    mesh_objects(),
+    st.binary(max_size=80) | st.sampled_from([b"\0" * 999, b"\xff" * 999]),
+    st.integers(0, PREDICTORS - 1),
+)
 def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], content: bytes, predictor: int) -> None:
     decoded_alike(section(content, predictor=predictor), objects)
 
@@ -230,7 +286,7 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], cont
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (section(b"", predictor=PREDICTORS), "predictor 4"),
+        (section(b"", predictor=PREDICTORS), "predictor 8"),
         (section(b"", predictor=0, step=0.0), "step"),
         (section(b"", predictor=0, step=float("nan")), "not finite"),
         (section(b"", predictor=0, step=2 * LARGEST_STEP), "step"),

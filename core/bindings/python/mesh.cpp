@@ -3,6 +3,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <cstring>
 #include <memory>
 
 #include "bindings/python/bindings.hpp"
@@ -112,14 +113,45 @@ Polygons polygons_of(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces
     return mesh;
 }
 
-nb::object py_encode_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, const Rows<i64, 3> &grid) {
+std::span<const Vector> vectors_of(const Rows<i64, 3> &grid) {
+    return {reinterpret_cast<const Vector *>(grid.data()), grid.shape(0)};
+}
+
+nb::object py_encode_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, const Rows<i64, 3> &grid,
+                               const std::optional<Rows<i32, 2>> &weights, const Flat<i32> &points) {
+    std::optional<Smoothing> smoothing;
+    if (weights) {
+        require(weights->shape(0) == smoothing_classes, "weights of another number of classes");
+        smoothing.emplace();
+        std::memcpy(&smoothing->weights, weights->data(), sizeof(smoothing->weights));
+        smoothing->point_of.assign(points.data(), points.data() + points.size());
+    }
     CodedReference coded;
     {
         nb::gil_scoped_release release;
         const Polygons mesh = polygons_of(starts, vertex, faces, static_cast<i64>(grid.shape(0)));
-        coded = encode_reference(mesh, {reinterpret_cast<const Vector *>(grid.data()), grid.shape(0)});
+        coded = encode_reference(mesh, vectors_of(grid), smoothing ? &*smoothing : nullptr);
     }
     return named("CodedReference", coded.kind, to_bytes(coded.data));
+}
+
+nb::object py_smooth_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, const Rows<i64, 3> &grid,
+                               const Rows<double, 3> &wanted) {
+    require(wanted.shape(0) == grid.shape(0), "grid and wanted coordinates differ in number");
+    std::optional<Smoothing> found;
+    {
+        nb::gil_scoped_release release;
+        const Polygons mesh = polygons_of(starts, vertex, faces, static_cast<i64>(grid.shape(0)));
+        found = smooth_reference(mesh, vectors_of(grid),
+                                 {reinterpret_cast<const std::array<double, 3> *>(wanted.data()), wanted.shape(0)});
+    }
+    if (!found) return nb::none();
+    std::vector<i32> weights;
+    for (const auto &own : found->weights) weights.insert(weights.end(), own.begin(), own.end());
+    std::vector<i64> smooth;
+    for (const Vector &own : found->grid) smooth.insert(smooth.end(), own.begin(), own.end());
+    return named("Smoothing", to_rows(std::move(weights), 2), to_array(std::move(found->point_of)),
+                 to_rows(std::move(smooth), 3), found->error_ratio);
 }
 
 nb::object py_decode_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, i64 vertices, u8 predictor,
@@ -211,12 +243,15 @@ void bind_mesh(nb::module_ &module) {
     add_tuple(module, "CodedOrder", "vertices faces corners");
     add_tuple(module, "CodedReference", "predictor data");
     add_tuple(module, "Curves", "order starts");
+    add_tuple(module, "Smoothing", "weights points grid error_ratio");
     module.def("encode_description", &py_encode_description, nb::arg("times"), nb::arg("names"));
     module.def("encode_connectivity", &py_encode_connectivity, nb::arg("parts"), nb::arg("keep_order"));
     module.def("coded_orders", &py_coded_orders, nb::arg("parts"));
     module.def("extract_curves", &py_extract_curves, nb::arg("parts"), nb::arg("reference"));
     module.def("encode_reference", &py_encode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
-               nb::arg("grid"));
+               nb::arg("grid"), nb::arg("weights").none(), nb::arg("points"));
+    module.def("smooth_reference", &py_smooth_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
+               nb::arg("grid"), nb::arg("wanted"));
     module.def("decode_reference", &py_decode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
                nb::arg("vertices"), nb::arg("predictor"), nb::arg("data"));
     module.def("encode_attributes", &py_encode_attributes, nb::arg("parts"), nb::arg("attributes"), nb::arg("grid"),

@@ -18,8 +18,8 @@ class PointModel {
 public:
     explicit PointModel(bool repeats);
 
-    // The weights of terms: zero or not, size in seven digits, sign.
     template <Mode mode> void code_weights(RangeCoder<mode> &coder, TermWeights &weights);
+    template <Mode mode> void code_weights(RangeCoder<mode> &coder, SmoothingWeights &weights);
 
     // Grid coordinates of all vertices in prediction order; read when encoding, written when decoding. CorruptError where
     // the bits hold one out of range.
@@ -51,12 +51,14 @@ private:
     template <Mode mode> i64 code_residual(RangeCoder<mode> &coder, const Around &around, int axis, int fraction,
                                            int size_around, int spread, i64 residual);
 
+    template <Mode mode> void code_weight(RangeCoder<mode> &coder, int set, i32 &weight);
+
     static constexpr int weight_digits = 7, farthest = 5, sign_kinds = 3;
 
     std::vector<BitModel> by_size_, by_kind_, by_spread_;  // inputs of a decision on a length
     std::array<std::vector<BitModel>, 3> signs_;
     std::array<std::array<BitModel, 4>, grid_bits + 1> digits_;
-    std::array<BitModel, 2> weight_;
+    std::array<BitModel, 3> weight_;  // of terms, of terms along the normal, of smoothing
     std::array<BitModel, weight_digits> weight_digits_;
     // By the way and how far a length is from the first one tried; one for each kind of sign.
     Weights<3> first_;
@@ -71,21 +73,30 @@ inline PointModel::PointModel(bool repeats)
     if (repeats) matches_.emplace();
 }
 
+// Zero or not, size in seven digits, sign.
+template <Mode mode> void PointModel::code_weight(RangeCoder<mode> &coder, int set, i32 &weight) {
+    i32 size = 0;
+    if (coder.bit(weight_[set], weight != 0)) {
+        for (int digit = weight_digits - 1; digit >= 0; --digit) {
+            const bool bit = (static_cast<i32>(size_of(weight)) >> digit) & 1;
+            size = 2 * size + coder.bit(weight_digits_[digit], bit);
+        }
+        if (coder.bypass(weight < 0)) size = -size;
+    }
+    weight = size;
+}
+
 template <Mode mode> void PointModel::code_weights(RangeCoder<mode> &coder, TermWeights &weights) {
     for (auto &of_kind : weights) {
         for (int turned = 0; turned < 2; ++turned) {
-            for (i32 &weight : of_kind[turned]) {
-                i32 size = 0;
-                if (coder.bit(weight_[turned], weight != 0)) {
-                    for (int digit = weight_digits - 1; digit >= 0; --digit) {
-                        const bool bit = (static_cast<i32>(size_of(weight)) >> digit) & 1;
-                        size = 2 * size + coder.bit(weight_digits_[digit], bit);
-                    }
-                    if (coder.bypass(weight < 0)) size = -size;
-                }
-                weight = size;
-            }
+            for (i32 &weight : of_kind[turned]) code_weight(coder, turned, weight);
         }
+    }
+}
+
+template <Mode mode> void PointModel::code_weights(RangeCoder<mode> &coder, SmoothingWeights &weights) {
+    for (auto &of_class : weights) {
+        for (i32 &weight : of_class) code_weight(coder, 2, weight);
     }
 }
 

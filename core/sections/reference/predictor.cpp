@@ -9,7 +9,6 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int most_corners = 16;  // corners at a vertex that are looked at: few have more, sums stay far from overflow
 constexpr int reciprocal_bits = 15;
 constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; the sum of them has 4 more
 constexpr int edge_bits = 20;    // of the largest component of two edges whose cross product is taken

@@ -169,7 +169,7 @@ template <Mode mode> i64 code_welds(RangeCoder<mode> &coder, const CornerTable &
 }
 
 // Point of each vertex, numbered as the corners and then the other vertices meet them; empty if none is shared.
-std::vector<i32> shared_points(const Polygons &mesh, std::span<const Vector> grid) {
+template <class Place> std::vector<i32> shared_points(const Polygons &mesh, std::span<const Place> grid) {
     const i64 vertices = static_cast<i64>(grid.size());
     std::vector<i32> by_place(vertices), place(vertices);
     std::iota(by_place.begin(), by_place.end(), 0);
@@ -215,12 +215,16 @@ struct Surface {
         weights = choose_term_weights(order, seen);
     }
 
-    std::vector<u8> encode(bool matches) const {
+    std::vector<u8> encode(bool matches, const Smoothing *smoothing) const {
         RangeCoder<Mode::encode> after = coder;
         Predictor predictor(*corners, points);
         PointModel model(matches);
         TermWeights coded = weights;
         model.code_weights(after, coded);
+        if (smoothing) {
+            SmoothingWeights of_smoothing = smoothing->weights;
+            model.code_weights(after, of_smoothing);
+        }
         model.code(after, order, weights, predictor);
         return after.finish();
     }
@@ -232,21 +236,57 @@ struct Surface {
     TermWeights weights;
 };
 
+// Of each point the coordinates of a vertex that lies on it.
+template <class Place>
+std::vector<Place> at_points(std::span<const Place> places, const std::vector<i32> &point_of, i64 points) {
+    std::vector<Place> found(points);
+    for (std::size_t vertex = 0; vertex < places.size(); ++vertex) found[point_of[vertex]] = places[vertex];
+    return found;
+}
+
+std::vector<Vector> at_vertices(std::span<const Vector> points, const std::vector<i32> &point_of) {
+    std::vector<Vector> found(point_of.size());
+    for (std::size_t vertex = 0; vertex < found.size(); ++vertex) found[vertex] = points[point_of[vertex]];
+    return found;
+}
+
 }  // namespace
 
-CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid) {
-    const std::vector<i32> point_of = shared_points(mesh, grid);
-    std::optional<Surface> best_surface(std::in_place, mesh, grid, nullptr);
-    CodedReference best{0, best_surface->encode(false)};
+std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const Vector> grid,
+                                          std::span<const std::array<double, 3>> wanted) {
+    std::vector<i32> point_of = shared_points(mesh, wanted);
+    const bool is_welded = !point_of.empty();
+    std::vector<Vector> points(grid.begin(), grid.end());
+    std::vector<std::array<double, 3>> of_points(wanted.begin(), wanted.end());
+    if (is_welded) {
+        const i64 count = 1 + *std::max_element(point_of.begin(), point_of.end());
+        points = at_points(grid, point_of, count);
+        of_points = at_points(wanted, point_of, count);
+    }
+    const CornerTable corners(is_welded ? welded(mesh, point_of, static_cast<i64>(points.size())) : mesh);
+    const std::optional<FittedSmoothing> fitted = fit_smoothing(corners, points, of_points);
+    if (!fitted) return std::nullopt;
+    std::vector<Vector> found = smoothed(corners, points, fitted->weights);
+    if (is_welded) found = at_vertices(found, point_of);
+    return Smoothing{fitted->weights, std::move(point_of), std::move(found), fitted->error_ratio};
+}
+
+CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing) {
+    const std::vector<i32> point_of = smoothing ? smoothing->point_of : shared_points(mesh, grid);
+    const bool must_weld = smoothing && !point_of.empty();  // smoothing goes across the welds
+    const u8 always = smoothing ? smooths_points : 0;
+    CodedReference best{0, {}};
+    std::optional<Surface> best_surface;
     const auto try_also = [&](u8 kind, const Surface &surface) {
-        std::vector<u8> data = surface.encode(kind & matches_residuals);
-        if (data.size() >= best.data.size()) return false;
+        std::vector<u8> data = surface.encode(kind & matches_residuals, smoothing);
+        if (!best.data.empty() && data.size() >= best.data.size()) return false;
         best = {kind, std::move(data)};
         return true;
     };
+    if (!must_weld) try_also(always, best_surface.emplace(mesh, grid, nullptr));
     if (!point_of.empty()) {
         Surface welds(mesh, grid, &point_of);
-        if (try_also(welds_points, welds)) best_surface.emplace(std::move(welds));
+        if (try_also(always | welds_points, welds)) best_surface.emplace(std::move(welds));
     }
     try_also(best.kind | matches_residuals, *best_surface);
     return best;
@@ -267,15 +307,16 @@ std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8>
     PointModel model(kind & matches_residuals);
     TermWeights weights{};
     model.code_weights(coder, weights);
+    SmoothingWeights of_smoothing{};
+    if (kind & smooths_points) model.code_weights(coder, of_smoothing);
     Predictor predictor(corners, std::vector<Vector>(points));
     model.code(coder, prediction_order(corners), weights, predictor);
     if (!coder.is_finished()) {
         throw CorruptError(Section("REST"), "does not end where its numbers do; get the file again");
     }
+    if (kind & smooths_points) predictor.grid = smoothed(corners, predictor.grid, of_smoothing);
     if (!is_welded) return std::move(predictor.grid);
-    std::vector<Vector> grid(vertices);
-    for (i64 vertex = 0; vertex < vertices; ++vertex) grid[vertex] = predictor.grid[point_of[vertex]];
-    return grid;
+    return at_vertices(predictor.grid, point_of);
 }
 
 }  // namespace pdeanim

@@ -9,6 +9,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -32,7 +33,9 @@ namespace pdeanim {
 
 using Vector = std::array<i64, 3>;
 
+constexpr int most_corners = 16;  // at a vertex that are looked at: few have more, sums stay far from overflow
 constexpr int fraction_bits = 4;  // of predictions: small residuals depend on where between two grid points they lie
+constexpr int smooth_bits = 6;    // of smoothed grid coordinates
 constexpr int grid_bits = 40;     // grid coordinates are 0 to 2^40 - 1
 
 // The terms by their number in the stream.
@@ -88,17 +91,48 @@ private:
 // nothing; it is changed.
 TermWeights choose_term_weights(const std::vector<i32> &order, Predictor &points);
 
+// Weights of smoothing in 1/16, -127 to 127: of a vertex's Laplacian and of the Laplacian of that, by the class of the vertex.
+constexpr int smoothing_classes = 7;
+using SmoothingWeights = std::array<std::array<i32, 2>, smoothing_classes>;
+
+// Grid coordinates moved towards a smooth surface, each by half a step at most [1/64 steps].
+std::vector<Vector> smoothed(const CornerTable &corners, std::span<const Vector> grid, const SmoothingWeights &weights);
+
+// Weights that bring coordinates nearest to wanted ones, and the mean error that is left to that without smoothing.
+struct FittedSmoothing {
+    SmoothingWeights weights;
+    double error_ratio;
+};
+
+// Fit them to wanted coordinates [steps]; nothing where these hardly come nearer (encoder only, floating point).
+std::optional<FittedSmoothing> fit_smoothing(const CornerTable &corners, std::span<const Vector> grid,
+                                             std::span<const std::array<double, 3>> wanted);
+
 // What kinds of prediction are made of.
-constexpr u8 welds_points = 1, matches_residuals = 2;
+constexpr u8 welds_points = 1, matches_residuals = 2, smooths_points = 4;
 
 struct CodedReference {
     u8 kind = 0;
     std::vector<u8> data;
 };
 
-CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid);
+// How a frame is smoothed.
+struct Smoothing {
+    SmoothingWeights weights{};
+    std::vector<i32> point_of;  // of each vertex: smoothing goes across the welds; empty without any
+    std::vector<Vector> grid;   // of the smoothed frame [1/64 steps]
+    double error_ratio = 1.0;   // its mean error to that of the frame
+};
 
-// Undo `encode_reference`; CorruptError if the bytes are damaged.
+// Choose how a frame is smoothed; nothing where it hardly comes nearer to what is wanted. wanted: of each vertex [steps];
+// vertices of equal ones are welded.
+std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const Vector> grid,
+                                          std::span<const std::array<double, 3>> wanted);
+
+// smoothing: none where the frame stays as it is.
+CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing);
+
+// Undo `encode_reference`, in 1/64 steps where the kind smooths; CorruptError if the bytes are damaged.
 std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8> data);
 
 }  // namespace pdeanim

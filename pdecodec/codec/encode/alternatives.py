@@ -20,7 +20,7 @@ from pdecodec.codec.encode.report import Alternative, Question
 from pdecodec.codec.encode.search import BITS_OF_A_GROUP, SHORTEST_PART, GroupSearch, candidates, reference_steps
 from pdecodec.codec.encode.temporal import ORIGINS, TIME_FUNCTIONS
 from pdecodec.codec.sections.groups import GroupEntry
-from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_reference
+from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_smoothly
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject
@@ -156,14 +156,14 @@ class GroupAlternatives:
         return [(f"x {2.0 ** (more / 4):.3g}", self._search.bits(choice), not more) for more, choice in tried.items()]
 
     def _references_tried(self) -> list[Cost]:
-        share, own = self._whole.frames / self._times.size, self._reference.step
+        share, own = self._whole.frames / self._times.size, self._reference.coded_step
         others = (step for step in reference_steps(self._points[0], self._unit) if abs(step / own - 1.0) > ALIKE)
         steps = sorted([own, *others])
         at = steps.index(own)
         found = []
         for step in steps[max(0, at - REFERENCES_BESIDE) : at + REFERENCES_BESIDE + 1]:
             is_own = step == own
-            reference = self._reference if is_own else quantise_reference(self._points[0], step)
+            reference = self._reference if is_own else quantise_smoothly(self._points[0], step, self._objects)
             basis = self._basis if is_own else self._basis_of(self._basis.form.kind, self._basis.form.points, reference)
             bits = self._together(self._whole if is_own else self._fitter_of(reference), basis)
             bits += share * 8.0 * len(encode_reference(reference, self._objects))

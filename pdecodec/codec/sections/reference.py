@@ -2,7 +2,8 @@
 
 Vertices that lie on the same point may be welded for the purpose: seams and soups of polygons then have a surface to
 predict across. Residuals may be matched with earlier ones: regular shapes repeat themselves. The encoder takes what is
-smallest. The coder is native: `core/sections/reference/`.
+smallest. A frame may be smoothed after it is decoded: each vertex moves within its quantisation cell, by weights that
+the encoder fits. The coder is native: `core/sections/reference/`.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldW
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
-WELDED, MATCHED = 1, 2
-"""Predictors, across the faces: vertices that lie on the same point are welded, residuals matched with earlier ones."""
+WELDED, MATCHED, SMOOTHED = 1, 2, 4
+"""Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier ones, the
+decoded frame is smoothed."""
 
-PREDICTORS = 4
-"""Of neither, one or both of these."""
+PREDICTORS = 8
+"""Of any of these."""
+
+SMOOTH_DIVISIONS = 64
+"""Parts of a step that coordinates of a smoothed frame count."""
 
 LARGEST_BITS = 40
 """Bits of a coordinate in quantisation steps: products of three stay exact enough in float64, and any
@@ -31,6 +36,26 @@ float32 shape keeps all of its 24 bits."""
 
 HEADER_BYTES = 33
 """Step, origin, predictor."""
+
+
+class CodedGrid(NamedTuple):
+    """Grid coordinates before smoothing, and how they are smoothed.
+
+    Attributes
+    ----------
+    grid : (vertices, 3) int64
+    weights : (classes, 2) int32
+        Of the Laplacian of a vertex, and of the Laplacian of that, by the class of the vertex [1/16].
+    points : (vertices,) int32
+        Point that each vertex lies on; empty where no vertices are welded.
+    error_ratio : float
+        Mean error of the smoothed frame to that of the frame.
+    """
+
+    grid: Int64Array
+    weights: Int32Array
+    points: Int32Array
+    error_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +68,19 @@ class ReferenceFrame:
         Coordinates in steps from the origin, in the mesh's vertex order; not negative.
     origin : (3,) float64 [scene units]
     step : float [scene units]
+    coded : CodedGrid, optional
+        What is coded where the frame is smoothed: `grid` is what comes of it then.
     """
 
     grid: Int64Array
     origin: Float64Array
     step: float
+    coded: CodedGrid | None = None
+
+    @property
+    def coded_step(self) -> float:
+        """Step that coordinates are coded in [scene units]."""
+        return self.step * SMOOTH_DIVISIONS if self.coded else self.step
 
     @property
     def points(self) -> Float64Array:
@@ -71,6 +104,26 @@ def quantise_reference(points: Float32Array, step: float) -> ReferenceFrame:
     return ReferenceFrame(np.rint((wide - origin) / step).astype(np.int64), origin, step)
 
 
+def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshObject]) -> ReferenceFrame:
+    """Round a frame to a grid, and smooth it where that brings it nearer to the points.
+
+    Parameters
+    ----------
+    points : (vertices, 3) float32
+    step : float [scene units]
+        Of the grid, before smoothing.
+    objects : sequence of MeshObject
+        Whose vertices `points` are.
+    """
+    frame, mesh = quantise_reference(points, step), polygons_of(objects)
+    wanted = (points.astype(np.float64) - frame.origin) / frame.step
+    found = _core.smooth_reference(mesh.starts, mesh.vertex, mesh.faces, frame.grid, wanted)
+    if found is None:
+        return frame
+    coded = CodedGrid(frame.grid, found.weights, found.points, found.error_ratio)
+    return ReferenceFrame(found.grid, frame.origin, frame.step / SMOOTH_DIVISIONS, coded)
+
+
 def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
     """Section REST, with the predictor that makes it smaller.
 
@@ -81,9 +134,12 @@ def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> by
         Whose vertices `shape` has, one object after the other.
     """
     mesh = polygons_of(objects)
-    predictor, data = _core.encode_reference(mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(shape.grid))
+    grid, weights, points, _ = shape.coded or (shape.grid, None, np.zeros(0, np.int32), 1.0)
+    predictor, data = _core.encode_reference(
+        mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(grid), weights, points
+    )
     writer = FieldWriter()
-    writer.numbers("ddddB", shape.step, *shape.origin.tolist(), predictor)
+    writer.numbers("ddddB", shape.coded_step, *shape.origin.tolist(), predictor)
     return writer.to_bytes() + data
 
 
@@ -104,7 +160,7 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
         raise section_fault("REST", "has a quantisation step or an origin out of range")
     mesh = polygons_of(objects)
     grid = _core.decode_reference(mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:])
-    return ReferenceFrame(grid, np.array(origin), step)
+    return ReferenceFrame(grid, np.array(origin), step / SMOOTH_DIVISIONS if predictor & SMOOTHED else step)
 
 
 class Polygons(NamedTuple):
