@@ -7,16 +7,25 @@ included.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from collections.abc import Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from urllib.parse import quote, unquote, urlsplit
+from typing import Any
+from urllib.parse import quote, unquote_to_bytes, urlsplit
 
 from pdecodec.report.viewer.view import list_page, served_page
 
 LOOPBACK = "127.0.0.1"
+
+RANGE = re.compile(r"bytes=([0-9]{1,18})-([0-9]{0,18})")
+"""The ranges that are answered; any other is ignored, as RFC 9110 allows."""
+
+KIND = "application/octet-stream"
+"""Of files, which no page runs."""
 
 CHUNK_BYTES = 1 << 18
 """Of a file, read and sent at once."""
@@ -48,18 +57,35 @@ class FolderServer(ThreadingHTTPServer):
         return f"http://{LOOPBACK}:{self.server_port}/"
 
     def files(self) -> Iterator[tuple[str, int]]:
-        """Names within the folder, and bytes."""
-        for path in sorted(self.folder.rglob("*.pdeanim")):
-            if self.place(path.relative_to(self.folder).as_posix()) is not None:
-                yield path.relative_to(self.folder).as_posix(), path.stat().st_size
+        """Names within the folder, and bytes; what cannot be read is left out."""
+        found = []
+        for folder, _, names in os.walk(self.folder):
+            for name in names:
+                path = Path(folder, name).relative_to(self.folder).as_posix()
+                size = self._size_of(self.place(path))
+                if size is not None:
+                    found.append((path, size))
+        yield from sorted(found)
 
     def place(self, name: str) -> Path | None:
-        """The file of a name; none where it is not one of the folder's."""
-        if "\0" in name:
+        """The file of a name; None where it is not one of the folder's."""
+        try:
+            path = (self.folder / name).resolve()
+            is_ours = path.is_relative_to(self.folder) and path.suffix == ".pdeanim" and path.is_file()
+        except (OSError, ValueError, RuntimeError):  # a name that is too long, or of NUL; a link that loops
             return None
-        path = (self.folder / name).resolve()
-        is_ours = path.is_relative_to(self.folder) and path.suffix == ".pdeanim" and path.is_file()
         return path if is_ours else None
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print nothing about clients that leave and files that cannot be read."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+    def _size_of(self, path: Path | None) -> int | None:
+        try:
+            return None if path is None else path.stat().st_size
+        except OSError:  # removed meanwhile
+            return None
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -75,9 +101,13 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in {f"{host}:{self.server.server_port}" for host in (LOOPBACK, "localhost")}:
             self.send_error(HTTPStatus.FORBIDDEN, "this server answers to the loopback address alone")
             return
-        path = unquote(urlsplit(self.path).path)
+        try:
+            path = os.fsdecode(unquote_to_bytes(urlsplit(self.path).path))
+        except ValueError:  # an address that is none
+            self.send_error(HTTPStatus.BAD_REQUEST)
+            return
         if path == "/":
-            files = [(name, size, quote(name)) for name, size in self.server.files()]
+            files = [(name, size, quote(os.fsencode(name))) for name, size in self.server.files()]
             self._send_page(list_page(self.server.folder.name, files))
             return
         if path == "/favicon.ico":  # browsers ask for one, and log it as an error where there is none
@@ -89,29 +119,36 @@ class _Handler(BaseHTTPRequestHandler):
         if place is None or kind not in {"view", "file"}:
             self.send_error(HTTPStatus.NOT_FOUND)
         elif kind == "view":
-            self._send_page(served_page(place.name, place.name, f"/file/{quote(name)}"))
+            self._send_page(served_page(place.name, place.name, f"/file/{quote(os.fsencode(name))}"))
         else:
             self._send_file(place)
 
     def _send_page(self, page: str) -> None:
-        content = page.encode()
+        content = page.encode(errors="replace")  # names that are not UTF-8
         self._begin(HTTPStatus.OK, "text/html; charset=utf-8", len(content))
         if self.command == "GET":
             self.wfile.write(content)
 
     def _send_file(self, path: Path) -> None:
-        size = path.stat().st_size
-        asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
-        begin, end = (int(asked[1]), min(int(asked[2] or size - 1) + 1, size)) if asked else (0, size)
-        if begin > end or (asked and begin >= size):
-            self.send_error(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE)
+        try:
+            file = path.open("rb")
+        except OSError:  # no access, or removed meanwhile
+            self.send_error(HTTPStatus.NOT_FOUND)
             return
-        status = HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK
-        ranges = {"Content-Range": f"bytes {begin}-{end - 1}/{size}"} if asked else {}
-        self._begin(status, "application/octet-stream", end - begin, {"Accept-Ranges": "bytes", **ranges})
-        if self.command != "GET":
-            return
-        with path.open("rb") as file:
+        with file:
+            size = os.fstat(file.fileno()).st_size
+            asked = RANGE.fullmatch(self.headers.get("Range", ""))
+            if asked and asked[2] and int(asked[2]) < int(asked[1]):
+                asked = None
+            begin, end = (int(asked[1]), min(int(asked[2] or size) + 1, size)) if asked else (0, size)
+            if asked and begin >= size:
+                self._begin(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, KIND, 0, {"Content-Range": f"bytes */{size}"})
+                return
+            status = HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK
+            ranges = {"Content-Range": f"bytes {begin}-{end - 1}/{size}"} if asked else {}
+            self._begin(status, KIND, end - begin, {"Accept-Ranges": "bytes", **ranges})
+            if self.command != "GET":
+                return
             file.seek(begin)
             while begin < end and (piece := file.read(min(CHUNK_BYTES, end - begin))):
                 self.wfile.write(piece)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import http.client
+import os
 import shutil
+import socket
+import struct
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +22,18 @@ from spec.vector_files import ACCEPT
 from tests.support.driven_browser import browsing
 
 
+@contextmanager
+def served(folder: Path) -> Iterator[FolderServer]:
+    with FolderServer(folder) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
     """Of a folder with two files, one in a folder below, a file beside them and a link out of it."""
@@ -28,13 +44,10 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
     shutil.copy(ACCEPT / "several_objects.pdeanim", folder / "more <i>" / "a#b.pdeanim")
     shutil.copy(ACCEPT / "lines.pdeanim", root / "outside.pdeanim")
     (folder / "link.pdeanim").symlink_to(root / "outside.pdeanim")
+    (folder / "loop.pdeanim").symlink_to("loop.pdeanim")
     (folder / "secret.txt").write_text("no animation")
-    with FolderServer(folder) as opened:
-        thread = threading.Thread(target=opened.serve_forever)
-        thread.start()
+    with served(folder) as opened:
         yield opened
-        opened.shutdown()
-        thread.join()
 
 
 def asked(server: FolderServer, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
@@ -53,6 +66,8 @@ def test_files_are_listed_and_given_whole_or_in_parts(server: FolderServer) -> N
     assert asked(server, "/file/groups.pdeanim", Range="bytes=10-19") == (206, data[10:20])
     assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data) - 3}-") == (206, data[-3:])
     assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data)}-")[0] == 416
+    for none in ("bytes=5-4", "bytes=9999-1", "bytes=-5", "bytes=1-2,4-5", "bytes=²-", f"bytes={'9' * 5000}-", "x"):
+        assert asked(server, "/file/groups.pdeanim", Range=none) == (200, data)
     assert asked(server, "/file/groups.pdeanim", method="HEAD") == (200, b"")
     assert asked(server, "/file/more%20%3Ci%3E/a%23b.pdeanim")[0] == 200
 
@@ -68,12 +83,42 @@ def test_files_are_listed_and_given_whole_or_in_parts(server: FolderServer) -> N
         "/file/secret.txt",
         "/file/none.pdeanim",
         "/file/a%00.pdeanim",
+        f"/file/{'long' * 1000}.pdeanim",
+        "/view/loop.pdeanim",
         "/view/secret.txt",
         "/other/groups.pdeanim",
     ],
 )
 def test_nothing_but_files_of_the_folder_is_given(server: FolderServer, path: str) -> None:
     assert asked(server, path)[0] == 404
+
+
+def test_names_that_are_not_utf8_are_listed_and_played(tmp_path: Path) -> None:
+    try:
+        shutil.copy(ACCEPT / "groups.pdeanim", os.path.join(os.fsencode(tmp_path), b"a\xff.pdeanim"))
+    except OSError:
+        pytest.skip("names are UTF-8 in this file system")
+    with served(tmp_path) as server:
+        assert b"/file/a%FF.pdeanim" in asked(server, "/view/a%FF.pdeanim")[1]
+        assert b'"address": "a%FF.pdeanim"' in asked(server, "/")[1]
+        assert asked(server, "/file/a%FF.pdeanim") == (200, (ACCEPT / "groups.pdeanim").read_bytes())
+
+
+def test_nothing_that_clients_and_files_do_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (tmp_path / "large.pdeanim").open("wb") as large:
+        large.truncate(1 << 28)
+    with served(tmp_path) as server:
+        for path, answer in ((b"http://[/", b"HTTP/1.0 400"), (b"/file/large.pdeanim", b"HTTP/1.0 200")):
+            with socket.create_connection(("127.0.0.1", server.server_port)) as leaving:
+                leaving.sendall(b"GET %s HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % (path, server.server_port))
+                assert leaving.recv(100).startswith(answer)
+                leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
+        (tmp_path / "large.pdeanim").unlink()
+        assert asked(server, "/file/large.pdeanim")[0] == 404
+        for thread in threading.enumerate():
+            if "process_request_thread" in thread.name:
+                thread.join(30)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_browser_that_asks_for_an_icon_logs_no_error(server: FolderServer) -> None:
