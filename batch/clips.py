@@ -7,11 +7,13 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from pdecodec.batch.records import STATE_FOLDER
 from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
@@ -105,6 +107,8 @@ def _value(name: str, value: Any) -> Any:
         return None
     kind = _KINDS.get(name, str)
     try:
+        if isinstance(value, bool) and kind is not bool:
+            raise ValueError
         if kind is tuple:
             return tuple(value.split(LIST_SEPARATOR) if isinstance(value, str) else map(str, value))
         if kind is bool:
@@ -113,8 +117,10 @@ def _value(name: str, value: Any) -> Any:
             raise ValueError
         if name in _BYTES and isinstance(value, str):
             return parse_byte_count(value)
+        if kind is int and isinstance(value, float) and not value.is_integer():
+            raise ValueError
         return kind(value)
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
         what = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of names"}
         wanted = "a number of bytes such as 200kB" if name in _BYTES else what.get(kind, "text")
         raise SettingsError(f"must be {wanted}, not {value!r}", setting=name) from error
@@ -198,7 +204,7 @@ def _sources(given: str, root: str | None) -> list[tuple[str, str]]:
     elif path.is_dir():
         sources, root = _in_folder(given), root or given
     elif has_magic(given) and not path.exists():
-        sources = gather_frames(sorted(filter(_is_clip, glob(given, recursive=True))), frame_extensions())
+        sources = gather_frames(sorted(filter(_is_clip, _matches(given))), frame_extensions())
         root = root or _fixed_part(given)
     else:
         check_there(given)
@@ -306,6 +312,36 @@ def _fixed_part(pattern: str) -> str:
     return str(Path(*parts[:fixed])) if fixed > 0 else "."
 
 
+def _matches(pattern: str) -> Iterator[str]:
+    """Paths that a pattern stands for, as :func:`glob.glob` finds them, but for links that lead back to where they are:
+    it follows them as often as the system does.
+    """
+    steps = Path(pattern).parts
+    if "**" not in steps:
+        yield from glob(pattern)
+        return
+    at = steps.index("**")
+    rest = Path(*steps[at + 1 :])
+    for top in glob(str(Path(*steps[:at]))):
+        for folder in _folders_under(top):
+            if rest.parts:
+                yield from _matches(str(Path(escape(folder), rest)))
+            else:
+                yield from (str(Path(folder)), *glob(str(Path(escape(folder), "*"))))
+
+
+def _folders_under(folder: str, above: tuple[str, ...] = ()) -> Iterator[str]:
+    """A folder, those in it that are not hidden, and those in them."""
+    real = os.path.realpath(folder)
+    if real in above:
+        return
+    yield folder
+    with suppress(OSError):  # what may not be read has nothing
+        for name in sorted(os.listdir(folder)):
+            if not name.startswith(".") and os.path.isdir(os.path.join(folder, name)):
+                yield from _folders_under(os.path.join(folder, name), (*above, real))
+
+
 def _is_clip(name: str) -> bool:
     """Whether what a pattern matches is a clip: a file of a known format, or a folder of frames."""
     path = Path(name)
@@ -318,16 +354,16 @@ def _in_folder(folder: str) -> list[str]:
     """Every clip in a folder and below: files of one clip each, and sequences of frames."""
     whole = known_extensions(lambda entry: entry.reads and not entry.frame_per_file and entry.name != "pdeanim")
     found: list[tuple[str, Path]] = []
-    companions: set[Path] = set()
+    companions: set[str] = set()
     for name, folders, files in os.walk(folder):
         folders[:] = sorted(one for one in folders if not one.startswith("."))
         here = Path(name)
         for file in sorted(files):
             if not file.startswith(".") and Path(file).suffix.lower() in whole:
                 found.append((str(here / file), here / file))
-                companions.update(one.resolve() for one in input_files(str(here / file))[1:])
+                companions.update(os.path.realpath(one) for one in input_files(str(here / file))[1:])
         found += _frames_in(here)
-    return sorted(source for source, first in found if first.resolve() not in companions)
+    return sorted(source for source, first in found if os.path.realpath(first) not in companions)
 
 
 def _frames_in(folder: Path) -> list[tuple[str, Path]]:
@@ -339,6 +375,11 @@ def _frames_in(folder: Path) -> list[tuple[str, Path]]:
 def _check_outputs(clips: Iterable[Clip]) -> None:
     taken: dict[str, Clip] = {}
     for clip in clips:
+        for name in (clip.source, clip.output):
+            if len(name.splitlines()) > 1 or name != name.rstrip("\r\n"):
+                raise SettingsError(f"{name!r} has a line break, which lists of clips cannot hold; rename it")
+        if PurePosixPath(clip.output).parts[0].lower() == STATE_FOLDER:
+            raise SettingsError(f"{clip.output}: {STATE_FOLDER} holds the records of the batch; name another output")
         # Some file systems do not tell upper from lower case.
         other = taken.setdefault(clip.output.lower(), clip)
         if other is not clip:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from asyncio import CancelledError
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -67,10 +68,25 @@ def run_on_cluster(
                 asked[future.key] = clip
                 coming.add(future)
 
-        submit(islice(left, TASKS_AT_ONCE))
-        for future in coming:
-            yield _result_of(asked.pop(future.key), future, address)
-            submit(islice(left, 1))
+        with _scheduler_errors(address):
+            submit(islice(left, TASKS_AT_ONCE))
+            for future in coming:
+                yield _result_of(asked.pop(future.key), future, address)
+                submit(islice(left, 1))
+
+
+@contextmanager
+def _scheduler_errors(address: str) -> Iterator[None]:
+    """Turn what the client raises without a scheduler into one line."""
+    try:
+        yield
+    except (OSError, TimeoutError, CancelledError) as error:
+        raise _cluster_ended(address) from error
+
+
+def _cluster_ended(address: str) -> InputError:
+    message = "the Dask cluster ended; start it and run again, what is done is kept"
+    return InputError(message, code="worker-ended", path=address)
 
 
 @contextmanager
@@ -143,9 +159,7 @@ def seen_by_all(work: Work) -> Work:
 
 def _result_of(clip: Clip, future: Any, address: str) -> Result:
     if future.status == "cancelled":
-        raise InputError(
-            "the Dask cluster ended; start it and run again, what is done is kept", code="worker-ended", path=address
-        )
+        raise _cluster_ended(address)
     error = future.exception()
     if error is None:
         result: Result = future.result()

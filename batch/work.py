@@ -233,8 +233,8 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     path, record = place_of(folder, clip.output), read_record(folder, clip.output)
     if not is_there(path):
         return None
-    written = digest_of(path)
-    if record is None or written not in (record.output_digest, record.replaces):
+    written = _digest_of_output(path)
+    if record is None or not written or written not in (record.output_digest, record.replaces):
         if not work.overwrite:
             raise InputError(
                 "is there, and not as this batch wrote it",
@@ -259,6 +259,11 @@ def _kept(clip: Clip, work: Work) -> Result | None:
         record = replace(record, result=figures)
         write_record(folder, clip.output, record)
     return Result(source=clip.source, output=clip.output, state="kept", figures=record.result)
+
+
+def _digest_of_output(path: Place) -> str:
+    """Of what is in the place of an output; of a link none, which no batch writes: it is not followed."""
+    return "" if isinstance(path, Path) and path.is_symlink() else digest_of(path)
 
 
 def _made(clip: Clip, work: Work) -> Result:
@@ -298,7 +303,7 @@ def _made(clip: Clip, work: Work) -> Result:
             source_stamp=stamp,
             options=clip.options.to_json(),
             output_digest=digest_of(written),
-            replaces=digest_of(path) if is_there(path) else "",
+            replaces=_digest_of_output(path) if is_there(path) else "",
             result=figures,
         )
         write_record(work.folder, clip.output, record)
@@ -306,7 +311,8 @@ def _made(clip: Clip, work: Work) -> Result:
             path.put(written)
         else:
             with write_errors(path):
-                move_into(written, path, overwrite=work.overwrite or bool(record.replaces))
+                overwrite = work.overwrite or bool(record.replaces)
+                move_into(written, path, overwrite=overwrite, through_links=False)
     return Result(source=clip.source, output=clip.output, state="done", figures=figures)
 
 

@@ -6,7 +6,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -207,7 +207,7 @@ def _done(
     from pdecodec.batch.local import run_local
 
     found: dict[str, Result] = {}
-    with _said(clips) as note:
+    with _said(clips) as note, nullcontext() if scheduler is None else _logs_off():
         if scheduler is None:
             coming = run_local(clips, work, jobs=jobs, max_memory=max_memory)
         else:
@@ -222,6 +222,18 @@ def _done(
                 f"interrupted after {through}; their files stay, and the same command goes on"
             ) from error
     return [found[clip.output] for clip in clips]
+
+
+@contextmanager
+def _logs_off() -> Iterator[None]:
+    """Keep Dask's log from standard error: tracebacks of what is told in one line."""
+    import logging
+
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from pdecodec.cli.console import (
     set_loudness,
     unwritable_output,
 )
+from pdecodec.cli.interrupts import take_interrupt
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -99,6 +100,8 @@ class CommandsOnDemand(click.Group):
         try:
             return super().invoke(ctx)
         except PdecodecError as error:
+            if take_interrupt():
+                raise KeyboardInterrupt from error
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
             ctx.exit(_fail(in_options(error, [] if command is None else command.params), error.exit_code))
 
@@ -155,7 +158,7 @@ def run(arguments: Sequence[str]) -> int:
     """
     set_loudness(0)
     try:
-        return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
+        return _run(arguments)
     except click.ClickException as error:
         shown = io.StringIO()
         error.show(shown)
@@ -176,6 +179,16 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(str(error), EXIT_INTERRUPTED)
     except (KeyboardInterrupt, click.Abort):
         return _fail("interrupted; no output was written", EXIT_INTERRUPTED)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run one command line; raise KeyboardInterrupt where a library made another error of an interrupt."""
+    try:
+        return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
+    except Exception as error:
+        if take_interrupt() and not isinstance(error, PartlyDoneError):
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _fail(message: str, exit_code: int) -> int:
@@ -200,4 +213,5 @@ def main() -> None:
     try:
         sys.exit(run(sys.argv[1:]))
     finally:
+        take_interrupt()
         drop_unwritten()

@@ -349,9 +349,9 @@ def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
     """
     from pdecodec.formats.base.companions import input_files, output_files
 
-    inputs = {file.resolve() for source in sources if source is not None for file in input_files(source)}
+    inputs = {os.path.realpath(file) for source in sources if source is not None for file in input_files(source)}
     for output in outputs:
-        shared = [file for file in output_files(output) if file.resolve() in inputs]
+        shared = [file for file in output_files(output) if os.path.realpath(file) in inputs]
         if shared:
             raise SettingsError(
                 f"{output}: would replace {shared[0]}, which is read; choose another name", code="overwrites-input"

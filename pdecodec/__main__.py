@@ -11,6 +11,9 @@ import sys
 def main() -> None:
     """Run the command line; interrupted where nothing is begun yet, end without a word."""
     try:
+        from pdecodec.cli.interrupts import watch_interrupts
+
+        watch_interrupts()
         from pdecodec.cli.main import main as command
 
         command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,9 +31,9 @@ def input_files(source: str) -> tuple[Path, ...]:
     path = Path(source)
     if path.is_file():
         # A library names a file by another path than the user did: one file counts once.
-        found: dict[Path, Path] = {}
+        found: dict[str, Path] = {}
         for file in (path, *_named_by(path)):
-            found.setdefault(file.resolve(), file)
+            found.setdefault(os.path.realpath(file), file)
         return tuple(found.values())
     suffixes = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
     return tuple(file for extension in suffixes & frame_extensions() for file in find_frames(path, extension).paths)

@@ -192,6 +192,13 @@ def other_frames(path: Path) -> tuple[str, ...]:
     return (f"{path.name} is one of {len(signs)} files that are numbered alike; name '{pattern}' to read them all",)
 
 
+def _is_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # a link that loops: an error of who reads it, not of who lists the folder
+        return True
+
+
 def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = None) -> list[Any]:
     """Numbered sequences and single files of a folder that have an extension (``fileseq.FileSequence`` each), in order.
 
@@ -208,7 +215,7 @@ def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = No
 
     try:
         with os.scandir(folder) as entries:
-            names = [item.name for item in entries if not item.name.startswith(".") and item.is_file()]
+            names = [item.name for item in entries if not item.name.startswith(".") and _is_file(item)]
         wanted = None if files is None else {file.name for file in files if file.parent == folder}
         marked = [
             str(folder / mark)

@@ -118,10 +118,13 @@ def write_onto(
             code="setting-unsupported",
             path=where,
         )
-    shared = {one.resolve() for one in input_files(str(source))} & {one.resolve() for one in output_files(str(where))}
+    read, written = input_files(str(source)), output_files(str(where))
+    shared = set(map(os.path.realpath, read)) & set(map(os.path.realpath, written))
     if shared:
         raise SettingsError(
-            f"would replace {shared.pop().name}, which the original is made of", code="overwrites-input", path=where
+            f"would replace {os.path.basename(shared.pop())}, which the original is made of",
+            code="overwrites-input",
+            path=where,
         )
     writer = load(entry, entry.onto, "written onto", where)
     placed = bake_transforms(sequence)

@@ -58,14 +58,14 @@ def check_path(path: Path) -> None:
             ) from error
 
 
-def check_writable(path: Path, *, overwrite: bool) -> None:
+def check_writable(path: Path, *, overwrite: bool, through_links: bool = True) -> None:
     """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
     check_path(path)
-    if path.is_dir():
+    if path.is_dir() and (through_links or not path.is_symlink()):
         raise InputError("is a folder; name a file in it", code="output-unwritable", path=path)
     if os.path.lexists(path) and not overwrite:
         raise output_exists(path)
-    place = _place(path).parent
+    place = (_place(path) if through_links else path).parent
     _check_folder(place)
     if not os.access(place, os.W_OK):
         raise InputError(
@@ -76,24 +76,25 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
 
 
 @contextmanager
-def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
+def whole_file(path: Path, *, overwrite: bool, through_links: bool = True) -> Iterator[Path]:
     """A path to write to that becomes `path` when the block ends well and vanishes when it does not.
 
-    A link is written through, and a file that is replaced keeps its mode.
+    A link is written through, unless `through_links` is false: then it is replaced. A file that is replaced keeps its
+    mode.
 
     Raises
     ------
     InputError
         If `path` exists, or appears meanwhile, and `overwrite` is false, is a folder, or cannot be written.
     """
-    check_writable(path, overwrite=overwrite)
-    place = _place(path)
+    check_writable(path, overwrite=overwrite, through_links=through_links)
+    place = _place(path) if through_links else path
     finish_interrupted(place.parent)
     partial = partial_path(place)
     try:
         with write_errors(path):
             yield partial
-            move_into(partial, path, overwrite=overwrite)
+            move_into(partial, path, overwrite=overwrite, through_links=through_links)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -250,10 +251,13 @@ def _move_out(ready: Path) -> None:
         (ready.parent / name).unlink(missing_ok=True)
 
 
-def move_into(partial: Path, path: Path, *, overwrite: bool) -> None:
+def move_into(partial: Path, path: Path, *, overwrite: bool, through_links: bool = True) -> None:
     """Put a file where it is to be; InputError where there is one that may not be replaced."""
     if overwrite:
-        _replace(partial, path)
+        if not through_links and path.is_symlink():
+            os.replace(partial, path)
+        else:
+            _replace(partial, path)
         return
     try:
         # A link is made only where there is nothing, whoever was here meanwhile.

@@ -298,6 +298,14 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
         ({"output": "a.pdeanim"}, "clip 2: has no source; name"),
         ({"sorce": "a.npz", "tolerance": 1}, "clip 2: has no source among sorce, tolerance; name"),
         ({"source": "a.npz", "size": "2 kilo"}, "clip 2: size must be a number of bytes such as 200kB, not '2 kilo'"),
+        ({"source": "a.npz", "tolerance": True}, "clip 2: tolerance must be a number, not True"),
+        ({"source": "a.npz", "mesh": False}, "clip 2: mesh must be text, not False"),
+        ({"source": "a.npz", "group_frames": 2.5}, "clip 2: group_frames must be a whole number, not 2.5"),
+        ({"source": "a.npz", "size": float("inf")}, "clip 2: size must be a number of bytes such as 200kB, not inf"),
+        ({"source": "a.npz", "tolerance": 10**400}, "clip 2: tolerance must be a number, not 1000"),
+        ({"source": "a\nb.npz"}, r"'clips/a\\nb.npz' has a line break"),
+        ({"source": "a.npz", "output": "a\u2028.pdeanim"}, r"'a\\u2028.pdeanim' has a line break"),
+        ({"source": "a.npz", "output": ".Batch/a.pdeanim"}, ".Batch/a.pdeanim: .batch holds the records of the batch"),
         ([], "clip 2: is not an object"),
     ],
 )
@@ -305,6 +313,35 @@ def test_a_wrong_line_of_a_manifest_is_named_before_anything_is_done(clips: Path
     Path("clips/m.json").write_text(json.dumps([{"source": "b.npz"}, row]))
     with pytest.raises(SettingsError, match=words.replace("(", "\\(")):
         clips_of("clips/m.json")
+
+
+def test_a_link_in_the_place_of_an_output_is_refused_or_replaced_and_never_written_through(clips: Path) -> None:
+    (target := Path("target")).write_text("somebody's")
+    links = [Path("out/a.pdeanim"), Path("out/summary.csv"), Path("out/b.pdeanim")]
+    Path("out").mkdir()
+    for link in links:
+        link.symlink_to("../target" if link != links[-1] else "../none")
+    (clips / "b.npz").write_bytes((clips / "a.npz").read_bytes())
+    batch = ["batch", "clips/a.npz", "clips/b.npz", "-o", "out"]
+    assert run(batch) == 1
+    assert [link.is_symlink() for link in links] == [True, False, True]
+    assert run([*batch, "--overwrite"]) == 0
+    assert not any(link.is_symlink() for link in links)
+    assert target.read_text() == "somebody's"
+    assert not Path("none").exists()
+    assert run(batch) == 0
+
+
+@pytest.mark.parametrize("given", ["clips", "clips/**/*.*"])
+def test_a_link_that_loops_is_the_failure_of_its_clip_alone(clips: Path, given: str, capsys: Capture) -> None:
+    for name in ("loop.npz", "loop.obj", "folder"):
+        (clips / name).symlink_to(name)
+    for name in ("up", "over"):
+        (clips / "below" / name).symlink_to("..")
+    assert len(clips_of(given)) < 20
+    assert run(["batch", given, "-o", "out", "--dry-run"]) == 1
+    failed = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed: clips/loop.")]
+    assert len(failed) == 2
 
 
 @pytest.mark.parametrize("name", ["none", "none.npz", "clips/none.####.obj", "none*.npz"])

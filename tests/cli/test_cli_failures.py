@@ -371,3 +371,35 @@ def test_an_interrupt_before_the_command_has_begun_ends_without_a_word(module: s
     process = start("-c", code, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.communicate(timeout=120) == (b"", b"")
     assert process.returncode == 130
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        "import half",
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept BaseException:\n    pass",
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept BaseException as error:\n    raise OSError from error",
+        "class Last:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGINT)\nLast()",
+    ],
+)
+def test_an_interrupt_that_a_library_loses_ends_the_command(tmp_path: Path, lost: str) -> None:
+    begin = "import os, signal, sys, time\n"
+    half = f"{begin}try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept BaseException:\n    raise ImportError\n"
+    (tmp_path / "half.py").write_text(half)
+    code = (
+        f"{begin}sys.path.append({str(tmp_path)!r})\n"
+        # What a shell runs in the background ignores interrupts.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from pdecodec.__main__ import main\n"
+        "import pdecodec.formats.base.choosing as choosing\n"
+        "def open_clip(path, options):\n"
+        f"    exec({lost!r})\n"
+        "    time.sleep(60)\n"
+        "choosing.open_clip = open_clip\n"
+        "sys.argv = ['pdecodec', 'info', 'clip.npz']\n"
+        "main()"
+    )
+    process = start("-c", code, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    out, said = process.communicate(timeout=50)
+    assert (out, said.strip()) == (b"", b"error: interrupted; no output was written")
+    assert process.returncode == 130

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -103,6 +105,22 @@ def test_a_cluster_that_is_not_there_and_jobs_beside_it_are_refused(
     assert run(["batch", "clips", "-o", "out", "--dask", "tcp://127.0.0.1:9"]) == 3
     assert "tcp://127.0.0.1:9: no Dask scheduler answers there" in capsys.readouterr().err
     assert run(["batch", "clips", "-o", "out", "--dask", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2
+
+
+def test_a_scheduler_that_dies_ends_a_batch_in_one_line(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for number in range(20):
+        write_sequence(sheet(0), f"clips/c{number}.npz")
+    command = ["-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", "file"]
+    scheduler = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
+    while not Path("file").exists():
+        time.sleep(0.05)
+    threading.Timer(1, scheduler.kill).start()
+    assert run(["batch", "clips", "-o", "out", "--dask", "file"]) == 3
+    scheduler.wait(30)
+    assert capfd.readouterr() == (
+        "",
+        "error: file: the Dask cluster ended; start it and run again, what is done is kept\n",
+    )
 
 
 def test_a_worker_that_does_not_see_the_folder_says_so_and_writes_nothing(folder: Path) -> None:
