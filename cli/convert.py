@@ -16,6 +16,7 @@ from pdecodec.cli.options import (
     loudness_options,
     overwrite_option,
     rigid_bound,
+    say_larger,
     within_limits,
     write_options,
 )
@@ -47,8 +48,10 @@ def _convert(
     job: Job,
     *,
     velocities: bool,
+    web: bool,
     quantize: bool,
     meshopt: bool,
+    straight: bool,
     rigid: bool | None,
     dry_run: bool,
     overwrite: bool,
@@ -58,7 +61,7 @@ def _convert(
     """Do one job; `options` are fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
     from pdecodec.formats import write_sequence
     from pdecodec.formats.base.choosing import InputOptions, choose, open_whole
-    from pdecodec.formats.base.companions import input_files
+    from pdecodec.formats.base.companions import input_files, output_files
     from pdecodec.formats.base.scene_space import velocities_of
     from pdecodec.mesh.metrics import frame_scale
     from pdecodec.mesh.rounding import rounding_noticed
@@ -76,7 +79,7 @@ def _convert(
 
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
-            more |= {"quantize": quantize, "meshopt": meshopt, "rigid": bound}
+            more |= {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": bound}
             return write_sequence(chosen, path, velocities=speeds, **more)
 
         if dry_run:
@@ -85,6 +88,9 @@ def _convert(
             return
         with progress_bar() as progress, rounding_noticed() as rounding:
             notices = write(sequence, job.output, overwrite=overwrite, progress=progress)
+        before, after = (
+            bytes_of(place, files(place)) for place, files in ((source, input_files), (job.output, output_files))
+        )
         if rounding.largest:
             say_rounding(rounding.largest, frame_scale(sequence.read_frames(0, 1)[0]))
         counts = {"frames": sequence.frame_count, "vertices": sequence.most_vertices, "runs": len(sequence.runs)}
@@ -95,4 +101,5 @@ def _convert(
         print_json(
             {"output": job.output, **counts, "seconds": seconds, "notices": list(notices)}, outputs_are_written=True
         )
+    say_larger(job.output_name, job.output, before, after, web or (quantize and meshopt))
     say(f"{job.output_name}: {size}, {seconds:.1f} s")

@@ -28,6 +28,7 @@ from pdecodec.cli.options import (
     place_options,
     refuse_pdeanim,
     rigid_bound,
+    say_larger,
     write_options,
 )
 from pdecodec.errors import InputError, PdecodecError, SettingsError
@@ -159,7 +160,7 @@ def _decode(
             _say_missing(saved, job.source_name)
     if as_json:
         print_json(result, outputs_are_written=True)
-    _say_written(job, result, size, with_speeds=writing.velocities)
+    _say_written(job, result, size, writing)
     return saved is None or saved.is_whole
 
 
@@ -220,8 +221,10 @@ class _Writing(_Part):
     """How what is decoded is written."""
 
     velocities: bool
+    web: bool
     quantize: bool
     meshopt: bool
+    straight: bool
     rigid: bool | None
     onto: str | None
     clip: str | None
@@ -230,8 +233,9 @@ class _Writing(_Part):
     def check(self) -> None:
         if self.onto is None and (self.layer or self.clip):
             raise SettingsError(f"{'--layer' if self.layer else '--clip'} is for --onto; leave it out")
-        if self.onto is not None and self.quantize:
-            raise SettingsError("--quantize would move the nodes of the original; leave it out, or --onto")
+        if self.onto is not None and (self.quantize or self.web):
+            name = "--web" if self.web else "--quantize"
+            raise SettingsError(f"{name} would move the nodes of the original; leave it out, or --onto")
         if self.rigid and (self.onto is not None or self.velocities):
             other = "--onto" if self.onto else "--velocities"
             raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {other}")
@@ -252,11 +256,26 @@ class _Writing(_Part):
             from pdecodec.formats import write_onto
 
             return write_onto(
-                sequence, self.onto, path, clip=self.clip, layer=self.layer, meshopt=self.meshopt, **options
+                sequence,
+                self.onto,
+                path,
+                clip=self.clip,
+                layer=self.layer,
+                **self._settings("meshopt", "straight"),
+                **options,
             )
         from pdecodec.formats import write_sequence
 
-        return write_sequence(sequence, path, quantize=self.quantize, meshopt=self.meshopt, rigid=bound, **options)
+        settings = self._settings("web", "quantize", "meshopt", "straight")
+        return write_sequence(sequence, path, rigid=bound, **settings, **options)
+
+    def _settings(self, *names: str) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def is_small(self) -> bool:
+        """Whether all is asked for that makes a glTF file smaller."""
+        return self.web or (self.meshopt and (self.quantize or self.onto is not None))
 
 
 def _decoded(
@@ -276,16 +295,17 @@ def _decoded(
     return positions, choose(speeds, place, name)
 
 
-def _say_written(job: Job, result: Mapping[str, Any], size: str, *, with_speeds: bool) -> None:
+def _say_written(job: Job, result: Mapping[str, Any], size: str, writing: _Writing) -> None:
     from pdecodec.formats.base.companions import output_files
 
     outputs = result["outputs"]
     written = sum(bytes_of(path, output_files(path)) for path in outputs)
-    raw = byte_size(result["raw_bytes"] * len(outputs))
+    before, raw = bytes_of(job.source, [Path(job.source)]), byte_size(result["raw_bytes"] * len(outputs))
+    say_larger(job.output_name, job.output, before, written, writing.is_small)
     say(
         f"{' and '.join([job.output_name, *outputs[1:]])}: "
-        f"in {byte_size(bytes_of(job.source, [Path(job.source)]))} -> out {byte_size(written)} "
-        f"({raw} of {'positions and velocities' if with_speeds else 'positions'}), "
+        f"in {byte_size(before)} -> out {byte_size(written)} "
+        f"({raw} of {'positions and velocities' if writing.velocities else 'positions'}), "
         f"{size}, {result['seconds']:.1f} s"
     )
 

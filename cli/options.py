@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import set_loudness
+from pdecodec.cli.console import byte_size, say, set_loudness
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.system.storage import RemoteFile, is_address
 
@@ -219,12 +219,18 @@ input_options = option_group(frames_option, objects_option, read_options, place_
 
 write_options = option_group(
     velocities_option,
+    click.option("--web", is_flag=True, help="glTF: as small as may be, as by --quantize --meshopt --rigid."),
     click.option(
         "--quantize",
         is_flag=True,
         help="glTF: 16-bit positions and weights, 8-bit normals; how far off they are is told.",
     ),
     click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
+    click.option(
+        "--straight",
+        is_flag=True,
+        help="glTF: straight lines from frame to frame, as most scenes move, in place of a .pdeanim file's splines.",
+    ),
     click.option(
         "--rigid/--no-rigid",
         default=None,
@@ -234,6 +240,15 @@ write_options = option_group(
     ),
 )
 """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
+
+
+def say_larger(name: str, path: str, before: int, after: int, is_small: bool) -> None:
+    """Say that a glTF file is larger than what it was made from, and what makes it smaller; nothing of other files."""
+    from pdecodec.formats.base.registry import format_to_write
+
+    if after > before > 0 and "web" in format_to_write(path).write_options:
+        less = "" if is_small else "; --web makes it smaller (--quantize, --meshopt and --rigid)"
+        say(f"note: {name} is {after / before:.3g} times as large as IN, {byte_size(after - before)} more{less}")
 
 
 def check_growth(compare: str | None, fail_if_larger: float | None) -> None:

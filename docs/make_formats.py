@@ -37,21 +37,24 @@ CONVENTIONS = """\
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.
   `--quantize` (KHR_mesh_quantization, which viewers must know) makes it 12: positions of 16 bits, normals of 8, at most
   0.4 degrees off, each in rows of a multiple of four bytes; with `--meshopt`, 2 to 8. Where targets are functions of
-  time, rounding adds up, to 1.7 degrees in the shared sequences; the command says how much.
+  time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are more
+  than 0.4 degrees off, and are at most 0.03 degrees off there. The command says how much, and by how much a file is
+  larger than what it was made from; `--web` is `--quantize --meshopt --rigid`.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
   and so are those of objects to whose positions a transform is applied that mirrors.
 - **Time** is in seconds. The frame rate is the file's (in glTF the one that all keys show, from 12 a second), else
   `--fps`, else 24, and then a line says so. Irregular times stay irregular. glTF's animations are written to start at
   0 s: another first time is noted there and comes back, and a line says so. Scenes have a value at any time: glTF's
-  animations are sampled at the rate, their last key included;
+  animations are sampled at the rate, their last key included, and a line counts keys between frames;
   Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
   stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
   `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
   USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
-  too. glTF does that unasked (`--no-rigid` does not), and writes a mesh of several such parts, each of connected faces,
-  as a skin whose joints are the parts: 1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target.
+  too. glTF does that unasked (`--no-rigid` does not), its nodes go straight and turn evenly between frames, and a mesh
+  of several such parts, each of connected faces, becomes a skin whose joints are the parts: 1,309 frames of 34,159
+  vertices of a robot take 4.4 MB and no morph target.
   Formats without transforms get positions with transforms applied.
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
   they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one

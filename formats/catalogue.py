@@ -136,7 +136,7 @@ BUILT_IN = (
         onto="pdecodec.formats.gltf.onto:write_gltf_onto",
         times="both",
         options=("clip", "transforms"),
-        write_options=("quantize", "meshopt", "rigid"),
+        write_options=("web", "quantize", "meshopt", "straight", "rigid"),
         finds_rigid_parts=True,
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "

@@ -63,6 +63,7 @@ def write_onto(
     velocities: MeshSequence | None = None,
     progress: Progress | None = None,
     meshopt: bool = False,
+    straight: bool = False,
     asset_folders: Iterable[str | os.PathLike[str]] = (),
 ) -> tuple[str, ...]:
     """Write a file with everything that another of its format has, and a sequence's motion in the place of its own.
@@ -79,7 +80,7 @@ def write_onto(
         Which animation of the original the motion replaces, where it has several (glTF). Default: the first.
     layer : bool
         USD: only a layer over the original, which it names: points, normals and velocities.
-    overwrite, fps, velocities, progress, meshopt
+    overwrite, fps, velocities, progress, meshopt, straight
         As of :func:`pdecodec.formats.write_sequence`.
     asset_folders : iterable of path
         As of :func:`pdecodec.open_sequence`; packages take files of theirs alone, too.
@@ -108,8 +109,9 @@ def write_onto(
         raise SettingsError(message, code="setting-unsupported", path=where, setting="onto")
     if layer and entry.name != "usd":
         raise misplaced("layer", "USD", where)
-    if meshopt and "meshopt" not in entry.write_options:
-        raise misplaced("meshopt", "glTF", where)
+    asked = {"meshopt": meshopt, "straight": straight}
+    for name in (name for name, value in asked.items() if value and name not in entry.write_options):
+        raise misplaced(name, "glTF", where)
     if clip is not None and "clip" not in entry.options:
         raise misplaced("clip", "glTF", where)
     if velocities is not None and not entry.holds_velocities:
@@ -131,7 +133,7 @@ def write_onto(
     speeds = None if velocities is None else bake_transforms(velocities)
     rate = sequence.fps if fps is None else fps
     output = Output(
-        path=where, rate=rate, overwrite=overwrite, velocities=speeds, progress=progress, meshopt=meshopt, layer=layer
+        path=where, rate=rate, overwrite=overwrite, velocities=speeds, progress=progress, layer=layer, **asked
     )
     with (
         asset_folders_allowed(asset_folders),

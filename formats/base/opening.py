@@ -170,6 +170,8 @@ def write_sequence(
     progress: Progress | None = None,
     quantize: bool = False,
     meshopt: bool = False,
+    web: bool = False,
+    straight: bool = False,
     rigid: float | None = None,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
@@ -194,6 +196,11 @@ def write_sequence(
         glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); how far off that is, is told.
     meshopt : bool
         glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
+    web : bool
+        glTF: as small as viewers on the web take it; sets `quantize` and `meshopt`, and `rigid` where it has a bound.
+    straight : bool
+        glTF: let a decoded animation go in straight lines from frame to frame, as other sequences do, in place of its
+        splines: what the keys of most scenes say.
     rigid : float, optional
         glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as nodes
         that move, in glTF objects of several such parts as skins; how far off that is, is told. 0: only those that move
@@ -223,6 +230,8 @@ def write_sequence(
                 progress=progress,
                 quantize=quantize,
                 meshopt=meshopt,
+                web=web,
+                straight=straight,
                 rigid=rigid,
             )
     where = as_path(path)
@@ -251,9 +260,12 @@ def write_sequence(
             path=where,
             setting="rigid",
         )
-    asked: dict[str, Any] = {"quantize": quantize, "meshopt": meshopt, "rigid": rigid}
+    asked: dict[str, Any] = {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": rigid}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
+    if asked.pop("web"):
+        # Parts that move rigidly are found unasked.
+        asked |= {"quantize": True, "meshopt": True}
     if len(sequence.runs) > 1 and not entry.holds_runs:
         able = extensions_of(lambda item: item.holds_runs)
         frame = sequence.runs[0].frame_count

@@ -42,8 +42,8 @@ class Output:
     velocities : MeshSequence or None
         [scene units / s] at the same times; only for formats that hold them.
     progress : callable or None
-    quantize, meshopt : bool
-        Smaller files, of formats that list these options.
+    quantize, meshopt, straight : bool
+        Smaller files, and straight lines between frames, of formats that list these options.
     rigid : float or None
         Distance [scene units] within which objects that move rigidly become nodes that move; of None and 0 those that
         do so exactly.
@@ -58,6 +58,7 @@ class Output:
     progress: Progress | None = None
     quantize: bool = False
     meshopt: bool = False
+    straight: bool = False
     rigid: float | None = None
     layer: bool = False
 

@@ -242,7 +242,7 @@ def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[st
     if not found:
         return ()
     count = f"{len(found)} object{'s' * (len(found) > 1)}"
-    more = f", {between:.2g} between frames" if between else ""
+    more = f"; between frames, where parts turn evenly and go straight, {between:.2g}" if between else ""
     return (f"{count} moved as rigid: vertices are up to {max(found):.2g} off what is decoded{more}",)
 
 

@@ -178,7 +178,7 @@ class _MeshWriter:
             normals = self.sources.copy()
             normals[self.corner_rows] = rows.corner_rows
             attributes["NORMAL"] = self._directions(motion.normals[normals], "<i2")
-            kinds = ["<i1"] * len(morphs)
+            kinds = ["<i2" if motion.has_fine_normals else "<i1"] * len(morphs)
             if motion.is_away_from_rest:
                 kinds[-1] = "<i2"
             for morph, shape, kind in zip(morphs, motion.normal_targets, kinds, strict=True):

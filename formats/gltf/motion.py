@@ -6,7 +6,7 @@ programs clamp weights to that. Normals are moved by the same functions, and by 
 them far enough. Where the sum of functions begins at a shape whose normals it does not begin with, the shape at rest is
 a frame instead.
 
-KHR_mesh_quantization rounds a motion: positions to 16 bits, normals that targets add to 8.
+KHR_mesh_quantization rounds a motion: positions to 16 bits, normals that targets add to 8 or, where that adds up, 16.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ MOST_TURNED_AT_REST = 1.0
 SHORTEST_NORMAL = 1e-4
 """Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
 
+MOST_ROUNDED = 0.4
+"""Largest angle by which 8 bits turn normals [degrees]: what one rounding does where each frame is a target."""
+
 TILT = 1e-3
 """What Blender tells from none, twice over, and nobody sees [radians]."""
 
@@ -63,6 +66,10 @@ class Motion:
         Largest angle at a sample between a normal and what comes out [degrees].
     is_away_from_rest : bool
         Whether, where each later frame is a target, one more has the weight 1 at all of these frames.
+    has_fine_normals : bool
+        Whether normals that targets add are rounded to 16 bits, not 8.
+    bow : float [scene units]
+        Largest distance between frames from straight lines, where the motion is cubic.
     """
 
     rest: Float32Array
@@ -72,6 +79,8 @@ class Motion:
     normal_targets: Float32Array | None = None
     normal_error: float = 0.0
     is_away_from_rest: bool = False
+    has_fine_normals: bool = False
+    bow: float = 0.0
 
     @property
     def first_weights(self) -> list[float]:
@@ -108,8 +117,13 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
     """
     count, bound = len(frames), EXACT * float(np.abs(frames).max())
     tries = [(frames, False)]
+    bow = 0.0
     if between is not None:
         thirds = between.reshape(count - 1, 2, *between.shape[1:])
+        steps = np.diff(frames, axis=0)
+        for number in range(2):
+            straight = frames[:-1] + np.float32((number + 1) / 3) * steps
+            bow = max(bow, float(np.linalg.norm(thirds[:, number] - straight, axis=2).max(initial=0)))
         in_order = np.concatenate([thirds, frames[1:, None]], axis=1).reshape(-1, *frames.shape[1:])
         tries.insert(0, (np.concatenate([frames[:1], in_order]), True))
     for points, cubic in tries:
@@ -118,7 +132,7 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
             continue
         functions, rest, shapes = found
         if rows is None:
-            return Motion(rest, shapes, functions)
+            return Motion(rest, shapes, functions, bow=bow if cubic else 0.0)
         if not len(shapes):
             return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
         functions, start, turned = _turning(functions, every := rows.of(points), cubic=cubic)
@@ -136,7 +150,7 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
         # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
         normals = _tilted(unit.astype(np.float32), rest, rows)
         targets = (turned / np.maximum(lengths, SHORTEST_NORMAL)).astype(np.float32)
-        motion = Motion(rest, shapes, functions, normals, targets)
+        motion = Motion(rest, shapes, functions, normals, targets, bow=bow if cubic else 0.0)
         return dataclasses.replace(motion, normal_error=largest_angle(motion.turned_normals(), every))
     rest, shapes = frames[0], frames[1:] - frames[0]
     if rows is None:
@@ -228,10 +242,10 @@ def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
 def with_rounded_normals(motion: Motion) -> tuple[Motion, float]:
     """A motion whose normals fractions hold, and the largest angle at a sample by which they turn [degrees].
 
-    Those at rest have 16 bits, and those that targets add 8. What a target adds must be between -1 and 1. Where each
-    frame is a target, normals turn farther than that: a further target, of 16 bits too, takes those at rest away, and
-    each frame's has its own normals whole, which are rounded once. Of functions of time few targets add more than 1:
-    these stay as they are.
+    Those at rest have 16 bits, and those that targets add 8, or 16 where 8 turn normals by more than `MOST_ROUNDED`.
+    What a target adds must be between -1 and 1. Where each frame is a target, normals turn farther than that: a further
+    target, of 16 bits too, takes those at rest away, and each frame's has its own normals whole, which are rounded
+    once. Of functions of time few targets add more than 1: these stay as they are.
     """
     if motion.normals is None or motion.normal_targets is None:
         return motion, 0.0
@@ -247,10 +261,15 @@ def with_rounded_normals(motion: Motion) -> tuple[Motion, float]:
         )
     else:
         fits = np.abs(motion.normal_targets).max(axis=(1, 2), initial=0) <= 1
-        targets = np.where(
-            fits[:, None, None], _fractions(motion.normal_targets, np.int8, np.rint), motion.normal_targets
-        )
-        rounded = dataclasses.replace(motion, normals=rest, normal_targets=targets)
+        for dtype in (np.int8, np.int16):
+            fractions = _fractions(motion.normal_targets, dtype, np.rint)
+            targets = np.where(fits[:, None, None], fractions, motion.normal_targets)
+            is_fine = dtype is np.int16
+            rounded = dataclasses.replace(motion, normals=rest, normal_targets=targets, has_fine_normals=is_fine)
+            angle = largest_angle(rounded.turned_normals(), before)
+            if angle <= MOST_ROUNDED:
+                break
+        return rounded, angle
     return rounded, largest_angle(rounded.turned_normals(), before)
 
 

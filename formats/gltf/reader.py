@@ -29,6 +29,7 @@ from pdecodec.formats.base.times import (
     merged_times,
     rate_of_keys,
     rate_or_default,
+    resampled,
     snapped_times,
 )
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
@@ -178,7 +179,8 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
             times = frames_at_rate(float(times[0]), float(times[-1]), float(noted))
         return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
-    return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
+    times = frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last))
+    return times, rate, (*notices, *resampled(merged_times(keys), rate)[1])
 
 
 def _noted_start(clip: Clip) -> float:

@@ -106,8 +106,11 @@ class GltfScene:
         self._samplers: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._notices: list[str] = []
-        self._motions: list[tuple[int, int, float]] = []
+        self._motions: list[Motion] = []
         self._key_times: int | None = None
+        self._bound = output.rigid
+        if self._bound is None and isinstance(sequence, Animation):
+            self._bound = bound_of(sequence)
         self._start = float(sequence.times[0])
 
     def _blocks(self) -> Iterator[tuple[int, Float32Array]]:
@@ -132,7 +135,7 @@ class GltfScene:
     def _thirds(self) -> MeshSequence | None:
         """The thirds between frames, where the sequence knows what is there."""
         sequence = self._sequence
-        if not isinstance(sequence, Animation) or sequence.frame_count < 2:
+        if not isinstance(sequence, Animation) or sequence.frame_count < 2 or self._output.straight:
             return None
         from pdecodec.codec.resampling import SampledAnimation
 
@@ -150,7 +153,7 @@ class GltfScene:
 
     def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
         """Let a node's mesh move by its targets, and the node by its keys."""
-        self._motions.append((len(motion.targets), motion.frame_targets, motion.normal_error))
+        self._motions.append(motion)
         frames = self._sequence.frame_count
         self._move(node, turns.keys if turns else {})
         if not len(motion.targets):
@@ -174,14 +177,18 @@ class GltfScene:
 
     def _motion_notices(self) -> list[str]:
         """Lines about what motion became."""
-        baked = max((frames for _, frames, _ in self._motions), default=0)
-        targets = max((targets for targets, _, _ in self._motions), default=0)
-        angle = max((angle for _, _, angle in self._motions), default=0.0)
+        baked = max((one.frame_targets for one in self._motions), default=0)
+        targets = max((len(one.targets) for one in self._motions), default=0)
+        angle = max((one.normal_error for one in self._motions), default=0.0)
+        bow = max((one.bow for one in self._motions), default=0.0)
         notices: list[str] = []
         if baked:
             notices.append(
                 f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
             )
+        if bow > (self._bound or 0.0):
+            text = f"between frames the motion is the decoder's spline, up to {bow:.2g} from straight lines"
+            notices.append(Notice(text, setting="straight", purpose="to go straight, as the keys of most scenes do"))
         if targets > MOST_TARGETS:
             text = f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048"
             notices.append(Notice(text, setting="frames", purpose="to take fewer"))
@@ -233,9 +240,6 @@ class _Scene(GltfScene):
         super().__init__(builder, sequence, output, turn=turn)
         self._materials: dict[str, int] = {}
         self._movers: list[Mover] = []
-        self._bound = output.rigid
-        if self._bound is None and isinstance(sequence, Animation):
-            self._bound = bound_of(sequence)
 
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
@@ -320,7 +324,8 @@ class _Scene(GltfScene):
         if self._output.quantize:
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
             if steepest:
-                self._notices.append(f"normals are rounded to 8 bits: up to {steepest:.2g} degrees off")
+                bits = " or ".join(sorted({"16" if one.has_fine_normals else "8" for one in self._motions}, key=int))
+                self._notices.append(f"normals are rounded to {bits} bits: up to {steepest:.2g} degrees off")
         if smoothed:
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
             self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")

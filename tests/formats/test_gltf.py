@@ -252,6 +252,35 @@ def test_quantised_normals_have_8_bits_however_far_they_turn_and_are_as_far_off_
     assert_valid(tmp_path / "x.glb")
 
 
+def test_quantised_normals_of_functions_of_time_have_16_bits_where_8_add_up_to_more_than_is_promised(
+    tmp_path: Path,
+) -> None:
+    random, seconds = np.random.default_rng(8), np.arange(60) / 24
+    curves = np.stack([np.sin((1 + k) * seconds) for k in range(12)], axis=1)
+    flat = np.stack([*np.divmod(np.arange(36), 6), np.zeros(36)], axis=1)
+    points = flat + np.tensordot(curves, random.normal(size=(12, 36, 3)) / 20, 1)
+    clip = ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], times=seconds, metadata=SPACE)
+    told = write_sequence(clip, tmp_path / "x.glb", quantize=True)
+    (line,) = (one for one in told if one.startswith("normals are rounded to 16 bits: up to "))
+    assert float(line.split("up to ")[1].split()[0]) < 0.4
+    accessors = read_gltf(tmp_path / "x.glb").root["accessors"]
+    assert all(accessors[one["NORMAL"]]["componentType"] != 5120 for one in targets_of(tmp_path / "x.glb"))
+    plain = ArraySequence(points, objects=clip.objects, times=seconds, metadata=SPACE)
+    write_sequence(plain, tmp_path / "y.glb")
+    every = [sums_of_normals(tmp_path / name, weights_between_keys(tmp_path / name)) for name in ("x.glb", "y.glb")]
+    assert largest_angle(*every) < 0.4
+
+
+@pytest.mark.parametrize("name", ["dembones_tube", "gn_flower"])
+def test_quantised_normals_of_shared_sequences_are_within_what_the_page_of_formats_says(
+    tmp_path: Path, shared_data: Path, name: str
+) -> None:
+    with open_sequence(shared_data / "sequences" / f"{name}.npz") as clip:
+        told = write_sequence(clip, tmp_path / "x.glb", quantize=True)
+    (line,) = (one for one in told if one.startswith("normals are rounded to"))
+    assert float(line.split("up to ")[1].split()[0]) <= 0.4
+
+
 def even_at_first() -> ArraySequence:
     """A sheet that is even at the first frame alone."""
     flat = np.stack([*np.divmod(np.arange(64), 8), np.zeros(64)], axis=1)
