@@ -1,8 +1,9 @@
-"""Evaluation by any array library, where its arrays are: on a GPU, a frame costs one product with what lies there.
+"""Evaluate with any array library, on its device: on a GPU, a frame costs one product with arrays that are there
+already.
 
-Of a group of frames a quantity at a time is the sum over its functions of time of their weights, which depend on the
-time alone, times their fields, which do not; positions have the reference frame and corrections of single vertices
-added. Fields are brought to the device once for a group, weights, some hundred numbers, for every time.
+For a group of frames, a quantity at a time is the sum over functions of time of weights times fields. Weights depend
+on the time alone, fields do not depend on it. Positions add the reference frame and corrections of single vertices.
+Fields are copied to the device once per group; weights, some hundred numbers, for every time.
 """
 
 from __future__ import annotations
@@ -27,24 +28,24 @@ Value = TypeVar("Value")
 Quantity = Literal["positions", "velocities", "accelerations"]
 
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
-"""By the core's numbers."""
+"""Quantities, by the core's numbers."""
 
 GROUPS_KEPT = 4
 """Groups whose fields stay on the device: those that meet between two frames, and the next."""
 
 FRAMES_KEPT = 4
-"""Frames whose corrections do: those before and after a time, and the next."""
+"""Frames whose corrections stay on the device: those before and after a time, and the next."""
 
 
 class Corrections(NamedTuple):
-    """What the model lacks at frames of a group: of each correction its frame, its vertex, and what is added there.
+    """Corrections of the model at the frames of a group: frame, vertex and offset of each.
 
     Attributes
     ----------
     frames : (n,) int64
-        Of the file, in order.
+        Frame of the file, in order.
     vertices : (n,) int32
-        Of a frame each one once.
+        Each vertex at most once per frame.
     offsets : (n, 3) float32 [scene units]
     """
 
@@ -54,27 +55,27 @@ class Corrections(NamedTuple):
 
 
 class ArrayEvaluator:
-    """Positions, velocities and accelerations of an animation as arrays of another library, computed by it.
+    """Positions, velocities and accelerations of an animation, computed by another array library.
 
-    They are those of the animation but for float32 sums in another order, by which the file's bound may be missed. Only
-    one thread at a time may use it.
+    They equal those of the animation except for float32 sums in another order, which may exceed the file's bound.
+    Only one thread at a time may use it.
 
     Parameters
     ----------
     animation : Animation
         Stays the caller's, and open.
     library : module
-        What follows the array API standard, or has those functions of it that are needed: ``numpy``, ``torch``,
-        ``cupy``, ``jax.numpy``, ``array_api_strict``.
+        A module with the functions of the array API standard that are needed here: ``numpy``, ``torch``, ``cupy``,
+        ``jax.numpy``, ``array_api_strict``.
     device : optional
-        As the library takes it (``"cuda"``). Default: the library's.
+        A device of the library (``"cuda"``). Default: the library's.
     groups_kept : int
-        Groups whose fields stay there.
+        Number of groups whose fields stay on the device.
 
     Raises
     ------
     SettingsError
-        If the animation is of several runs: take one of its :attr:`runs`.
+        If the animation has several runs: take one of its :attr:`runs`.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class ArrayEvaluator:
         self._reference = self._there(reference.points)
 
     def positions(self, times: ArrayLike, *, outside: Outside = "clamp") -> Any:
-        """Positions at one time or at several.
+        """Return positions at one time or at several.
 
         Parameters
         ----------
@@ -115,25 +116,25 @@ class ArrayEvaluator:
         return self._evaluate(POSITIONS, times, outside)
 
     def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Any:
-        """Velocities at one time or at several [scene units / s], as of :meth:`Animation.velocities`."""
+        """Return velocities at one time or at several [scene units / s], as :meth:`Animation.velocities`."""
         return self._evaluate(VELOCITIES, times, outside)
 
     def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Any:
-        """Accelerations at one time or at several [scene units / s^2], as of :meth:`Animation.accelerations`."""
+        """Return accelerations at one time or at several [scene units / s^2], as :meth:`Animation.accelerations`."""
         return self._evaluate(ACCELERATIONS, times, outside)
 
     def fields(self, group: int) -> Any:
-        """What each function of time of a group moves, brought to the device anew by every call.
+        """Return the fields of a group, one per function of time; every call copies them to the device.
 
         Parameters
         ----------
         group : int
-            0 on; :attr:`Animation.group_edges` says of which frames.
+            From 0; :attr:`Animation.group_edges` gives its frames.
 
         Returns
         -------
         (functions, vertices, axes) array of float32 [scene units]
-            Of 3 axes, or of 1 that all axes have in common.
+            3 axes, or 1 that all axes share.
 
         Raises
         ------
@@ -145,7 +146,7 @@ class ArrayEvaluator:
         return self._there(self._fields(group))
 
     def weights(self, time: float, group: int, *, quantity: Quantity = "positions") -> Float64Array:
-        """What each function of time of a group counts at a time; 0 where the group does not.
+        """Return the weight of each function of time of a group at a time; 0 if the group does not contribute.
 
         Parameters
         ----------
@@ -156,7 +157,7 @@ class ArrayEvaluator:
         Returns
         -------
         (functions, 1) or (functions, 3) float64 [1, 1 / s or 1 / s^2]
-            Of 3 axes where fields are of 1, of 1 where they are of 3: their product is of 3.
+            3 axes where fields have 1, and 1 where they have 3: their product has 3.
 
         Raises
         ------
@@ -172,7 +173,8 @@ class ArrayEvaluator:
         return self._weights(QUANTITIES.index(quantity), time, group)
 
     def corrections(self, group: int) -> Corrections:
-        """What is to be added at frames of a group; in between, what the frames beside have, in their share.
+        """Return the corrections at the frames of a group. Between frames, those of both neighbours count,
+        weighted by time.
 
         Raises
         ------
@@ -205,7 +207,7 @@ class ArrayEvaluator:
             return self._animation._core.weights(quantity, time, group).T
 
     def _there(self, values: NDArray[Any]) -> Any:
-        """An array of ours as float32 on the device; some libraries go on using its memory."""
+        """Copy an array to the device as float32; some libraries keep using its memory."""
         own = np.array(values, np.float32, order="C")
         return self._library.asarray(own, dtype=self._library.float32, **self._place)
 
@@ -229,7 +231,7 @@ class ArrayEvaluator:
             return self._animation._core.groups_at(quantity, time)
 
     def _of_groups(self, quantity: int, times: list[float], groups: range) -> Any:
-        """A quantity at times at which the same groups count: (times, vertices, 3)."""
+        """Return a quantity at times to which the same groups contribute: (times, vertices, 3)."""
         xp, shape = self._library, (len(times), self._animation.vertex_count, 3)
         found = xp.broadcast_to(self._reference if quantity == POSITIONS else xp.zeros_like(self._reference), shape)
         for group in groups:
@@ -249,12 +251,14 @@ class ArrayEvaluator:
         return found + xp.stack([still if one is None else one for one in added])
 
     def _factor(self, group: int) -> Any:
-        """Fields as products take them: (functions, vertices * 3), or of one axis (vertices, functions)."""
+        """Return fields in the shape of the product: (functions, vertices * 3), or with one axis (vertices,
+        functions).
+        """
         fields = self._fields(group)
         return self._there(fields.reshape(len(fields), -1) if fields.shape[2] == 3 else fields[..., 0].T)
 
     def _correction(self, quantity: int, time: float) -> Any:
-        """What vertices lack at a time: (vertices, 3), or None where there is nothing."""
+        """Return the corrections of all vertices at a time, (vertices, 3), or None."""
         times = self._animation.times
         after = min(int(np.searchsorted(times, time, "right")), len(times) - 1)
         before = max(after - 1, 0)
@@ -274,7 +278,7 @@ class ArrayEvaluator:
         return sum(parts[1:], start=parts[0]) if parts else None
 
     def _correction_at(self, frame: int) -> Any:
-        """What vertices lack at a frame, spread out on the device: (vertices, 3), or None where there is nothing."""
+        """Return the corrections of all vertices at a frame on the device, (vertices, 3), or None."""
         rows = self.corrections(bisect_right(self._group_edges, frame) - 1)
         begin, end = np.searchsorted(rows.frames, [frame, frame + 1])
         if begin == end:
@@ -282,7 +286,7 @@ class ArrayEvaluator:
         xp, count = self._library, self._animation.vertex_count
         order = begin + np.argsort(rows.vertices[begin:end])
         every = xp.arange(count, **self._place)
-        # Behind the last vertex that lacks something there is one that is none.
+        # Padding points at an extra vertex behind the last one.
         lacking = xp.asarray(np.append(rows.vertices[order], count), dtype=every.dtype, **self._place)
         offsets = self._there(np.append(rows.offsets[order], np.zeros((1, 3)), axis=0).ravel())
         at = xp.searchsorted(lacking, every)
@@ -293,7 +297,7 @@ class ArrayEvaluator:
 
 
 class _Kept(Generic[Value]):
-    """The values that were asked for last, by number."""
+    """The latest values, by number."""
 
     def __init__(self, count: int) -> None:
         self._count, self._values = max(1, count), OrderedDict[int, Value]()

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a `.pdeanim` file, each fault with a code that scripts can rely on."""
+"""List everything that is wrong with a `.pdeanim` file, each fault with a code that scripts can rely on."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, ErrorCode, unreadable
 from pdecodec.system.reading import open_regular
 
-OF_A_GROUP = (ErrorCode.GROUP_CHECKSUM, ErrorCode.GROUP_CONTENT)
-"""Codes of what is wrong with one group of frames alone."""
+GROUP_FAULTS = (ErrorCode.GROUP_CHECKSUM, ErrorCode.GROUP_CONTENT)
+"""Codes of faults of a single group of frames."""
 
 
 @dataclass(frozen=True)
 class FileCheck:
-    """What :func:`check_file` found.
+    """Result of :func:`check_file`.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class FileCheck:
     findings : tuple of Finding
         In the order of the file.
     frames, runs, groups : int
-        That the file has, as far as could be told.
+        Of the file, as far as known.
     is_deep : bool
         Whether everything was decoded.
     """
@@ -44,12 +44,12 @@ class FileCheck:
 
     @property
     def is_sound(self) -> bool:
-        """Whether there is nothing but notes."""
+        """Whether there are only notes, no faults."""
         return all(finding.severity == "note" for finding in self.findings)
 
 
 def check_file(path: str | os.PathLike[str], *, deep: bool = False, limits: DecodeLimits | None = None) -> FileCheck:
-    """Look for everything that is wrong with a file: structure, checksums, ranges.
+    """Check the structure, checksums and ranges of a file.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def check_file(path: str | os.PathLike[str], *, deep: bool = False, limits: Deco
 
 
 class _Check:
-    """A check under way."""
+    """The state of a check."""
 
     def __init__(self, path: str, file: BinaryIO, *, deep: bool, limits: DecodeLimits) -> None:
         self.path, self.file, self.deep, self.limits = path, file, deep, limits
@@ -110,7 +110,7 @@ class _Check:
                 self._look_at_run(own, first, run, frames)
 
     def _look_at_run(self, own: Animation, first: int, run: int | None, frames: tuple[int, int] | None) -> None:
-        # Those of a file of one run are in the table of the file and were looked at with it, if they are there.
+        # A file of one run has these sections in its own table, where they were checked.
         for kind in own.sections if run is not None else ("REST",):
             if kind != "container" and kind not in CHUNK_SECTIONS:
                 with self._noting(run=run, frames=frames):
@@ -128,11 +128,11 @@ class _Check:
 
     @contextmanager
     def _noting(self, *, run: int | None = None, **place: Any) -> Iterator[None]:
-        """Within, a fault ends what is done and is noted, unless it stands on one that is noted already."""
+        """Record a fault raised within the context and end it, unless the fault follows from a recorded one."""
         try:
             yield
         except CorruptFileError as error:
-            if "group" in place and error.code not in (*OF_A_GROUP, ErrorCode.MEMORY_LIMIT):
+            if "group" in place and error.code not in (*GROUP_FAULTS, ErrorCode.MEMORY_LIMIT):
                 place = {}
             self._note(Finding(error.code, error.message, section=error.section, run=run, offset=error.offset, **place))
 
@@ -142,6 +142,6 @@ class _Check:
 
 
 def _subject(finding: Finding) -> tuple[object, ...]:
-    """What a finding is about: a second one about the same follows from the first."""
-    group = finding.group if finding.code in OF_A_GROUP else None
+    """Return the subject of a finding; a second finding about the same subject follows from the first."""
+    group = finding.group if finding.code in GROUP_FAULTS else None
     return finding.severity, finding.run, group, finding.section or finding.code

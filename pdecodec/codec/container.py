@@ -21,16 +21,17 @@ IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 MAJOR_VERSION, MINOR_VERSION = 1, 0
 
 HEADER = struct.Struct("<12sHHIII")
-"""Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of all before."""
+"""Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of everything before."""
 
 ENTRY_HEAD = struct.Struct("<4sB")
-"""Type, and flags with sixteen times the bytes that the length takes. The length and the CRC-32 follow: a section
-begins where the one before it ends."""
+"""Type and flags of a table row; the flags hold the width of the length. Length and CRC-32 follow; sections are
+contiguous.
+"""
 
 CHECKSUM = struct.Struct("<I")
 
-LENGTH_AT = 4
-"""Bit of the flags at which the bytes of a length begin to be counted."""
+LENGTH_WIDTH_SHIFT = 4
+"""Bit position of the length's width in the flags."""
 
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
@@ -47,7 +48,7 @@ class SectionKind:
     title : str
         Its content in words.
     of : {"file", "run", "group"}
-        What has such a section: a file, a run of frames, or as one chunk of it a group of frames.
+        What has such a section: a file, a run of frames, or each group of frames as a chunk.
     is_required : bool
         Whether a decoder that does not know the type must refuse the file.
     is_constant : bool
@@ -80,32 +81,34 @@ SECTION_KINDS = {
         SectionKind("ATTR", "attributes", "run", is_constant=True),
     )
 }
-"""By type, in the order in which files, and section RDAT for each run, have them. A file of one run has the sections of
-the run in its own table, and no NAME; a file of several runs has RUNS and RDAT."""
+"""Kinds by type, in the order of files, and of section RDAT for each run. A file of one run has the run's
+sections in its own table and no NAME; a file of several runs has RUNS and RDAT.
+"""
 
 RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of != "file")
-"""Sections of a run, in the order in which section RUNS lists them."""
+"""Sections of a run, in the order of section RUNS."""
 
 CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")
-"""Sections that are chunks of groups of frames, each with a checksum of its own. What stands before the first of them
-is read whatever frame is asked for."""
+"""Sections made of chunks, one per group of frames, each with its own checksum. Everything before the first of
+them is read for any frame.
+"""
 
 CONSTANT_SECTIONS = frozenset(kind.type for kind in SECTION_KINDS.values() if kind.is_constant)
 
-COPY_BYTES = 2**20
-"""Bytes copied or checked at a time, so that memory does not grow with a section."""
+COPY_BLOCK_BYTES = 2**20
+"""Bytes copied or checked together, so that memory does not grow with a section."""
 
 
 class Spool:
-    """A section that grows while frames stream by: an unnamed temporary file, beside `output` if one is given.
+    """A section that grows while frames stream by: an unnamed temporary file, next to `output` if given.
 
-    What the system refuses to write is an InputError that names the output, else the folder.
+    If the system refuses a write, InputError names the output, else the folder.
     """
 
     def __init__(self, output: Path | None) -> None:
         self._named = output or Path(tempfile.gettempdir())
         with write_errors(self._named):
-            # Lives as long as the spool: see close().
+            # Open as long as the spool: see close().
             self._file = tempfile.TemporaryFile(dir=None if output is None else output.parent)  # noqa: SIM115
         self.length = 0
         self.checksum = 0
@@ -118,12 +121,12 @@ class Spool:
 
     def pieces(self) -> Iterable[bytes]:
         with write_errors(self._named):
-            self._file.seek(0)  # writes what was kept back
-        while piece := self._file.read(COPY_BYTES):
+            self._file.seek(0)  # flushes buffered bytes
+        while piece := self._file.read(COPY_BLOCK_BYTES):
             yield piece
 
     def close(self) -> None:
-        with suppress(OSError):  # what could not be written was told
+        with suppress(OSError):  # the failed write was reported before
             self._file.close()
 
 
@@ -155,7 +158,7 @@ class Section:
 
 @dataclass(frozen=True)
 class StoredSection:
-    """A section of a file: where it is, and CRC-32 of its bytes."""
+    """A section of a file: its place, and the CRC-32 of its bytes."""
 
     offset: int
     length: int
@@ -163,13 +166,13 @@ class StoredSection:
 
 
 def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
-    """The table of sections of a file that a decoder has opened, and so checked."""
+    """Return the table of sections of a file that a decoder has opened and so checked."""
     file.seek(0)
     count = HEADER.unpack(file.read(HEADER.size))[3]
     found = []
     for _ in range(count):
         kind, flags = ENTRY_HEAD.unpack(file.read(ENTRY_HEAD.size))
-        length = int.from_bytes(file.read(flags >> LENGTH_AT), "little")
+        length = int.from_bytes(file.read(flags >> LENGTH_WIDTH_SHIFT), "little")
         found.append((kind.decode("ascii"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
     ends = [*accumulate((length for _, length, _ in found), initial=file.tell())]
     return [
@@ -179,7 +182,7 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
 
 
 def before_groups(head: bytes) -> int:
-    """Where groups of frames begin in a file, by its first bytes, which nobody has checked; 0 where they do not say."""
+    """Return where groups of frames begin, according to a file's unchecked first bytes; 0 if they do not tell."""
     if not head.startswith(IDENTIFIER):
         return 0
     try:
@@ -210,7 +213,7 @@ def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool 
 
 
 def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
-    """The bytes of a file, a piece at a time: header, table, sections."""
+    """Yield the bytes of a file in pieces: header, table, sections."""
     table = b"".join(_rows(sections))
     unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
     yield unsealed + CHECKSUM.pack(zlib.crc32(unsealed))
@@ -220,16 +223,16 @@ def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
 
 
 def _rows(sections: Sequence[Section]) -> Iterator[bytes]:
-    """Rows of the table of sections."""
+    """Yield the rows of the table of sections."""
     for section in sections:
         size = (section.length.bit_length() + 7) // 8
-        flags = (REQUIRED if SECTION_KINDS[section.type].is_required else 0) | size << LENGTH_AT
+        flags = (REQUIRED if SECTION_KINDS[section.type].is_required else 0) | size << LENGTH_WIDTH_SHIFT
         length = section.length.to_bytes(size, "little")
         yield ENTRY_HEAD.pack(section.type.encode("ascii"), flags) + length + CHECKSUM.pack(section.checksum)
 
 
 def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
-    """Bytes of each section, and of header and table as ``"container"``."""
+    """Return the bytes of each section, and of header and table as ``"container"``."""
     return {
         "container": HEADER.size + sum(len(row) for row in _rows(sections)),
         **{section.type: section.length for section in sections},

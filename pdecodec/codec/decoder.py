@@ -1,6 +1,6 @@
-"""The decoder: a `.pdeanim` file as a mesh sequence that gives positions at any time.
+"""The decoder: a `.pdeanim` file as a mesh sequence with positions at any time.
 
-All of it is native (`core/decode/animation.hpp`); here are times, settings and errors as Python has them.
+The native core decodes (`core/decode/animation.hpp`); this module adds Python's times, settings and errors.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from pdecodec.system.arguments import as_integer, as_numbers, shown
 Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
-"""Quantities by the core's numbers."""
+"""Quantities, by the core's numbers."""
 
 
 def _writable(out: Any) -> NDArray[Any]:
-    """The array itself, or numpy's view of another library's; SettingsError where it cannot be written to."""
+    """Return the array itself, or numpy's view of another library's; raise SettingsError if it is read-only."""
     if isinstance(out, np.ndarray):
         return out
     try:
@@ -48,14 +48,13 @@ def _writable(out: Any) -> NDArray[Any]:
 class Animation(MeshSequence):
     """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
 
-    Made by :func:`pdecodec.open`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
-    mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
-    gives the same bits. To the frames in :attr:`jumps` motion is not continuous from the frames before: it is straight
-    from one to the other.
+    Made by :func:`pdecodec.open`. Opening reads only headers, with the vertex counts; the mesh, attributes and
+    groups of frames are decoded on first use. At the time of a frame, every method returns the same bits. Before
+    each frame in :attr:`jumps` the motion is discontinuous: it is a straight line from the frame before.
 
-    It may be used from any number of threads, which take turns, and closed by any of them: calls under way end well,
-    later ones with InputError. It survives a fork (the child decodes anew what it needs), and is pickled by its path,
-    or with its bytes; one of a file object cannot be pickled.
+    Any number of threads may use it (they take turns), and any of them may close it: running calls finish, later
+    ones raise InputError. It survives a fork (the child decodes anew), and is pickled by its path or with its bytes;
+    an animation of a file object cannot be pickled.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class Animation(MeshSequence):
             )
 
     def _describe(self) -> None:
-        """Take over what there is to know before anything is decoded."""
+        """Read everything that is known before decoding."""
         self._vertex_counts = self._core.vertex_counts
 
     def _naming_the_file(self) -> AbstractContextManager[None]:
@@ -112,7 +111,7 @@ class Animation(MeshSequence):
 
     @cached_property
     def meshes(self) -> tuple[MeshObject, ...]:
-        """The objects without their attributes, for which the reference frame need not be decoded."""
+        """The objects without their attributes, which need no reference frame."""
         with self._naming_the_file():
             parts, names = self._core.connectivity(), self._core.names()
         return tuple(
@@ -160,17 +159,17 @@ class Animation(MeshSequence):
     @overload
     def positions(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def positions(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Positions at one time or at several, into an array of the caller's if there is one.
+        """Return positions at one time or at several, optionally in the caller's array.
 
         Parameters
         ----------
         times : float or (n,) array [s]
             In any order.
         out : (vertices, 3) or (n, vertices, 3) float32, optional
-            Written and returned; after an error it may hold anything. A numpy array, or any other of main memory that
-            can be exported through DLPack: a tensor of torch, say, that needs no copy then.
+            Written and returned; after an error its values are undefined. A numpy array, or any other array in main
+            memory that DLPack can export, such as a torch tensor, which then needs no copy.
         outside : {"clamp", "loop", "refuse"}
-            What holds before the first and after the last frame: that frame, the clip again, an error.
+            Before the first and after the last frame: that frame, the clip again, or an error.
 
         Returns
         -------
@@ -179,8 +178,8 @@ class Animation(MeshSequence):
         Raises
         ------
         SettingsError
-            If `times` is no number and no list of numbers, one lies outside and that is refused, or `out` is of another
-            shape or dtype, or cannot be written to.
+            If `times` are not numbers, a time lies outside and that is refused, or `out` has another shape or dtype or
+            is read-only.
         CorruptFileError
             If a group that is needed is damaged.
         """
@@ -191,14 +190,14 @@ class Animation(MeshSequence):
     @overload
     def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Positions at several times: (n, vertices, 3), as of :meth:`positions` of a list."""
+        """Return positions at several times, (n, vertices, 3), as :meth:`positions` of a list."""
         asked = as_numbers(times, "times")
         if asked.ndim == 0:
             raise SettingsError("must be a list of numbers; `positions` takes a single one, too", setting="times")
         return self._evaluated(POSITIONS, asked, out, outside)
 
     def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:
-        """A quantity at one time or at several; of one, there is no axis of times."""
+        """Evaluate a quantity at one time, without an axis of times, or at several."""
         given = as_numbers(times, "times")
         asked = given if given.ndim else given[np.newaxis]
         return self._of_core(quantity, asked, self._inside(asked, outside), out, outside, is_one=not given.ndim)
@@ -220,7 +219,7 @@ class Animation(MeshSequence):
         try:
             self._core.evaluate(quantity, known, None, found.reshape(whole))
         except Exception:
-            # Entered where something went wrong alone: that takes longer than a small frame.
+            # Entered only after an error: it takes longer than a small frame.
             with self._naming_the_file():
                 raise
         if found is not target:
@@ -232,10 +231,10 @@ class Animation(MeshSequence):
     @overload
     def velocities(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def velocities(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Velocity of every vertex at one time or at several: the exact derivative of the positions.
+        """Return the velocity of every vertex at one time or at several: the exact derivative of the positions.
 
-        Residuals change at constant speed from one frame to the next; at a frame the speed to the next
-        one counts. Where positions are held (clamped) outside the clip nothing moves.
+        Residuals change at constant speed from one frame to the next; at a frame, the speed to the next one counts.
+        Where positions are clamped outside the clip, velocities are 0.
 
         Parameters
         ----------
@@ -251,7 +250,7 @@ class Animation(MeshSequence):
         Raises
         ------
         SettingsError, CorruptFileError
-            As of :meth:`positions`.
+            As in :meth:`positions`.
         """
         return self._evaluated(VELOCITIES, times, out, outside)
 
@@ -260,9 +259,9 @@ class Animation(MeshSequence):
     @overload
     def accelerations(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def accelerations(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Acceleration of every vertex: the exact second derivative of the positions; residuals have none.
+        """Return the acceleration of every vertex: the exact second derivative of the positions; residuals have none.
 
-        Parameters, shapes and errors are those of :meth:`velocities`, its unit [scene units / s^2].
+        Parameters, shapes and errors are those of :meth:`velocities`; the unit is [scene units / s^2].
         """
         return self._evaluated(ACCELERATIONS, times, out, outside)
 
@@ -280,7 +279,8 @@ class Animation(MeshSequence):
         return float(self.times[0]), float(self.times[-1])
 
     def coefficients(self, group: int) -> PaperForm:
-        """The coefficients of one group as the paper writes them (Eqs. 17 and 18), and all that they multiply.
+        """Return the coefficients of one group as the paper writes them (Eqs. 17 and 18), with everything they
+        multiply.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class Animation(MeshSequence):
         Raises
         ------
         SettingsError
-            If the file was encoded with functions that are not the paper's 32, or there is no such group.
+            If the file's functions are not the paper's 32, or there is no such group.
         """
         with self._naming_the_file():
             groups = self._core.groups
@@ -309,13 +309,13 @@ class Animation(MeshSequence):
 
     @property
     def group_edges(self) -> list[int]:
-        """First frame of every group of frames, which is read and decoded at once, and the number of all frames."""
+        """First frame of every group of frames, the unit that is read and decoded, and the number of all frames."""
         with self._naming_the_file():
             return [*(group.first for group in self._core.groups), self.frame_count]
 
     @property
     def groups(self) -> list[GroupEntry]:
-        """The groups of frames, without what says where their bytes are."""
+        """The groups of frames, without the positions of their bytes."""
         with self._naming_the_file():
             found = self._core.groups
         return [
@@ -332,12 +332,12 @@ class Animation(MeshSequence):
 
     @property
     def residual_step(self) -> float:
-        """What residuals are whole numbers of [scene units]."""
+        """Unit of residuals [scene units]."""
         with self._naming_the_file():
             return self._core.model.residual_step
 
     def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
-        """The reference frame, and the functions of space, that the motion of every group is coded in."""
+        """The reference frame and the functions of space that every group is coded with."""
         with self._naming_the_file():
             model, frame = self._core.model, self._core.reference()
             form = SpaceForm(
@@ -348,7 +348,7 @@ class Animation(MeshSequence):
 
     @property
     def sections(self) -> dict[str, int]:
-        """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
+        """Bytes of each section, and of header and table as ``"container"``; they add up to the file."""
         with self._naming_the_file():
             sizes = {section.type: section.length for section in self._core.sections}
             # A run has no header of its own.
@@ -356,7 +356,9 @@ class Animation(MeshSequence):
             return {"container": beside, **sizes}
 
     def info(self) -> dict[str, Any]:
-        """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
+        """Return the facts in the headers as a JSON object: sections, model, settings, and why this model was
+        chosen.
+        """
         with self._naming_the_file():
             groups, space_kind = self._core.groups, self._core.model.kind
         frames = [group.frames for group in groups]
@@ -371,7 +373,7 @@ class Animation(MeshSequence):
         }
 
     def _facts(self) -> dict[str, Any]:
-        """Return what :meth:`info` says of a file of one run or several."""
+        """Return what :meth:`info` reports for files of one run or several."""
         sections, remarks = self.sections, self._remarks
         file_bytes = sum(sections.values())
         return {
@@ -386,13 +388,13 @@ class Animation(MeshSequence):
 
     @property
     def group_frames(self) -> list[tuple[int, int]]:
-        """First frame of each group of frames, and the one after its last; of a run its own frames, from 0."""
+        """First frame of each group of frames, and the one after its last; in a run, its own frames from 0."""
         with self._naming_the_file():
             return [(group.first, group.first + group.frames) for group in self._core.groups]
 
     @property
     def part_decoders(self) -> tuple[Callable[[], object], ...]:
-        """What decode its parts but the groups of frames, each alone: names, faces, reference frame, attributes."""
+        """Functions that decode the parts other than groups of frames: names, faces, reference frame, attributes."""
         own = self._core
 
         def naming(decode: Callable[[], object]) -> Callable[[], object]:
@@ -405,12 +407,12 @@ class Animation(MeshSequence):
         return tuple(map(naming, (own.names, own.connectivity, own.reference, own.attributes)))
 
     def check_section(self, kind: str) -> None:
-        """Check the bytes of one section; CorruptFileError where they are not those that were written."""
+        """Check the bytes of one section; raise CorruptFileError if they differ from those written."""
         with self._naming_the_file():
             self._core.check_section(kind)
 
     def check_group(self, group: int) -> None:
-        """Check the bytes of one group of frames; CorruptFileError where they are not those that were written."""
+        """Check the bytes of one group of frames; raise CorruptFileError if they differ from those written."""
         with self._naming_the_file():
             self._core.check_group(group)
 
@@ -428,7 +430,7 @@ class Animation(MeshSequence):
 
 
 def _reopened(kind: type[Animation], path: str | bytes, limits: DecodeLimits, run: int | None) -> Animation:
-    """Return an animation that was pickled; one of a run owns its file."""
+    """Restore a pickled animation; an animation of a run owns its file."""
     source = open_source(path)
     core = open_core(source, limits)
     if run is None:

@@ -1,9 +1,9 @@
-"""Cutting and joining files: groups of frames are taken as they are coded, and others are coded to stand beside them.
+"""Cut and join files: groups of frames are copied as they are coded; other frames are coded to stand next to them.
 
-A position at a frame depends on the frame's own group alone, so that it stays what it was, to the last bit. Between
-frames it follows the spline through all frames of the file, from jump to jump: near a place where files were cut or
-joined it is another one, 0.27 times as much with each frame further away, and continuous in position and velocity,
-unless it jumps there.
+A position at a frame depends on its own group alone, so it stays the same to the last bit. Between frames it follows
+the spline through all frames of the file, from one discontinuity to the next. Near a place where files were cut or
+joined, the spline changes, by 0.27 as much with each frame further away; it stays continuous in position and
+velocity, except at a discontinuity.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ from pdecodec.system.reading import open_regular
 from pdecodec.system.whole_output import check_writable
 
 SHARED_SECTIONS = ("CONN", "ORDR", "REST", "MODL", "ATTR")
-"""Sections that groups of one file have in common."""
+"""Sections that groups of one file share."""
 
-EDITED = "; then "
-"""Between what a file's summary says of its model and what became of the file since: the latest alone."""
+EDIT_SEPARATOR = "; then "
+"""Separates the description of a file's model in its summary from that of the latest edit."""
 
-ON_A_FRAME = 1e-6
-"""Frames by which a time may miss one and still count frames."""
+FRAME_ROUNDING = 1e-6
+"""Largest distance, in frames, of a time from a whole frame number."""
 
 
 @dataclass(frozen=True)
 class CutReport:
-    """What became of a cut or a join.
+    """Result of a cut or a join.
 
     Attributes
     ----------
     frames, groups, file_bytes : int
-        Of what was written.
+        Of the written file.
     coded_again : int
-        Frames that were not taken as they were coded.
+        Frames that were coded anew instead of copied.
     first_time, last_time : float [s]
     """
 
@@ -68,11 +68,11 @@ class CutReport:
 
 
 Coded = tuple[GroupEntry, tuple[bytes, bytes, bytes]]
-"""A row of the table of groups, and the chunks that it is about."""
+"""A row of the table of groups, and its chunks."""
 
 
 class CodedFile:
-    """An open file as it is coded: its sections and its groups of frames.
+    """An open file in coded form: its sections and its groups of frames.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class CodedFile:
         return [0, *np.cumsum([entry.frames for entry in self.entries]).tolist()]
 
     def section(self, kind: str) -> bytes:
-        """A section's bytes, checked; none where there is no such section."""
+        """Return a section's checked bytes; empty if there is no such section."""
         stored = self._sections.get(kind)
         if stored is None:
             return b""
@@ -128,7 +128,7 @@ class CodedFile:
         return data
 
     def coded(self, first: int, end: int) -> Iterator[Coded]:
-        """Groups `first` to `end` - 1; CorruptFileError where one is damaged."""
+        """Yield groups `first` to `end` - 1; raise CorruptFileError if one is damaged."""
         sizes = np.array([entry.sizes for entry in self.entries], np.int64).reshape(-1, 3)
         starts = np.cumsum(sizes, axis=0) - sizes + [self._sections[kind].offset for kind in CHUNK_SECTIONS]
         for index in range(first, end):
@@ -150,7 +150,7 @@ class CodedFile:
         return self._file.read(size)
 
     def appending(self, sequence: MeshSequence, *, effort: EffortName, progress: Progress | None) -> AppendingEncoder:
-        """What codes frames of a sequence of its mesh with its model.
+        """Return an encoder for frames of a sequence of its mesh, with its model.
 
         Raises
         ------
@@ -166,14 +166,14 @@ class CodedFile:
 
 
 class _Described(MeshSequence):
-    """Times, names and jumps for the header of a file."""
+    """Times, names and discontinuities for the header of a file."""
 
     def __init__(self, head: Animation, times: Float64Array, jumps: list[int]) -> None:
         self.objects, self.times, self.fps, self.jumps = head.meshes, times, head.fps, jumps
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
-        raise NotImplementedError  # a header holds no positions: nobody asks
+        raise NotImplementedError  # a header has no positions: nobody asks
 
 
 def cut_animation(
@@ -193,19 +193,19 @@ def cut_animation(
     ----------
     source, path : path-like
     first, end : int
-        Of the frames, from 0 on; `end` is not among them. Both are to be where a group of frames begins or ends.
+        Frames from 0; `end` is excluded. Both must be where a group of frames begins or ends.
     recode : bool
-        Code frames of groups that are cut through again, within the bound of the file of what it decodes to: there
-        they are off their source by twice that bound at most.
+        Code frames of groups that are cut through again. The file's bound then holds against its decoded frames: these
+        frames are off their source by at most twice the bound.
     effort : {"fast", "default", "best"}
-        Of frames that are coded again.
+        For frames that are coded again.
     overwrite : bool
     progress : callable, optional
 
     Raises
     ------
     SettingsError
-        If there are no such frames, or a group would be cut through; the nearest places where none is are named.
+        If there are no such frames, or a group would be cut through; the message names the nearest group borders.
     InputError, CorruptFileError
         If a file cannot be read or written, or is damaged.
     """
@@ -254,29 +254,29 @@ def join_animations(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> CutReport:
-    """Write a file and what comes after it as one file.
+    """Write a file and further frames as one file.
 
     Parameters
     ----------
     source : path-like
         Its frames come first, as they are coded.
     others : sequence of path-like or MeshSequence
-        Files that share its reference frame and model, as those cut from one do, are taken as they are coded.
-        Sequences are coded with its model, within its bound.
+        Files with the same reference frame and model, as those cut from one file have, are copied. Sequences are coded
+        with its model, within its bound.
     path : path-like
     shift : bool
-        Move the times of each to one frame after what is before it. Otherwise they have to be later.
+        Move the times of each to one frame after the frames before it. Otherwise they must be later already.
     recode : bool
-        Decode files of another model, and code them within the bound again: bounds add up.
+        Decode files of another model, and code them again within the bound: bounds add up.
     effort : {"fast", "default", "best"}
-        Of frames that are coded.
+        For frames that are coded.
     overwrite : bool
     progress : callable, optional
 
     Raises
     ------
     SettingsError
-        If a file is of another model, or times do not follow one another.
+        If a file has another model, or times do not follow one another.
     InputError, CorruptFileError
         If meshes differ, or a file cannot be read or written, or is damaged.
     """
@@ -341,10 +341,10 @@ def _write(
     path: Path,
     overwrite: bool,
 ) -> CutReport:
-    """Write groups of frames with what the head has in common with them."""
+    """Write groups of frames with the sections that they share with the first file."""
     times = described.times
     remarks = {**decode_remarks(head.section("META")), "generator": generator()}
-    remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDITED)[0]}{EDITED}{summary}"
+    remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDIT_SEPARATOR)[0]}{EDIT_SEPARATOR}{summary}"
     spools = [Spool(path) for _ in CHUNK_SECTIONS]
     try:
         entries = []
@@ -369,7 +369,7 @@ def _write(
 
 
 def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
-    """The places nearest to a frame where no group is cut through, in words."""
+    """Name the group borders nearest to a frame."""
     at = int(np.searchsorted(edges, frame))
     times = animation.times
     near = [
@@ -379,7 +379,7 @@ def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
 
 
 def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.PathLike[str] | None) -> None:
-    """Refuse frames of another mesh before anything else that differs: coding them again would not help."""
+    """Refuse frames of another mesh before any other difference: coding them again would not help."""
     if not sequence.connectivity.same_as(head.animation.connectivity):
         raise InputError(
             f"is of another mesh than {head.path}: faces and lines differ", code="object-mismatch", path=path
@@ -389,7 +389,7 @@ def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.Pat
 def _following(
     before: Float64Array, times: Float64Array, fps: float, *, shift: bool, path: str | os.PathLike[str] | None
 ) -> Float64Array:
-    """Times of frames that come after others; SettingsError where they do not, and are not to be moved."""
+    """Return times of frames that follow others; raise SettingsError if they do not follow and may not be moved."""
     if not shift:
         if times[0] - before[-1] < SHORTEST_TIME_STEP:
             raise SettingsError(
@@ -399,8 +399,8 @@ def _following(
         return times
     moved: Float64Array
     last, numbers = np.rint(before[-1] * fps), np.rint(times * fps)
-    if abs(before[-1] * fps - last) < ON_A_FRAME and np.abs(times * fps - numbers).max() < ON_A_FRAME:
-        # Times that count frames go on counting them, and take no room in the file.
+    if abs(before[-1] * fps - last) < FRAME_ROUNDING and np.abs(times * fps - numbers).max() < FRAME_ROUNDING:
+        # Times that are frame numbers stay frame numbers and take no room in the file.
         moved = (numbers - numbers[0] + last + 1.0) / fps
         return moved
     moved = times - times[0] + before[-1] + 1.0 / fps

@@ -1,8 +1,8 @@
-"""Damaged `.pdeanim` files, as far as they can be read: header and table of sections taken as they are, and put right.
+"""Read damaged `.pdeanim` files as far as possible: take header and table of sections as they are, and repair them.
 
-The decoder refuses a file whose header, table or length is wrong. Here what is wrong with them is listed, and the file
-is given with a sound header, zeros where its end is missing, and nothing after its last section. Every section and
-every group of frames has a checksum of its own, so that what the decoder then accepts is what was written.
+The decoder refuses a file with a wrong header, table or length. This module lists what is wrong with them, and
+presents the file with a sound header, zeros in place of a missing end, and nothing after its last section. Every
+section and every group of frames has its own checksum, so whatever the decoder then accepts is what was written.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import BinaryIO, Literal, cast
 
 from pdecodec.codec.container import (
     CHECKSUM,
-    COPY_BYTES,
+    COPY_BLOCK_BYTES,
     ENTRY_HEAD,
     HEADER,
     IDENTIFIER,
-    LENGTH_AT,
+    LENGTH_WIDTH_SHIFT,
     MAJOR_VERSION,
     REQUIRED,
     SECTION_KINDS,
@@ -28,11 +28,11 @@ from pdecodec.codec.container import (
 )
 from pdecodec.errors import CorruptFileError, ErrorCode, LimitError
 
-MOST_SECTIONS = 64
-"""The specification's section 2.1."""
+MAX_SECTIONS = 64
+"""Largest number of sections (the specification's section 2.1)."""
 
-MOST_LENGTH_BYTES = 8
-"""The specification's section 2.2."""
+MAX_LENGTH_BYTES = 8
+"""Largest width of a section's length (the specification's section 2.2)."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class Finding:
     message : str
         One line.
     severity : {"error", "note"}
-        Whether the file breaks the format, or there is only something to know.
+        Whether the file breaks the format, or this is only good to know.
     section : str, optional
         Its four letters.
     run, group : int, optional
-        Counted from 0; a group's number is within its run.
+        From 0; a group's number is within its run.
     frames : (int, int), optional
-        What it concerns: the first frame, and the one after the last.
+        The frames concerned: the first, and the one after the last.
     offset : int, optional
         Byte of the file.
     """
@@ -68,21 +68,21 @@ class Finding:
 
 @dataclass(frozen=True)
 class ListedSection(StoredSection):
-    """A row of the table of sections as it stands there."""
+    """A row of the table of sections, as it stands in the file."""
 
     type: str
     is_required: bool
 
 
 class MendedFile(io.RawIOBase):
-    """A file with another beginning, and as long as it says: zeros stand for what is missing at its end.
+    """A file with a replaced beginning and its declared length: zeros replace a missing end.
 
     Parameters
     ----------
     file : binary file
         Stays the caller's.
     head : bytes
-        In place of as many at the beginning.
+        Replaces as many bytes at the beginning.
     size : int [bytes]
     name : str
         For messages.
@@ -114,7 +114,8 @@ class MendedFile(io.RawIOBase):
 
 
 def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list[ListedSection], list[Finding]]:
-    """A file that the decoder takes as far as it is sound, its sections, and what is wrong with header, table, length.
+    """Return a file that the decoder takes as far as it is sound, its sections, and the faults of header, table and
+    length.
 
     Parameters
     ----------
@@ -122,12 +123,12 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
         Stays the caller's, who keeps it open.
     name : str
     most_missing : int [bytes]
-        How much longer than it is a file may say that it is: what is read of it takes memory.
+        Largest allowed difference between the declared and the actual length, since reading the rest takes memory.
 
     Raises
     ------
     CorruptFileError
-        If it is no such file, of a later major version, or its table cannot be read; `code` says which.
+        If it is not such a file, of a later major version, or its table cannot be read; `code` says which.
     LimitError
         If more than `most_missing` is missing at its end.
     """
@@ -147,8 +148,8 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
     elif major != MAJOR_VERSION:
         reason = f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec"
         raise CorruptFileError(reason, code="version", offset=12)
-    if count > MOST_SECTIONS:
-        raise CorruptFileError(f"declares {count} sections, at most {MOST_SECTIONS} can be", code="table", offset=16)
+    if count > MAX_SECTIONS:
+        raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", code="table", offset=16)
     table, sections = _read_table(file, count)
     if zlib.crc32(table) != table_checksum:
         findings.append(Finding(ErrorCode.TABLE_CHECKSUM, "its table of sections is damaged", offset=HEADER.size))
@@ -174,14 +175,14 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
 
 
 def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]:
-    """The table's bytes, and its rows; a section that stands twice makes it unreadable."""
+    """Return the table's bytes and its rows; raise if a section stands in it twice."""
     rows: list[bytes] = []
     found: list[ListedSection] = []
     for _ in range(count):
         row = file.read(ENTRY_HEAD.size)
-        size = row[-1] >> LENGTH_AT if len(row) == ENTRY_HEAD.size else MOST_LENGTH_BYTES + 1
+        size = row[-1] >> LENGTH_WIDTH_SHIFT if len(row) == ENTRY_HEAD.size else MAX_LENGTH_BYTES + 1
         row += file.read(size + CHECKSUM.size)
-        if size > MOST_LENGTH_BYTES or len(row) < ENTRY_HEAD.size + size + CHECKSUM.size:
+        if size > MAX_LENGTH_BYTES or len(row) < ENTRY_HEAD.size + size + CHECKSUM.size:
             raise CorruptFileError("its table of sections cannot be read", code="table", offset=HEADER.size)
         rows.append(row)
     offset = HEADER.size + sum(map(len, rows))
@@ -199,10 +200,10 @@ def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]
 
 
 def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[Finding]:
-    """Sections that are unknown, and those whose bytes are not the ones that the table was made for."""
+    """Return findings for unknown sections, and for those whose bytes do not match the table."""
     findings = []
     for section in sections:
-        if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME stands in section RDAT alone
+        if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME stands only in section RDAT
             code = ErrorCode.SECTION_UNKNOWN_REQUIRED if section.is_required else ErrorCode.SECTION_UNKNOWN
             findings.append(
                 Finding(
@@ -226,11 +227,11 @@ def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[
 
 
 def _checksum(file: BinaryIO, section: StoredSection) -> int | None:
-    """CRC-32 of a section's bytes, None where some are missing."""
+    """Return the CRC-32 of a section's bytes, None if some are missing."""
     file.seek(section.offset)
     left, checksum = section.length, 0
     while left:
-        piece = file.read(min(left, COPY_BYTES))
+        piece = file.read(min(left, COPY_BLOCK_BYTES))
         if not piece:
             return None
         left -= len(piece)

@@ -1,4 +1,4 @@
-"""Opening a `.pdeanim` file: an animation, or where its faces change, a timeline of animations."""
+"""Open a `.pdeanim` file: an animation or, where its faces change, a timeline of animations."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
     Parameters
     ----------
     source : path-like, bytes, bytearray, memoryview or binary file
-        The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
-        more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
-        may move it while the animation is open, unless it is a plain file of the system.
+        The file's path; its address (``https://``, ``s3://``; extra ``remote``), of which only needed parts are read;
+        the whole file in memory; or a seekable file. The latter stays the caller's: nobody else may move its position
+        while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
         Default: those of :func:`pdecodec.codec.source.usual_limits`, else its own defaults.
 
     Returns
     -------
     Animation
-        Close it, or use it in a ``with`` statement: each part is read from the file when it is needed.
+        Close it, or use it in a ``with`` statement: parts are read from the file when they are needed.
 
     Raises
     ------
@@ -52,11 +52,12 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
 
 
 class ChangingAnimation(ChangingSequence, Animation):
-    """A `.pdeanim` file whose connectivity changes: one timeline, and each of its :attr:`runs` an :class:`Animation`.
+    """A `.pdeanim` file whose connectivity changes: one timeline, with an :class:`Animation` for each of its
+    :attr:`runs`.
 
-    Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, no other bytes than its
-    own are read. At a time between two runs the earlier one stands still. Times that are asked for at once must be of
-    one run, else that is a SettingsError: see :meth:`run_at`.
+    Made by :func:`pdecodec.open`. Opening reads the places of the runs; a run reads no bytes but its own. At a time
+    between two runs, the earlier one stands still. Times of one call must belong to one run, otherwise SettingsError
+    is raised: see :meth:`run_at`.
     """
 
     __init__ = Animation.__init__
@@ -102,7 +103,7 @@ class ChangingAnimation(ChangingSequence, Animation):
 
     @property
     def sections(self) -> dict[str, int]:
-        """Bytes of each section, those of a run summed over all runs; and of header and table as ``"container"``."""
+        """Bytes of each section, summed over all runs; and of header and table as ``"container"``."""
         with self._naming_the_file():
             sizes = {section.type: section.length for section in self._core.sections}
             # Runs may share a section.
@@ -115,7 +116,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         return {"container": beside, **dict(sorted(sizes.items()))}
 
     def info(self) -> dict[str, Any]:
-        """What the headers say of the file, as of other animations; how many runs, how long and how large."""
+        """Return the facts in the headers, as for other animations, and the number, lengths and sizes of the runs."""
         return {
             **self._facts(),
             "runs": len(self.runs),
@@ -124,7 +125,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         }
 
     def verify(self) -> None:
-        """Check every byte of the file, and that every part of every run decodes; errors as of other animations."""
+        """Check every byte of the file, and that every part of every run decodes; errors as for other animations."""
         with self._naming_the_file():
             self._core.verify()
         _ = self._remarks

@@ -18,8 +18,8 @@ from pdecodec.codec.sections.space_basis import SpaceBasis, arc_length_parameter
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 
-SMALLEST_RATE = 1e-30
-"""Least alpha and r: the conversion divides by their powers up to alpha^3 and r^7, which float64 must hold."""
+MIN_RATE = 1e-30
+"""Smallest alpha and r: the conversion divides by powers up to alpha^3 and r^7, which float64 must hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +80,21 @@ def paper_form(
 ) -> PaperForm:
     """Convert the coefficients of one group.
 
+    A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames;
+    they span the leading functions of the well-conditioned basis, which are combinations of all of the paper's.
+
     Parameters
     ----------
     reference : ReferenceFrame
     space : SpaceBasis
     values : (functions of space, functions of time x axes) float64 [scene units]
-        As the file has them.
+        As in the file.
     times : (frames,) float64 [s]
         Of the group's frames.
     alpha : float
         Rate of Eq. 12 over half the group.
     functions, first_frame : int
         Functions of time, and the group's first frame.
-
-    A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames; they
-    span the leading functions of the well-conditioned basis, which are combinations of all of the paper's.
 
     Raises
     ------
@@ -105,10 +105,10 @@ def paper_form(
     if form.kind != "curve" or form.affine or form.functions != SPACE_FUNCTIONS:
         raise SettingsError("this file's functions are not the 32 of the paper; encode with profile paper")
     time_form = ClosedForm(times, alpha, functions)
-    if min(time_form.alpha, form.rate) < SMALLEST_RATE:
+    if min(time_form.alpha, form.rate) < MIN_RATE:
         raise SettingsError("an alpha or r this small makes the paper's functions dependent; encode with a larger one")
     found = values.reshape(space.functions, functions, 3)
-    # psi = phi R^-1 in time; functions that a group does not have count nothing.
+    # psi = phi R^-1 in time; functions that a group lacks contribute nothing.
     time = np.zeros((TIME_FUNCTIONS, time_form.functions))
     time[: time_form.functions] = np.linalg.inv(time_form.triangle) if time_form.functions else 0.0
     to_paper_time = series_to_paper(time_form.alpha, TIME_FUNCTIONS) @ time

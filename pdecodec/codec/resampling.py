@@ -1,4 +1,4 @@
-"""A sequence at other times than its own: an animation evaluated, or frames joined by straight lines."""
+"""Resample a sequence: evaluate an animation at other times, or interpolate frames linearly."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class SampledAnimation(MeshSequence):
     times : (frames,) array [s]
         Strictly increasing.
     quantity : {"positions", "velocities"}
-        What `read_frames` returns: positions [scene units] or velocities [scene units / s], which are zero where
-        clamped positions stand still.
+        What `read_frames` returns: positions [scene units] or velocities [scene units / s]; velocities are zero where
+        positions are clamped.
     outside : {"refuse", "clamp", "loop"}
-        What times outside the clip mean (:func:`times_inside`).
+        Handling of times outside the clip (:func:`times_inside`).
     """
 
     def __init__(
@@ -65,7 +65,7 @@ def sampled(
     quantity: Literal["positions", "velocities"] = "positions",
     outside: Outside = "refuse",
 ) -> MeshSequence:
-    """An animation at chosen times, as :class:`SampledAnimation`; of several runs, each at times that are its own."""
+    """Sample an animation at chosen times as :class:`SampledAnimation`; with several runs, each at its own times."""
     if len(animation.runs) == 1:
         return SampledAnimation(animation, times, quantity=quantity, outside=outside)
     asked, fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
@@ -92,7 +92,7 @@ def sampled(
 
 
 class _SampledRun(MeshSequence):
-    """A run of an animation, at times of its own that stand for others."""
+    """A run of an animation, at its own times that stand for others."""
 
     def __init__(
         self, animation: Animation, number: int, asked: Float64Array, inside: Float64Array, quantity: str
@@ -111,7 +111,7 @@ class _SampledRun(MeshSequence):
 
 
 class LinearInterpolation(MeshSequence):
-    """Frames of another sequence joined by straight lines: what a codec's values between frames compete with.
+    """Frames of another sequence, interpolated linearly: the alternative to a codec's values between frames.
 
     Parameters
     ----------

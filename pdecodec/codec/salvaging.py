@@ -1,8 +1,8 @@
-"""What is undamaged of a damaged `.pdeanim` file: every group of frames that decodes, at the times it had.
+"""Salvage what is undamaged of a `.pdeanim` file: every group of frames that decodes, at its original times.
 
-A position at a frame depends on the frame's own group alone, on the mesh and on the reference frame. So groups can be
-lost one by one; where the mesh, the reference frame, the table of groups or the times are damaged, nothing can be saved
-of the run that they are of.
+A position at a frame depends on its own group, on the mesh and on the reference frame alone, so groups are lost one
+by one. If the mesh, the reference frame, the table of groups or the times are damaged, nothing of their run can be
+saved.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Salvage:
     Attributes
     ----------
     sequence : MeshSequence
-        The frames that decode, at their times; of a file of runs, the runs of which some do.
+        The frames that decode, at their times; for a file of runs, those runs of which some frames decode.
     frame_count : int
         Frames of the file.
     missing : tuple of (int, int)
         Frames of the file, from 0, that are not in `sequence`: first, and after the last.
     lost : tuple of str
-        What else is missing, a line each.
+        What else is missing, one line each.
     """
 
     sequence: MeshSequence
@@ -56,7 +56,7 @@ class Salvage:
 
 
 class SoundFrames(MeshSequence):
-    """Frames of a run that decode, without what does not.
+    """The frames of a run that decode.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class SoundFrames(MeshSequence):
 def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Iterator[Salvage]:
     """Save what is undamaged of a file, while a ``with`` statement lasts.
 
-    Every group of frames is decoded once to know whether it does, and again when its frames are read.
+    Every group of frames is decoded once to test it, and again when its frames are read.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
 
 
 class _Saved:
-    """The runs of an animation of which something decodes, and what does not."""
+    """The runs of an animation of which something decodes, and what does not decode."""
 
     def __init__(self, animation: Animation) -> None:
         self.animation = animation
@@ -178,7 +178,7 @@ class _Saved:
             self._objects(run)
 
     def _objects(self, run: Animation) -> tuple[MeshObject, ...]:
-        """Objects of a run, without attributes where these are damaged."""
+        """Return the objects of a run, without damaged attributes."""
         try:
             return run.objects
         except LimitError:
@@ -189,7 +189,7 @@ class _Saved:
 
     @property
     def missing(self) -> tuple[Frames, ...]:
-        """Frames that are lost, those that follow one another together."""
+        """Missing frames, with consecutive ones joined."""
         joined: list[Frames] = []
         for first, end in self._missing:
             if joined and joined[-1][1] == first:
@@ -199,7 +199,7 @@ class _Saved:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """What is lost beside frames."""
+        """What is missing besides frames."""
         return tuple(self._lost)
 
     def sequence(self) -> MeshSequence:

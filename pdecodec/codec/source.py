@@ -1,4 +1,4 @@
-"""What a file may cost to decode, and access to its bytes: a path, an address, a file object, bytes in memory."""
+"""Open the bytes of a file (path, address, file object, memory), and limit what decoding may cost."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from pdecodec.system.storage import is_address, open_range_reader
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
 
-LARGEST_LIMIT = 2**63 - 1
-"""Bytes: what the core counts with."""
+MAX_LIMIT = 2**63 - 1
+"""Largest limit [bytes] that the core can count."""
 
 FileSource = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
-"""Where a file is read from: a path, an address, bytes, a binary file."""
+"""Source of a file: path, address, bytes, binary file."""
 
 DEFAULT_MAX_KEPT = 512 * 2**20
-"""Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
+"""Bytes of decoded groups of frames that are kept: all of most clips, some 400 frames of 100,000 vertices."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DecodeLimits:
-    """What a file may cost.
+    """Limits on what a file may cost.
 
     Parameters
     ----------
     max_memory : int [bytes]
-        A file that declares more than fits is refused before memory is taken (LimitError).
+        A file that declares more is refused before memory is taken (LimitError).
     max_output : int [bytes], optional
-        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
-        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
-        opened (LimitError). Default: none is.
+        Positions of all frames together, 12 bytes per vertex and frame: the cost of decoding the whole file, in time
+        and space. Two kilobytes can declare terabytes. A file that declares more is refused when it is opened
+        (LimitError). Default: none.
     max_kept : int [bytes]
-        Decoded groups of frames that stay in memory, so that they need not be decoded again: an eighth of it at first,
-        and more where times go back to groups that were given up. `max_memory` holds for them as well.
+        Decoded groups of frames that stay in memory instead of being decoded again: an eighth of it at first, and more
+        when times return to evicted groups. `max_memory` includes them.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY
@@ -56,7 +56,7 @@ class DecodeLimits:
         for name in ("max_memory", "max_output", "max_kept"):
             value = getattr(self, name)
             if value is not None or name != "max_output":
-                object.__setattr__(self, name, as_integer(value, name, 0, LARGEST_LIMIT))
+                object.__setattr__(self, name, as_integer(value, name, 0, MAX_LIMIT))
 
 
 _usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
@@ -64,7 +64,7 @@ _usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files tha
 
 @contextmanager
 def usual_limits(limits: DecodeLimits) -> Iterator[None]:
-    """Within, files that are opened without limits have these, whatever opens them: readers, cuts, reports."""
+    """Set the limits of files that are opened without limits within the context: by readers, cuts, reports."""
     token = _usual_limits.set(limits)
     try:
         yield
@@ -73,7 +73,7 @@ def usual_limits(limits: DecodeLimits) -> Iterator[None]:
 
 
 def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
-    """Limits that are given, else those of :func:`usual_limits`, else the defaults."""
+    """Return the given limits, else those of :func:`usual_limits`, else the defaults."""
     return limits or _usual_limits.get() or DecodeLimits()
 
 
@@ -86,7 +86,7 @@ class Source(NamedTuple):
     name : str
         For messages.
     origin : str or None
-        Path or address to open it again by; None for a file of the caller's, which stays open.
+        Path or address to open it again; None for a file of the caller's, which stays open.
     """
 
     file: BinaryIO | bytes
@@ -100,7 +100,7 @@ class Source(NamedTuple):
 
 
 def open_source(source: FileSource) -> Source:
-    """Open what :func:`pdecodec.open` takes; InputError where that fails."""
+    """Open any source that :func:`pdecodec.open` takes; raise InputError if that fails."""
     if isinstance(source, bytes | bytearray | memoryview):
         return Source(bytes(source), "bytes in memory")
     if not isinstance(source, str | os.PathLike):
@@ -119,7 +119,7 @@ def open_source(source: FileSource) -> Source:
 
 
 def open_core(source: Source, limits: DecodeLimits) -> _core.Animation:
-    """The core's view of a file; errors as of :func:`pdecodec.open`."""
+    """Return the core's view of a file; errors as :func:`pdecodec.open`."""
     with naming_file_of(source):
         return _core.Animation(_core_source(source.file), limits.max_memory, thread_count(), limits.max_kept)
 
@@ -145,7 +145,7 @@ def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
 
 
 def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
-    """A plain file by its descriptor, where reads need not move it: threads and forked processes share its place."""
+    """Return a plain file's descriptor, where reads need not move its position: threads and forks share that."""
     if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
         raw = getattr(file, "raw", file)
         if type(raw) is io.FileIO:

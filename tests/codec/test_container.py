@@ -13,7 +13,7 @@ CLIP = ArraySequence(np.random.default_rng(3).normal(size=(4, 12, 3)).astype(np.
 SOUND = pdecodec.encode(CLIP, effort="fast").data or b""
 PARTS = take_apart(SOUND)
 
-MOST_SECTIONS = 64
+MAX_SECTIONS = 64
 """More can only be damage: a run of frames has 9 at most."""
 
 
@@ -92,6 +92,6 @@ def test_lengths_beyond_the_file_or_of_more_than_eight_bytes_are_refused(length:
 
 def test_sections_that_stand_twice_and_more_than_can_be_are_refused() -> None:
     assert f"section {PARTS[2].kind} stands twice" in refusal(seal([*PARTS, PARTS[2]]))
-    most = [*PARTS, *(Part(f"S{k:03}", b"", flags=0) for k in range(MOST_SECTIONS - len(PARTS)))]
+    most = [*PARTS, *(Part(f"S{k:03}", b"", flags=0) for k in range(MAX_SECTIONS - len(PARTS)))]
     assert np.array_equal(frames_of(seal(most)), frames_of(SOUND))
-    assert f"declares {MOST_SECTIONS + 1} sections" in refusal(seal([*most, Part("ZZZZ", b"", flags=0)]))
+    assert f"declares {MAX_SECTIONS + 1} sections" in refusal(seal([*most, Part("ZZZZ", b"", flags=0)]))
