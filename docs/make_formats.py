@@ -56,6 +56,11 @@ CONVENTIONS = """\
   of several such parts, each of connected faces, becomes a skin whose joints are the parts: 1,309 frames of 34,159
   vertices of a robot take 4.4 MB and no morph target.
   Formats without transforms get positions with transforms applied.
+- **Alembic as programs show it**: each shape has a transform of its own right above it, by which programs name the
+  object; one that was added for that does not show in names here. Colours of a mesh are of its vertices, or of its
+  corners with a lookup, where programs know no others; those of faces and objects come back as what they were. Face
+  sets are materials, as Blender shows them; groups of a mesh that has materials are a parameter. Where face sets of
+  another program share faces, the last one by name is the material of a face, and the sets are groups besides.
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
   they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one
   name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are brought into

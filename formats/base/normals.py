@@ -15,9 +15,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
+from pdecodec.system.shares import thread_count
 
 NORMAL_GROUP, SHARED_NORMAL, SMOOTHING = "normal_group", "shared_normal", "smoothing"
 
@@ -166,11 +168,12 @@ class NormalRows:
         self._corners, self._counts = corners, counts
         self._starts = np.cumsum(counts, dtype=np.int64) - counts
         places = np.arange(corners.size)
-        self._next, self._previous = places + 1, places - 1
+        self._next = places + 1
         self._next[self._starts + counts - 1] = self._starts
-        self._previous[self._starts] = self._starts + counts - 1
-        self._by_row = np.argsort(self._summed, kind="stable")
-        self._used, self._row_starts = np.unique(self._summed[self._by_row], return_index=True)
+        self._has_leaders = shared is not None
+        vertices = connectivity.face_indices
+        sizes, sums = np.ascontiguousarray(counts, np.int32), self._summed.astype(np.int32)
+        self._faces = (sizes, np.ascontiguousarray(vertices, np.int32), sums)
 
     def of(self, points: Float32Array) -> Float32Array:
         """(frames, rows, 3) float32: unit normals at positions (frames, vertices, 3)."""
@@ -178,10 +181,12 @@ class NormalRows:
 
     def of_each(self, points: Float32Array) -> Iterator[Float32Array]:
         """(rows, 3) float32 of each frame: its faces' normals, weighted by the angles of their corners."""
-        step = max(1, CORNERS_AT_ONCE // self._corners.size)
+        step, threads = max(1, CORNERS_AT_ONCE // max(self.corner_rows.size, self.count)), thread_count()
         for start in range(0, len(points), step):
-            with np.errstate(invalid="ignore", over="ignore"):
-                yield from self._of_block(points[start : start + step].astype(np.float64))
+            block = np.ascontiguousarray(points[start : start + step])
+            normals = np.empty((len(block), self.count, 3), np.float32)
+            _core.corner_normals(block, *self._faces, normals, threads)
+            yield from normals[:, self._leaders] if self._has_leaders else normals
 
     def even_rows(self, points: Float32Array, normals: Float32Array) -> BoolArray:
         """(rows,) bool: those of several faces of which one is flat in light, its corners' normals being its own.
@@ -216,17 +221,6 @@ class NormalRows:
         from_first = here - np.repeat(here[..., self._starts], self._counts, axis=-1)
         summed: Float64Array = np.add.reduceat(_cross(from_first, from_first[..., self._next]), self._starts, axis=-1)
         return summed
-
-    def _of_block(self, points: Float64Array) -> Float32Array:
-        # Coordinate by coordinate: sums along rows of three are several times as slow.
-        here = self._at_corners(points)
-        areas = self._areas(here)
-        ahead, back = here[..., self._next] - here, here[..., self._previous] - here
-        angles = np.arctan2(_lengths(_cross(ahead, back)), (ahead * back).sum(axis=0))
-        parts = np.repeat(_unit(areas), self._counts, axis=-1) * angles
-        sums = np.zeros((3, len(points), self.count))
-        sums[..., self._used] = np.add.reduceat(parts[..., self._by_row], self._row_starts, axis=-1)
-        return np.ascontiguousarray(_unit(sums, _NOWHERE).transpose(1, 2, 0)[:, self._leaders], np.float32)
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
@@ -313,10 +307,9 @@ def shared_attribute(item: MeshObject) -> Attribute | None:
     return None
 
 
-def _unit(vectors: Float64Array, instead: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float64Array:
-    """Vectors (3, ...) of length 1; `instead` of those without a direction."""
+def _unit(vectors: Float64Array) -> Float64Array:
+    """Vectors (3, ...) of length 1; zeros for those without a direction."""
     lengths = _lengths(vectors)
     good = (lengths > 0) & (lengths < np.inf)
-    otherwise = np.reshape(instead, (3, *(1,) * lengths.ndim))
-    found: Float64Array = np.where(good, vectors / np.where(good, lengths, 1), otherwise)
+    found: Float64Array = np.where(good, vectors / np.where(good, lengths, 1), 0)
     return found

@@ -11,6 +11,7 @@ import contextlib
 import io
 import struct
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells
 from pdecodec.formats.vtk.file_lists import PARTS, listed_parts, read_pvd, read_series
-from pdecodec.formats.vtk.grid_files import GridFile, GridReader, grid_of_cells, joined_grids
+from pdecodec.formats.vtk.grid_files import TIME, GridFile, GridReader, grid_of_cells, joined_grids
 from pdecodec.formats.vtk.library import else_vtk
 from pdecodec.formats.vtk.xml_files import XML_DAMAGE, XmlFile
 from pdecodec.mesh.sequence import MeshSequence
@@ -171,7 +172,8 @@ def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
                 f"holds cells of type {block.type}, which are not read", code="unsupported-feature", path=path
             )
     data = {str(name): np.asarray(values) for name, values in mesh.point_data.items()}
-    return grid_of_cells(points, cells, data, [str(name) for name in mesh.cell_data], wanted)
+    grid = grid_of_cells(points, cells, data, [str(name) for name in mesh.cell_data], wanted)
+    return replace(grid, field_data=tuple(str(name) for name in mesh.field_data if name != TIME))
 
 
 _READERS = {".vtu": _read_vtu, ".vtp": _read_vtp, ".vtk": _read_with_meshio}

@@ -38,6 +38,8 @@ class GridFile:
         The vectors that were asked for.
     time : float or None
         Time that the file tells of itself [s].
+    field_data : tuple of str
+        Names of data of the whole but for that time.
     """
 
     mesh: MeshFile
@@ -46,6 +48,7 @@ class GridFile:
     cell_data: tuple[str, ...] = ()
     added: NDArray[np.generic] | None = field(default=None, compare=False)
     time: float | None = None
+    field_data: tuple[str, ...] = ()
 
 
 Read = Callable[[Path, str | None], GridFile]
@@ -99,6 +102,7 @@ def joined_grids(grids: Sequence[GridFile]) -> GridFile:
         tuple(dict.fromkeys(name for grid in grids for name in grid.cell_data)),
         np.concatenate(found) if len(found) == len(filled) else None,
         next((grid.time for grid in grids if grid.time is not None), None),
+        tuple(dict.fromkeys(name for grid in grids for name in grid.field_data)),
     )
 
 
@@ -120,6 +124,7 @@ class GridReader:
         self._vectors: tuple[str, ...] = ()
         self._point_data: dict[str, None] = {}
         self._cell_data: dict[str, None] = {}
+        self._field_data: dict[str, None] = {}
         self._geometry: dict[Path, bytes] = {}
         self._times: dict[Path, float | None] = {}
 
@@ -138,6 +143,7 @@ class GridReader:
         self._times[path] = grid.time
         self._point_data.update(dict.fromkeys(grid.point_data))
         self._cell_data.update(dict.fromkeys(grid.cell_data))
+        self._field_data.update(dict.fromkeys(grid.field_data))
         if self._chosen is None or not len(grid.mesh.points):
             return grid.mesh
         if grid.added is None:
@@ -158,5 +164,5 @@ class GridReader:
         kept = {name: None for name in self._point_data if name != self._chosen}
         return (
             *motion_notices(self._chosen, self._vectors, self._asked, moves=moves),
-            *not_kept_data({"point data": kept, "cell data": self._cell_data}),
+            *not_kept_data({"point data": kept, "cell data": self._cell_data, "field data": self._field_data}),
         )

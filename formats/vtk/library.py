@@ -37,6 +37,9 @@ LEAST_MEMORY, MEMORY_FACTOR = 2**32, 256
 FIRST_LISTED = 42
 """First of VTK's numbers of cells with more to them than their points: polyhedra, and those of any order."""
 
+_NAMES = ("vectors", "point_data", "cell_data", "field_data")
+"""Names of data that a grid tells of."""
+
 _ALONE = ("UnstructuredGrid", "PolyData", "StructuredGrid", "RectilinearGrid", "ImageData")
 """Types of VTK's XML files that name no other files: of others it would read whatever they name."""
 
@@ -76,9 +79,9 @@ def _read_in_worker(path: Path, wanted: str | None) -> GridFile:
     whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
     attributes = (node_attribute(found["node"]),) if "node" in found else ()
     mesh = MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
-    vectors, point_data, cell_data = (tuple(map(str, found[name])) for name in ("vectors", "point_data", "cell_data"))
+    vectors, point_data, cell_data, field_data = (tuple(map(str, found[name])) for name in _NAMES)
     time = float(found["time"][0]) if "time" in found else None
-    return GridFile(mesh, vectors, point_data, cell_data, found.get("added"), time)
+    return GridFile(mesh, vectors, point_data, cell_data, found.get("added"), time, field_data)
 
 
 def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
@@ -93,7 +96,7 @@ def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
         arrays["added"] = grid.added
     if grid.time is not None:
         arrays["time"] = np.array([grid.time])
-    names = {name: np.array(getattr(grid, name), np.str_) for name in ("vectors", "point_data", "cell_data")}
+    names = {name: np.array(getattr(grid, name), np.str_) for name in _NAMES}
     return {**arrays, **names, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
 
 
@@ -139,10 +142,11 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
     stored = data.GetFieldData().GetArray(TIME)
     time = stored.GetTuple1(0) if stored is not None and stored.GetNumberOfValues() == 1 else None
     _check_cells(data, path)
-    point_data, cell_data = (
+    point_data, cell_data, field_data = (
         [str(fields.GetArrayName(index)) for index in range(fields.GetNumberOfArrays())]
-        for fields in (data.GetPointData(), data.GetCellData())
+        for fields in (data.GetPointData(), data.GetCellData(), data.GetFieldData())
     )
+    others = tuple(name for name in field_data if name != TIME)
     numeric = {name: data.GetPointData().GetArray(name) for name in point_data}
     values = {name: vtk_to_numpy(array) for name, array in numeric.items() if array is not None}
     vectors = tuple(name for name, array in values.items() if is_vectors(array))
@@ -184,7 +188,7 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
             gather = None
     connectivity = Connectivity(len(points), *faces, *lines)
     mesh = MeshFile(points, connectivity, attributes, left_out_notice(gather, nodes))
-    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added, time)
+    return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added, time, others)
 
 
 def _xml_type(path: Path) -> str | None:

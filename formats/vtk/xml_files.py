@@ -87,12 +87,12 @@ class XmlFile:
             raise InputError(
                 "holds triangle strips; cut them into triangles first", code="unsupported-feature", path=path
             )
-        self.grid = replace(joined_grids([self._grid(piece) for piece in pieces]), time=self._time(root))
+        fields = {str(one.get("Name")): one for one in root.findall(f"./{self._kind}/FieldData/*")}
+        time = self._time(fields.pop(TIME, None))
+        self.grid = replace(joined_grids([self._grid(piece) for piece in pieces]), time=time, field_data=tuple(fields))
 
-    def _time(self, root: ElementTree.Element) -> float | None:
+    def _time(self, array: ElementTree.Element | None) -> float | None:
         """Return the time of the data set, which VTK keeps in its field data; None where there is none."""
-        found = (one for one in root.findall(f"./{self._kind}/FieldData/DataArray") if one.get("Name") == TIME)
-        array = next(found, None)
         values = np.zeros(0) if array is None else self._array(array)
         return float(values[0]) if values.size == 1 else None
 

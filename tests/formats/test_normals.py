@@ -377,3 +377,31 @@ def test_a_fine_sphere_has_its_radii_for_normals() -> None:
     rows = NormalRows(connectivity, np.zeros(connectivity.face_indices.size, int))
     assert rows.is_smooth
     assert np.abs(rows.of(points[None].astype(np.float32))[0] - points).max() < 3e-3
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+def test_normals_are_those_of_a_plain_loop_at_any_size_on_any_number_of_threads(
+    scale: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(5)
+    faces = [rng.choice(40, size, replace=False).tolist() for size in rng.integers(3, 7, 90)]
+    mesh = connectivity_of(40, faces)
+    points = (scale * rng.normal(size=(3, 40, 3))).astype(np.float32)
+    found = {}
+    for threads in "12":
+        monkeypatch.setenv("PDECODEC_THREADS", threads)
+        found[threads] = NormalRows(mesh, np.zeros(mesh.face_indices.size, np.int32)).of(points)
+    assert found["1"].tobytes() == found["2"].tobytes()
+    for frame, normals in enumerate(found["1"]):
+        expected = plain_normals(points[frame] / scale, mesh, [0] * mesh.face_indices.size)
+        assert np.abs(normals[mesh.face_indices] - expected).max() < 1e-5
+
+
+def test_vertices_without_a_direction_have_a_normal_all_the_same() -> None:
+    mesh = connectivity_of(9, [[0, 1, 2], [3, 4, 5], [5, 6, 7]])
+    points = np.random.default_rng(6).random((1, 9, 3)).astype(np.float32)
+    points[0, :3] = 1
+    points[0, 6] = np.nan
+    normals = NormalRows(mesh, np.zeros(9, np.int32)).of(points)[0]
+    assert normals[[0, 1, 2, 6, 7, 8]].tolist() == [[0, 0, 1]] * 6
+    assert np.allclose(np.linalg.norm(normals[3:6], axis=1), 1)

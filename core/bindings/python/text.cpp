@@ -1,5 +1,7 @@
-// OBJ text: reading, and writing rows of numbers.
+// OBJ text: reading, and writing rows of numbers; normals of meshes that are written.
+#include "base/parallel.hpp"
 #include "bindings/python/bindings.hpp"
+#include "text/normals.hpp"
 #include "text/obj.hpp"
 
 namespace pdeanim::bindings {
@@ -64,6 +66,31 @@ nb::object py_write_rows(const nb::ndarray<const float, nb::ndim<2>, nb::c_conti
     return lines ? nb::object(to_bytes(*lines)) : nb::none();
 }
 
+void py_corner_normals(const nb::ndarray<const float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu> &points,
+                       const Flat<i32> &face_sizes, const Flat<i32> &vertices, const Flat<i32> &rows,
+                       const nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu> &normals,
+                       int threads) {
+    const i64 frames = static_cast<i64>(points.shape(0)), points_a_frame = static_cast<i64>(points.shape(1));
+    const i64 sums = static_cast<i64>(normals.shape(1));
+    i64 corners = 0;
+    bool fits = static_cast<i64>(normals.shape(0)) == frames && rows.size() == vertices.size();
+    for (const i32 size : view(face_sizes)) {
+        fits = fits && size >= 3;
+        corners += size;
+    }
+    for (const i32 vertex : view(vertices)) fits = fits && vertex >= 0 && vertex < points_a_frame;
+    for (const i32 row : view(rows)) fits = fits && row >= 0 && row < sums;
+    require(fits && corners == static_cast<i64>(vertices.size()),
+            "faces, corners, positions and normals do not fit together");
+    nb::gil_scoped_release release;
+    const CornerNormals found(view(face_sizes), view(vertices), view(rows), sums);
+    in_shares(frames, threads, [&](i64 first, i64 end) {
+        for (i64 frame = first; frame < end; ++frame) {
+            found.find(points.data() + 3 * points_a_frame * frame, normals.data() + 3 * sums * frame);
+        }
+    });
+}
+
 }  // namespace
 
 void bind_text(nb::module_ &module) {
@@ -109,6 +136,11 @@ void bind_text(nb::module_ &module) {
         .def("read_positions", &py_read_positions, nb::arg("text"), nb::arg("positions").noconvert(),
              "Fill positions, (vertices, 3) float32, of another frame; numbers that are left to read, and which data "
              "differ as bits: ends of v lines, vt lines, mtllib. None where the structure differs.");
+    module.def(
+        "corner_normals", &py_corner_normals, nb::arg("points"), nb::arg("face_sizes"), nb::arg("vertices"),
+        nb::arg("rows"), nb::arg("normals").noconvert(), nb::arg("threads"),
+        "Fill unit normals (frames, sums, 3) float32 at positions (frames, vertices, 3): those of faces, weighted by "
+        "the angles of corners, each of which has a vertex and a sum.");
     module.def("write_rows", &py_write_rows, nb::arg("rows"), nb::arg("word"),
                "Lines of a word and a row's numbers, (rows, columns) float32; None where nine digits are too few.");
 }
