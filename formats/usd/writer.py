@@ -5,11 +5,13 @@ A file is saved after every block of frames, so that memory does not grow with t
 
 from __future__ import annotations
 
+import shutil
+import struct
+import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from zipfile import is_zipfile
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
@@ -53,6 +55,18 @@ ROOT = "scene"
 USD_METRES = 0.01
 """Length of a unit of a stage that does not say it [m], by USD's rule."""
 
+MOST_STREAMED = 2_000_000_000
+"""Bytes of a layer beyond which Python's archives have 64-bit sizes, which USD does not read."""
+
+ZIP_HEADER_BYTES, PACKAGE_ALIGNMENT = 34, 64
+"""Bytes before a file's name and padding in an archive, the padding's own header included; USD's alignment of data."""
+
+PADDING_FIELD = 0x1986
+"""Number of the field that pads headers in USD's packages."""
+
+COPIED_BYTES = 2**20
+"""Bytes that are copied at a time."""
+
 _SCHEMAS = {"mesh": UsdGeom.Mesh, "curves": UsdGeom.BasisCurves, "points": UsdGeom.Points}
 
 _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
@@ -69,7 +83,7 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         file = layer_file(folder, path)
         notices = _Stage(sequence, Usd.Stage.CreateNew(str(file)), output).write()
         if file.name != path.name:
-            file = packed(file, path)
+            file = packed(file, path, alone=True)
         move_into(file, path, overwrite=output.overwrite)
     return (*moved, *notices)
 
@@ -90,13 +104,26 @@ def layer_file(folder: Path, path: Path) -> Path:
     return folder / (f"{valid_name(path.stem)}.usdc" if path.suffix.lower() == ".usdz" else path.name)
 
 
-def packed(file: Path, path: Path) -> Path:
-    """The package of a layer, beside it, named as `path` is."""
+def packed(file: Path, path: Path, *, alone: bool = False) -> Path:
+    """The package of a layer, beside it, named as `path` is; `alone` where the layer names no other file."""
     package = file.with_name(path.name)
+    if alone and file.stat().st_size < MOST_STREAMED:
+        _stream_package(file, package)
+        return package
     # USD does not tell that it could not write the end of the package.
-    if not (UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)) and is_zipfile(package)):
+    if not (UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)) and zipfile.is_zipfile(package)):
         raise write_failure(path, file.parent, "USD says it cannot make this package")
     return package
+
+
+def _stream_package(file: Path, package: Path) -> None:
+    """Write an archive that holds one file as it is, aligned: USD's own function maps the file and takes longer."""
+    entry = zipfile.ZipInfo(file.name)
+    entry.file_size = file.stat().st_size
+    padding = -(ZIP_HEADER_BYTES + len(file.name.encode())) % PACKAGE_ALIGNMENT
+    entry.extra = struct.pack("<HH", PADDING_FIELD, padding) + bytes(padding)
+    with zipfile.ZipFile(package, "w") as archive, archive.open(entry, "w") as target, file.open("rb") as source:
+        shutil.copyfileobj(source, target, COPIED_BYTES)
 
 
 class _Stage:
@@ -203,6 +230,10 @@ class _PrimWriter(ShapeWriter):
         self._normals: Any = None
         self._transform: Attribute | None = None
         self._op: Any = None
+        self._still: Float32Array | None = None
+        """Its positions in the first frame, while it stands still under a transform that moves it."""
+        self._last, self._moves = 0.0, False
+        """Time code of the last frame in which it stood still; whether it moves by itself."""
         self._first: Any = None
         """Time code at which the first run begins, or USD's for what has no samples."""
         self._at: Any = None
@@ -237,25 +268,44 @@ class _PrimWriter(ShapeWriter):
             elif speeds is not None:
                 self._geometry.CreateVelocitiesAttr().Set(Vt.Vec3fArray(), self._at)
             return
+        codes = codes_of(times, self._rate).tolist()
+        velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
+        # Every value set outside of a block is a notice to the stage.
+        with Sdf.ChangeBlock():
+            self._write_points(*self._samples(points, codes, every=speeds is not None))
+            if speeds is not None:
+                for code, row in zip(codes, speeds, strict=True):
+                    velocities.Set(vectors(row), code)
+            if self._transform is None or self._op is None:
+                return
+            matrices = matrices_at(self._transform, times).reshape(-1, 16).tolist()
+            if len(self._transform.values) == 1:
+                self._op.Set(Gf.Matrix4d(*matrices[0]))
+                return
+            for code, numbers in zip(codes, matrices, strict=True):
+                self._op.Set(Gf.Matrix4d(*numbers), code)
+
+    def _samples(self, points: Float32Array, codes: list[float], *, every: bool) -> tuple[Float32Array, list[float]]:
+        """Positions and time codes to write: of what a transform moves at every frame, one sample while it is still."""
+        if every or self._moves or self._transform is None or len(self._transform.values) == 1:
+            return points, codes
+        known, self._still = self._still, points[0].copy() if self._still is None else self._still
+        if (points == self._still).all():
+            self._last = codes[-1]
+            return (points[:1], codes[:1]) if known is None else (points[:0], [])
+        self._moves = True
+        # It stood still until now, so the last of these frames needs a sample too.
+        return (points, codes) if known is None else (np.concatenate([known[None], points]), [self._last, *codes])
+
+    def _write_points(self, points: Float32Array, codes: list[float]) -> None:
         # Coordinate by coordinate: minima along rows of three are ten times as slow.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
         extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
-        codes = codes_of(times, self._rate)
-        for frame, (code, normals) in enumerate(zip(codes.tolist(), self.normals_at(points), strict=True)):
+        for frame, (code, normals) in enumerate(zip(codes, self.normals_at(points), strict=True)):
             self._points.Set(vectors(points[frame]), code)
             self._extent.Set(vectors(extents[frame]), code)
             if normals is not None:
                 self._normals.Set(vectors(normals), code)
-            if speeds is not None:
-                self._geometry.CreateVelocitiesAttr().Set(vectors(speeds[frame]), code)
-        if self._transform is None or self._op is None:
-            return
-        matrices = matrices_at(self._transform, times).reshape(-1, 16).tolist()
-        if len(self._transform.values) == 1:
-            self._op.Set(Gf.Matrix4d(*matrices[0]))
-            return
-        for code, numbers in zip(codes.tolist(), matrices, strict=True):
-            self._op.Set(Gf.Matrix4d(*numbers), code)
 
     def _describe(self) -> None:
         """Faces, curves or ids of points: what does not change within a run."""
