@@ -10,6 +10,8 @@ import pytest
 
 from pdecodec import ArraySequence, InputError, encode
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.base.scene_space import transform_attribute
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
 pytest.importorskip("pxr", reason="OpenUSD is not installed here (pip install 'pdecodec[usd]')")
 
@@ -187,3 +189,30 @@ def test_frames_that_are_cut_off_take_the_range_of_the_stage_with_them(tmp_path:
         clip = ArraySequence(points, objects=read.objects, times=read.times[1:], fps=24, metadata=read.metadata)
         write_sequence(clip, tmp_path / "y.usda")
     assert says(tmp_path / "y.usda") == (10, 10, 24, 48)
+
+
+def test_points_under_a_moving_transform_are_written_while_they_move_alone(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    points = np.zeros((9, 3, 3), np.float32) + np.eye(3, dtype=np.float32)
+    points[6:, 0, 2] = [1, 2, 3]
+    matrices = np.tile(np.eye(4), (9, 1, 1))
+    matrices[:, 3, 0] = np.arange(9)
+    times = np.arange(9) / 24
+    objects = [
+        MeshObject(name, Connectivity(3, [3], [0, 1, 2]), (transform_attribute(times, matrices),))
+        for name in ("later", "never")
+    ]
+    clip = ArraySequence(
+        np.concatenate([points, points[:1].repeat(9, 0)], axis=1), objects=objects, times=times, fps=24
+    )
+    with clip, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ArraySequence, "blocks", lambda self, frames=None: MeshSequence.blocks(self, 2))
+        write_sequence(clip, tmp_path / "x.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    paths = ("/scene/later", "/scene/never")
+    samples = [UsdGeom.Mesh(stage.GetPrimAtPath(path)).GetPointsAttr().GetTimeSamples() for path in paths]
+    assert samples == [[0, 5, 6, 7, 8], [0]]
+    with open_sequence(tmp_path / "x.usdc", transforms="keep") as read:
+        assert np.array_equal(read.times, times)
+        assert np.array_equal(read.read_frames(0, 9)[:, :3], points)
