@@ -12,6 +12,7 @@ from pdecodec.cli.jobs import Job, for_each_job, job_options, say_plan, say_star
 from pdecodec.cli.options import (
     bytes_of,
     input_options,
+    is_gltf,
     json_option,
     loudness_options,
     overwrite_option,
@@ -74,12 +75,16 @@ def _convert(
         sequence = choose(whole, asked, job.source_name)
         job = job.with_frames(sequence, dry_run=dry_run)
         bound = None if velocities and not rigid else rigid_bound(whole, asked.scale, job.output, rigid)
-        say_notices(sequence.notices)
+        # What a glTF file keeps of another one is not lost.
+        kept = getattr(whole, "notices_with_looks", whole.notices) if is_gltf(job.output) else whole.notices
+        own = [one for one in sequence.notices if one not in whole.notices]
+        say_notices([*kept, *own])
         say_start(job, sequence)
 
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
             more |= {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": bound}
+            more |= {"looks_of": whole} if is_gltf(path) else {}
             return write_sequence(chosen, path, velocities=speeds, **more)
 
         if dry_run:

@@ -242,11 +242,16 @@ write_options = option_group(
 """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
 
 
-def say_larger(name: str, path: str, before: int, after: int, is_small: bool) -> None:
-    """Say that a glTF file is larger than what it was made from, and what makes it smaller; nothing of other files."""
+def is_gltf(path: str) -> bool:
+    """Whether a path names an output in glTF, for which there are options of its own."""
     from pdecodec.formats.base.registry import format_to_write
 
-    if after > before > 0 and "web" in format_to_write(path).write_options:
+    return format_to_write(path).name == "gltf"
+
+
+def say_larger(name: str, path: str, before: int, after: int, is_small: bool) -> None:
+    """Say that a glTF file is larger than what it was made from, and what makes it smaller; nothing of other files."""
+    if after > before > 0 and is_gltf(path):
         less = "" if is_small else "; --web makes it smaller (--quantize, --meshopt and --rigid)"
         say(f"note: {name} is {after / before:.3g} times as large as IN, {byte_size(after - before)} more{less}")
 

@@ -40,6 +40,8 @@ CONVENTIONS = """\
   time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are more
   than 0.4 degrees off, and are at most 0.03 degrees off there. The command says how much, and by how much a file is
   larger than what it was made from; `--web` is `--quantize --meshopt --rigid`.
+- **Materials of glTF**: `convert` from glTF to glTF keeps them with textures, images and extensions, by their names,
+  and so does `decode --onto`. Of several materials of one name the first is taken.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
   and so are those of objects to whose positions a transform is applied that mirrors.
 - **Time** is in seconds. The frame rate is the file's (in glTF the one that all keys show, from 12 a second), else

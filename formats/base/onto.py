@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ def write_onto(
         raise SettingsError(message, code="setting-unsupported", path=where, setting="onto")
     if layer and entry.name != "usd":
         raise misplaced("layer", "USD", where)
-    asked = {"meshopt": meshopt, "straight": straight}
+    asked: dict[str, Any] = {"meshopt": meshopt, "straight": straight}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, "glTF", where)
     if clip is not None and "clip" not in entry.options:

@@ -172,6 +172,7 @@ def write_sequence(
     meshopt: bool = False,
     web: bool = False,
     straight: bool = False,
+    looks_of: MeshSequence | None = None,
     rigid: float | None = None,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
@@ -201,6 +202,9 @@ def write_sequence(
     straight : bool
         glTF: let a decoded animation go in straight lines from frame to frame, as other sequences do, in place of its
         splines: what the keys of most scenes say.
+    looks_of : MeshSequence, optional
+        glTF: a glTF file that is open, whose materials, with their textures, are written for those of the same names.
+        Default: the sequence itself, where it is one.
     rigid : float, optional
         glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as nodes
         that move, in glTF objects of several such parts as skins; how far off that is, is told. 0: only those that move
@@ -232,6 +236,7 @@ def write_sequence(
                 meshopt=meshopt,
                 web=web,
                 straight=straight,
+                looks_of=looks_of,
                 rigid=rigid,
             )
     where = as_path(path)
@@ -279,6 +284,7 @@ def write_sequence(
         )
     placed = sequence if entry.holds_transforms else changed(sequence, bake_transforms)
     rate = sequence.fps if fps is None else fps
+    asked["looks_of"] = sequence if looks_of is None else looks_of
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
     objects = sequence.runs[0].objects
     empty = ", ".join(item.name for item in objects if not item.vertex_count and not entry.holds_nothing)

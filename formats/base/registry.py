@@ -47,6 +47,8 @@ class Output:
     rigid : float or None
         Distance [scene units] within which objects that move rigidly become nodes that move; of None and 0 those that
         do so exactly.
+    looks_of : MeshSequence or None
+        An open file of the same format whose materials, with their textures, are written for those of the same names.
     layer : bool
         Of what goes onto a file: whether it is only a layer over it.
     """
@@ -60,6 +62,7 @@ class Output:
     meshopt: bool = False
     straight: bool = False
     rigid: float | None = None
+    looks_of: MeshSequence | None = None
     layer: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:

@@ -4,5 +4,5 @@ Begin with ``reader.py`` and ``writer.py``. Reading: ``file.py`` (JSON, buffers,
 value stands where), ``compression.py`` (Draco, meshoptimizer), ``mesh_reader.py``, ``animation.py``. Writing:
 ``motion.py`` finds the targets that give an object's motion, by ``functions.py``, and rounds them; ``rigid_keys.py``
 and ``rigid_objects.py`` make nodes and skins of what moves rigidly; ``mesh_writer.py`` and ``builder.py`` lay them out.
-``onto.py`` puts motion onto a file that is there.
+``materials.py`` takes materials from another file. ``onto.py`` puts motion onto a file that is there.
 """

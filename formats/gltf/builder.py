@@ -82,7 +82,11 @@ class GltfBuilder:
 
     def require(self, extension: str) -> None:
         """Name an extension without which the file cannot be shown."""
-        for kind in ("extensionsUsed", "extensionsRequired"):
+        self.use(extension, is_required=True)
+
+    def use(self, extension: str, *, is_required: bool) -> None:
+        """Name an extension, and whether the file can be shown without it."""
+        for kind in ("extensionsUsed", "extensionsRequired")[: 1 + is_required]:
             names = self.root.setdefault(kind, [])
             if extension not in names:
                 names.append(extension)

@@ -42,6 +42,11 @@ def textures_of(file: GltfFile) -> tuple[str, ...]:
     return lost_textures(len(file.listed("textures")), images)
 
 
+def left_out_of_materials(file: GltfFile) -> tuple[str, ...]:
+    """Return the names of properties of materials that are not kept; textures are named alone."""
+    return tuple(_of_materials(file.listed("materials")))
+
+
 def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Collection[int]) -> Iterator[str]:
     """Give the name of everything else that is not kept, but for what meshes and the clip name themselves.
 
@@ -51,7 +56,6 @@ def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Co
     moving : collection of int
         Nodes that meshes that are read stand on or under, their joints among them.
     """
-    yield from _of_materials(file.listed("materials"))
     for kind in ("cameras", "scenes"):
         shown = file.root.get("scene", 0) if kind == "scenes" else None
         others = [_name(one, kind[:-1], k) for k, one in enumerate(file.listed(kind)) if k != shown]

@@ -30,6 +30,7 @@ from pdecodec.formats.gltf.file import (
     flipped,
     read_integers,
 )
+from pdecodec.formats.gltf.materials import material_name
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
@@ -266,7 +267,7 @@ class _Reader:
         if used.size == 0:
             return []
         entries = self._file.listed("materials")
-        labels = tuple(str(entries[number].get("name") or f"material_{number}") for number in used)
+        labels = tuple(material_name(entries[number], int(number)) for number in used)
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 

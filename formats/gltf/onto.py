@@ -8,12 +8,10 @@ among them. Else, and where it moves rigidly, it goes to the scene's root, under
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -26,6 +24,7 @@ from pdecodec.formats.gltf.animation import Nodes, Pose
 from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import TRIANGLES
+from pdecodec.formats.gltf.materials import image_from
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.reader import GltfSequence
@@ -61,12 +60,9 @@ def write_gltf_onto(
 
 def _name_images(root: dict[str, Any], old: Path, new: Path) -> None:
     """Name images that lie in files of their own from another folder."""
-    if old.resolve() == new.resolve():
-        return
     for entry in root.get("images", []):
-        name = entry.get("uri", "data:")
-        if not name.startswith("data:") and "://" not in name:
-            entry["uri"] = quote(Path(os.path.relpath(old / unquote(name), new)).as_posix())
+        if "uri" in entry:
+            entry["uri"] = image_from(entry["uri"], old, new)
 
 
 def _worlds(nodes: Nodes, node: int, times: Float64Array) -> Float64Array:

@@ -34,7 +34,7 @@ from pdecodec.formats.base.times import (
 )
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
-from pdecodec.formats.gltf.inventory import left_out_of_file, textures_of
+from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
 from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, default_weights, read_mesh
 from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
@@ -83,6 +83,8 @@ class GltfSequence(SceneSequence):
         Which of the file's animations was taken.
     start : float [s]
         What is added to the animation's times: our writer lets every animation start at 0, and notes the rest.
+    notices_with_looks : tuple of str
+        The notices where materials are kept with their textures, as they are in another glTF file.
 
     Raises
     ------
@@ -93,6 +95,7 @@ class GltfSequence(SceneSequence):
     def __init__(
         self, path: Path, *, fps: float | None, clip: str | None = None, transforms: Transforms = "bake"
     ) -> None:
+        self.path = path
         file = read_gltf(path)
         chosen, self.clip_number, clip_notices = _choose_clip(file, clip)
         self.file, self.nodes = file, Nodes(file, chosen)
@@ -115,8 +118,10 @@ class GltfSequence(SceneSequence):
         left_out += () if chosen is None else chosen.left_out
         on = {part.node for part in parts}.union(*(part.skin.joints for part in parts if part.skin is not None))
         left_out += left_out_of_file(file, self.nodes, chosen, {k for node in on for k in self.nodes.above(node)})
-        lost = (*not_kept(left_out), *hidden_notices(parts))
-        self.notices = (*textures_of(file), *clip_notices, *time_notices, *lost)
+        looks = left_out_of_materials(file)
+        found_out = (*clip_notices, *time_notices)
+        self.notices = (*textures_of(file), *found_out, *not_kept([*looks, *left_out]), *hidden_notices(parts))
+        self.notices_with_looks = (*found_out, *not_kept(left_out), *hidden_notices(parts))
 
     def _pose(self, start: int, stop: int) -> Pose:
         """Where nodes are at some frames, which shapes have in common."""

@@ -30,9 +30,10 @@ from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, pl
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
-from pdecodec.formats.gltf.inventory import WRITTEN_MATERIAL
+from pdecodec.formats.gltf.materials import Materials
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals
+from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
 from pdecodec.mesh.arrays import BoolArray, Float32Array
@@ -238,7 +239,9 @@ class _Scene(GltfScene):
 
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
         super().__init__(builder, sequence, output, turn=turn)
-        self._materials: dict[str, int] = {}
+        looks, path = output.looks_of, output.path
+        source = (looks.file, looks.path) if isinstance(looks, GltfSequence) else (None, path)
+        self._materials = Materials(builder, source[0], source[1].parent, path.parent)
         self._movers: list[Mover] = []
 
     def write(self) -> list[str]:
@@ -290,14 +293,14 @@ class _Scene(GltfScene):
                 place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
                 coarsest = max(coarsest, lattice.error)
             if own is not None and is_skinned:
-                mesh = write_mesh(builder, item, motion, rows, self._material, lattice, own.joints)
+                mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice, own.joints)
                 keys = [self._movers[one].keys for one in own.movers]
                 nodes = [self._joint(one, joints) for one in own.movers]
                 skin = write_skin(builder, nodes, np.stack([one.centre for one in keys]), bind)
                 # Nothing above a skinned mesh moves it.
                 self._attach({"name": "/".join(_steps(item.name)), "mesh": mesh, "skin": skin}, None)
                 continue
-            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
+            mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice)
             node = self._node(item.name, {"mesh": mesh, **place})
             self._animate(node, motion, turns)
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
@@ -356,9 +359,3 @@ class _Scene(GltfScene):
             known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))
             self._move(known[number], keys.keys)
         return known[number]
-
-    def _material(self, label: str) -> int:
-        """Index of the material of a name."""
-        if label not in self._materials:
-            self._materials[label] = self._builder.add("materials", {"name": label, **WRITTEN_MATERIAL})
-        return self._materials[label]

@@ -1,0 +1,139 @@
+"""Materials and textures on every way from glTF to glTF."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec.cli.main import run
+from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.gltf.builder import VERTEX_DATA, GltfBuilder
+from pdecodec.formats.gltf.file import GltfFile, read_gltf
+from tests.support.browser_tools import assert_valid
+
+PNG = bytes.fromhex(
+    "89504e470d0a1a0a0000000d4948445200000001000000010806000000"
+    "1f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
+)
+"""One transparent pixel."""
+
+TRANSFORM = {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
+
+
+def write_textured(folder: Path) -> None:
+    """Write a moving sheet of two materials: images in the file and beside it, extensions, one name for nothing."""
+    builder = GltfBuilder()
+    (folder / "looks").mkdir()
+    (folder / "looks" / "a b.png").write_bytes(PNG)
+    builder.add("images", {"bufferView": builder.view(np.frombuffer(PNG, np.uint8)), "mimeType": "image/png"})
+    builder.add("images", {"uri": "looks/a%20b.png"})
+    builder.add("samplers", {"wrapS": 33071})
+    builder.add("textures", {"source": 1, "sampler": 0})
+    builder.add("textures", {"source": 0})
+    glossy = {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatTexture": {"index": 0}}}
+    surface = {"baseColorTexture": {"index": 1, **TRANSFORM}, "roughnessFactor": 0.3}
+    builder.add("materials", {"name": "unused"})
+    builder.add("materials", {"name": "skin", "pbrMetallicRoughness": surface, "alphaMode": "BLEND"})
+    builder.add("materials", {"extensions": glossy, "normalTexture": {"index": 1}, "emissiveFactor": [1, 0, 0]})
+    builder.use("KHR_texture_transform", is_required=False)
+    builder.use("KHR_materials_clearcoat", is_required=False)
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    attributes = {
+        "POSITION": builder.floats(points, target=VERTEX_DATA, bounds=True),
+        "NORMAL": builder.floats([[0, 0, 1]] * 4, target=VERTEX_DATA),
+        "TEXCOORD_0": builder.floats([one[:2] for one in points], target=VERTEX_DATA),
+    }
+    primitives = [
+        {"attributes": attributes, "indices": builder.integers(corners), "material": material}
+        for corners, material in (([0, 1, 2], 1), ([0, 2, 3], 2))
+    ]
+    builder.add("meshes", {"primitives": primitives})
+    builder.add("nodes", {"mesh": 0, "name": "sheet"})
+    builder.add("scenes", {"nodes": [0]})
+    sampler = {"input": builder.floats([0, 0.5], bounds=True), "output": builder.floats([[0, 0, 0], [1, 2, 3]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    builder.add("animations", {"samplers": [sampler], "channels": [channel]})
+    (folder / "x.glb").write_bytes(builder.to_glb())
+
+
+def shown(file: GltfFile, folder: Path) -> list[Any]:
+    """Materials of the primitives in order, every texture replaced by its image's bytes and its sampler."""
+
+    def seen(entry: Any) -> Any:
+        if isinstance(entry, list):
+            return [seen(one) for one in entry]
+        if not isinstance(entry, dict):
+            return entry
+        found = {key: seen(value) for key, value in entry.items() if key != "index"}
+        if "index" in entry:
+            texture = file.root["textures"][entry["index"]]
+            image = file.root["images"][texture["source"]]
+            named = image.get("uri", "").replace("%20", " ")
+            data = (folder / named).read_bytes() if named else file.view_bytes(image["bufferView"])
+            found["image"] = data
+            found["sampler"] = file.root["samplers"][texture["sampler"]] if "sampler" in texture else None
+        return found
+
+    materials = [file.root["materials"][one["material"]] for one in file.root["meshes"][0]["primitives"]]
+    return [{key: value for key, value in seen(one).items() if key != "name"} for one in materials]
+
+
+@pytest.mark.parametrize("way", ["library", "convert", "web", "scaled", "onto"])
+def test_materials_with_textures_and_extensions_survive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], way: str
+) -> None:
+    if way == "web":
+        pytest.importorskip("meshoptimizer")
+    write_textured(tmp_path)
+    (tmp_path / "out").mkdir()
+    source, target = tmp_path / "x.glb", tmp_path / "out" / "y.glb"
+    if way == "library":
+        with open_sequence(source) as read:
+            write_sequence(read, target)
+    elif way == "onto":
+        assert run(["encode", str(source), "-o", str(tmp_path / "x.pdeanim")]) == 0
+        assert run(["decode", str(tmp_path / "x.pdeanim"), "--onto", str(source), "-o", str(target)]) == 0
+    else:
+        options = {"convert": [], "web": ["--web"], "scaled": ["--scale", "2", "--frames", "0:5"]}[way]
+        assert run(["convert", str(source), str(target), *options]) == 0
+        told = capsys.readouterr().err
+        assert "2 textures" not in told
+        assert "properties of materials" not in told
+        assert "unused" in told
+    before, after = read_gltf(source), read_gltf(target)
+    assert shown(after, target.parent) == shown(before, source.parent)
+    assert {"KHR_texture_transform", "KHR_materials_clearcoat"} <= set(after.root["extensionsUsed"])
+    if way == "library":
+        assert_valid(target)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"textures": [{"source": 7}, {"source": -1}]},
+        {"textures": [{"source": "x"}, {"source": 0, "sampler": []}]},
+        {"textures": []},
+        {"images": [{"bufferView": 99}, {"uri": 5}]},
+    ],
+)
+def test_materials_whose_textures_are_not_there_are_refused(tmp_path: Path, broken: dict[str, Any]) -> None:
+    write_textured(tmp_path)
+    file = read_gltf(tmp_path / "x.glb")
+    buffers = [{"uri": "x.bin", "byteLength": len(file.buffers[0])}]
+    (tmp_path / "x.bin").write_bytes(file.buffers[0])
+    (tmp_path / "x.gltf").write_text(json.dumps({**file.root, **broken, "buffers": buffers}))
+    with open_sequence(tmp_path / "x.gltf") as read, pytest.raises(InputError, match="damaged"):
+        write_sequence(read, tmp_path / "y.glb")
+
+
+def test_of_a_gltf_file_that_becomes_another_format_textures_are_told_as_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_textured(tmp_path)
+    assert run(["convert", str(tmp_path / "x.glb"), str(tmp_path / "x.npz")]) == 0
+    assert "2 textures" in capsys.readouterr().err
