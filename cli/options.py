@@ -236,7 +236,7 @@ write_options = option_group(
         default=None,
         help="glTF, Alembic, USD: objects of a .pdeanim file that move rigidly, within the bound it was encoded with, "
         "become nodes that move, in glTF those of several such parts skins; how far off they are is told.  "
-        "[default: in glTF alone]",
+        "[default: in glTF and Alembic]",
     ),
 )
 """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""

@@ -52,12 +52,12 @@ CONVENTIONS = """\
   stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
   `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
-  rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
-  USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
-  too. glTF does that unasked (`--no-rigid` does not), its nodes go straight and turn evenly between frames, and a mesh
-  of several such parts, each of connected faces, becomes a skin whose joints are the parts: 1,309 frames of 34,159
-  vertices of a robot take 4.4 MB and no morph target.
-  Formats without transforms get positions with transforms applied.
+  rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to
+  glTF, USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its
+  bound, too. Alembic and glTF do that unasked (`--no-rigid` does not). glTF's nodes go straight and turn evenly
+  between frames, and a mesh of several such parts, each of connected faces, becomes a skin whose joints are the
+  parts: 1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target. Formats without transforms get
+  positions with transforms applied.
 - **Alembic as programs show it**: each shape has a transform of its own right above it, by which programs name the
   object; one that was added for that does not show in names here. Colours of a mesh are of its vertices, or of its
   corners with a lookup, where programs know no others; those of faces and objects come back as what they were. Face
@@ -85,6 +85,9 @@ CONVENTIONS = """\
   read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
   Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not
   have it; its transforms are applied, points have ids, and attributes are samples of their run.
+- **Time that writing takes**, beside decoding and writing raw float32 positions (35,400 vertices, 59 objects, 200 frames):
+  point caches, NPZ, HDF5, XDMF and PLY as long, VTU 1.6 times (each file repeats the faces), Alembic 2 times, OBJ, which
+  is text, 9 times. Normals are as many bytes again and are computed: 5 times with XDMF, PLY and VTU, 6 with Alembic.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
   `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
   and Alembic are Y-up, so that other scenes are turned, aloud.

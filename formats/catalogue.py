@@ -92,6 +92,7 @@ BUILT_IN = (
         holds_transforms=True,
         holds_velocities=True,
         write_options=("rigid",),
+        finds_rigid_parts=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
         "points that come and go, transforms (kept apart on request), instances as objects, irregular times, "

@@ -36,7 +36,7 @@ from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.base.scene_writing import ShapeKey, ShapeWriter, shape_keys, tree_paths, write_shapes
 from pdecodec.formats.base.times import regular_rate
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import ReservedRoom, write_failure
 
@@ -235,15 +235,29 @@ class _ShapeWriter(ShapeWriter):
         return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals))
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        for frame, normals in enumerate(self.normals_at(points)):
-            self._sample(points[frame], None if speeds is None else speeds[frame], normals)
+        stands = np.zeros(len(points), bool) if speeds is not None else self._stands(points)
+        normals = self.normals_at(points[~stands])
+        for frame in range(len(points)):
+            if stands[frame]:
+                self._schema.setFromPrevious()
+                self._extras.repeat()
+            else:
+                self._sample(points[frame], None if speeds is None else speeds[frame], next(normals))
+        self._previous = points[-1].copy()
+
+    def _stands(self, points: Float32Array) -> BoolArray:
+        """(frames,) bool: where positions (frames, vertices, 3) are those of the frame before, of the same run."""
+        previous = self._previous
+        found = np.zeros(len(points), bool)
+        found[0] = previous is not None and np.array_equal(points[0], previous)
+        # Most frames differ in their first vertices.
+        for frame in np.flatnonzero((points[1:, :4] == points[:-1, :4]).all(axis=(1, 2))) + 1:
+            found[frame] = np.array_equal(points[frame], points[frame - 1])
+        return found
 
     def _sample(self, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None) -> None:
         first = self._previous is None
-        if speeds is None and self._previous is not None and np.array_equal(points, self._previous):
-            self._schema.setFromPrevious()
-            self._extras.repeat()
-            return
+        self._previous = points
         # After the first of a run a sample is of positions alone: the rest is that of the first.
         sample, keep = self._new_sample(), Keep()
         if first:
@@ -263,7 +277,6 @@ class _ShapeWriter(ShapeWriter):
             self.notices += self._extras.write(self.item, self.drawn, self.in_samples)
         else:
             self._extras.repeat()
-        self._previous = points.copy()
 
     def _describe(self, sample: Any, keep: Keep) -> None:
         """Faces or curves, and the main UV set."""

@@ -74,7 +74,7 @@ class _Grid:
         counts = np.concatenate([whole.face_counts, whole.line_counts])
         faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
         kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
-        point_data = ""
+        point_data = b""
         if len(sequence.objects) > 1:
             sizes = [item.vertex_count for item in sequence.objects]
             point_data = _array("object", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes))
@@ -83,15 +83,15 @@ class _Grid:
             point_data += _array("color", colors)
         self._normals = VertexNormals(sequence)
         kind = ' Normals="Normals"' if self._normals.held else ""
+        piece = f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
         self._pieces = (
-            f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
-            f"      <PointData{kind}>{point_data}",
-            "</PointData>\n      <Points>",
-            "</Points>\n      <Cells>"
+            f"{piece}      <PointData{kind}>".encode() + point_data,
+            b"</PointData>\n      <Points>",
+            b"</Points>\n      <Cells>"
             + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
             + _array("offsets", np.cumsum(counts, dtype=np.int32))
             + _array("types", kinds)
-            + "</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
+            + b"</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
         self.notices = lost_by_joining(
             sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
@@ -99,25 +99,25 @@ class _Grid:
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
         head = (
-            '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-            'header_type="UInt64">\n  <UnstructuredGrid>\n    <FieldData>'
+            b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+            b'header_type="UInt64">\n  <UnstructuredGrid>\n    <FieldData>'
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
-            + "</FieldData>\n"
+            + b"</FieldData>\n"
         )
-        normals = _array("Normals", self._normals.at(points)) if self._normals.held else ""
+        normals = _array("Normals", self._normals.at(points)) if self._normals.held else b""
         before, between, after = self._pieces
-        return (head + before + normals + between + _array("Points", points) + after).encode("utf-8")
+        return b"".join([head, before, normals, between, _array("Points", points), after])
 
 
-def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> str:
+def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:
     data = np.ascontiguousarray(values)
     width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim == 2 else ""
     length = f' NumberOfTuples="{len(data)}"' if tuples else ""
     raw = data.astype(data.dtype.newbyteorder("<")).tobytes()
     # Length and data are one run of base64: readers decode them together where there is no compressor.
-    text = base64.b64encode(len(raw).to_bytes(8, "little") + raw).decode("ascii")
+    text = base64.b64encode(len(raw).to_bytes(8, "little") + raw)
     kind = _NAMES[data.dtype.str[1:]]
-    return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">{text}</DataArray>'
+    return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">'.encode() + text + b"</DataArray>"
 
 
 def listed_files(path: Path) -> list[Path]:
