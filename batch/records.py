@@ -48,16 +48,16 @@ def is_there(place: Place) -> bool:
 
 
 def write_text(place: Place, text: str) -> None:
-    """Write a text in UTF-8, whole or not at all, in place of what is there, of a link too; InputError where it cannot
-    be written.
+    """Write a text in UTF-8, with escapes of other bytes in names, whole or not at all, in place of what is there; a
+    link is replaced. InputError where it cannot be written.
     """
     if isinstance(place, RemoteFile):
-        place.write(text.encode())
+        place.write(text.encode(errors="backslashreplace"))
         return
     with write_errors(place):
         place.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(place, overwrite=True, through_links=False) as partial:
-        partial.write_text(text, encoding="utf-8", newline="")
+        partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
 
 
 def digest_of(path: Place) -> str:

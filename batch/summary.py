@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -89,13 +90,13 @@ def as_markdown(results: Sequence[Result]) -> str:
         row = result.to_dict()
         error = row["verified_error"] if row["verified_error"] is not None else row["max_error"]
         share = "" if error is None or not row["bound"] else f"{error / row['bound']:.4f}"
-        cells = [_cell(result.output)]
+        cells = [markdown_text(result.output)]
         cells += ["" if row[name] is None else f"{row[name]:,}" for name in ("frames", "vertices", "bytes")]
         cells += ["" if row["ratio"] is None else f"{row['ratio']:.1f}", share]
         cells.append("" if row["seconds"] is None else f"{row['seconds']:.1f}")
         lines.append(f"| {' | '.join(cells)} |")
     lines.append(f"| {totals.clips:,} clips | | | {totals.bytes:,} | {totals.ratio:.1f} | | {totals.seconds:.1f} |")
-    failed = [f"- {_cell(result.message)}" for result in results if result.state == "failed"]
+    failed = [f"- {markdown_text(result.message)}" for result in results if result.state == "failed"]
     if failed:
         lines += ["", f"Failed: {len(failed)} of {len(results):,} clips.", "", *failed]
     return "\n".join(lines) + "\n"
@@ -129,5 +130,6 @@ def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:
     return lines
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+def markdown_text(text: str) -> str:
+    """Return text, such as the name of a file, that Markdown shows as it is: no table, link or HTML element of it."""
+    return re.sub(r"([\\`*_\[\]<>#|~&$])", r"\\\1", " ".join(text.split()))

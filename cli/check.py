@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, put, say, visible
-from pdecodec.cli.jobs import STREAM, standard_input
+from pdecodec.cli.jobs import STREAM, local_input
 from pdecodec.cli.options import decode_limits, json_option, limit_options, loudness_options
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 
@@ -36,8 +36,9 @@ def check(
 ) -> None:
     """Look for all that is wrong with .pdeanim files: structure, checksums, ranges; with --deep by decoding everything.
 
-    A FILE of - is standard input. Findings go to standard output, a line each, or as JSON; each begins with a code that
-    stays what it is (docs/errors.md lists them). The exit code is 4 where there is one that is more than a note.
+    A FILE may be at an address (https://...), and one of - is standard input. Findings go to standard output, a line
+    each, or as JSON; each begins with a code that stays what it is (docs/errors.md lists them). The exit code is 4
+    where there is one that is more than a note.
     """
     from pdecodec.codec.checking import FileCheck, check_file
 
@@ -49,7 +50,7 @@ def check(
     limits = decode_limits(max_memory, max_output)
     checked, sizes = list[FileCheck](), list[int]()
     for source in sources:
-        with standard_input(source, only_animations=True) as path:
+        with local_input(source) as path:
             checked.append(dataclasses.replace(check_file(path, deep=deep, limits=limits), path=source))
             sizes.append(Path(path).stat().st_size)
     if as_json:

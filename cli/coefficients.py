@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import counted, say
+from pdecodec.cli.jobs import local_output
 from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option, within_limits
 from pdecodec.errors import InputError, SettingsError, naming_file
+from pdecodec.system.storage import is_address
 from pdecodec.system.whole_output import whole_file
 
 if TYPE_CHECKING:
@@ -37,12 +39,12 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
     if path.suffix.lower() not in (".npz", ".csv"):
         raise SettingsError("coefficients are written as .npz or .csv; choose one of these", path=output)
     check_output(output, overwrite=overwrite)
-    if not Path(source).is_file():
+    if not is_address(source) and not Path(source).is_file():
         raise InputError("there is no such file", code="file-missing", path=source)
     check_apart([source], [output])
     with naming_file(source), open_animation(source) as animation:
         forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]
-    with whole_file(path, overwrite=overwrite) as partial:
+    with local_output(output, overwrite=overwrite) as place, whole_file(place, overwrite=overwrite) as partial:
         if path.suffix.lower() == ".npz":
             import numpy as np
 
@@ -51,7 +53,9 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
         else:
             _write_rows(partial, forms)
     pieces = len(forms[0].coefficients)
-    say(f"{path}: 32 coefficients for {counted(pieces, 'curve')}, 3 axes and {counted(len(forms), 'segment')} of time")
+    say(
+        f"{output}: 32 coefficients for {counted(pieces, 'curve')}, 3 axes and {counted(len(forms), 'segment')} of time"
+    )
 
 
 def _arrays(forms: list[PaperForm]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, say, say_notices
+from pdecodec.cli.jobs import local_input, local_output
 from pdecodec.cli.options import (
     check_apart,
     effort_option,
@@ -76,12 +77,13 @@ def cut(
     if (frames is None) == (times is None):
         raise SettingsError("give either --frames or --times")
     _check_output(output, [source])
-    with open_animation(source) as animation:
-        first, end = _frames(animation, frames or "") if times is None else _frames_at(animation, times)
-    with progress_bar() as progress:
-        report = cut_animation(
-            source, output, first, end, recode=recode, effort=effort, overwrite=overwrite, progress=progress
-        )
+    with local_input(source) as path, local_output(output, overwrite=overwrite) as place:
+        with open_animation(path) as animation:
+            first, end = _frames(animation, frames or "") if times is None else _frames_at(animation, times)
+        with progress_bar() as progress:
+            report = cut_animation(
+                path, place, first, end, recode=recode, effort=effort, overwrite=overwrite, progress=progress
+            )
     _tell(report, output, as_json=as_json)
 
 
@@ -124,16 +126,18 @@ def join(
         coming: list[str | MeshSequence] = []
         for other in others:
             if other.lower().endswith(".pdeanim"):
-                coming.append(other)
+                coming.append(stack.enter_context(local_input(other)))
                 continue
             sequence = stack.enter_context(open_clip(other, InputOptions(**reading)))
             say_notices(sequence.notices)
             coming.append(sequence)
+        first = stack.enter_context(local_input(source))
+        place = stack.enter_context(local_output(output, overwrite=overwrite))
         with progress_bar() as progress:
             report = join_animations(
-                source,
+                first,
                 coming,
-                output,
+                place,
                 shift=shift,
                 recode=recode,
                 effort=effort,

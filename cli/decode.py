@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from pdecodec.cli.console import byte_size, counted, extent, print_json, progress_bar, say, say_notices
-from pdecodec.cli.jobs import STREAM, Job, for_each_job, job_options, say_plan, say_start
+from pdecodec.cli.jobs import STREAM, Job, for_each_job, job_options, local_input, say_plan, say_start
 from pdecodec.cli.options import (
     assets_option,
     bytes_of,
@@ -316,7 +316,7 @@ def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[
     if is_damaged:
         from pdecodec.codec.salvaging import salvage
 
-        with salvage(source, limits=limits) as saved:
+        with local_input(source) as path, salvage(path, limits=limits) as saved:
             yield saved.sequence, saved
         return
     from pdecodec.codec.opening import open_animation

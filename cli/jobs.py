@@ -17,7 +17,7 @@ import click
 from pdecodec.cli.console import STANDARD_OUTPUT, ReportLostError, byte_size, extent, put, say, visible
 from pdecodec.cli.options import check_apart, check_output, option_group
 from pdecodec.errors import PdecodecError, SettingsError, unreadable
-from pdecodec.system.storage import COPY_BYTES, is_address
+from pdecodec.system.storage import COPY_BYTES, RemoteFile, is_address, remote_output
 
 if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
@@ -253,6 +253,31 @@ def _begins_animation(head: bytes) -> bool:
     from pdecodec.codec.container import IDENTIFIER
 
     return sum(one == wanted for one, wanted in zip(head, IDENTIFIER, strict=False)) >= len(IDENTIFIER) // 2
+
+
+@contextmanager
+def local_input(source: str) -> Iterator[str]:
+    """The path of a `.pdeanim` file; of one at an address, or of standard input, that of a copy that errors name so."""
+    if not is_address(source):
+        with standard_input(source, only_animations=True) as path:
+            yield path
+        return
+    file = RemoteFile(source)
+    with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
+        copy = Path(folder, file.name)
+        file.fetch(copy)
+        with _named(str(copy), source):
+            yield str(copy)
+
+
+@contextmanager
+def local_output(output: str, *, overwrite: bool) -> Iterator[Path]:
+    """The path of an output; of one at an address, of a file that is put there when the block ends well."""
+    if not is_address(output):
+        yield Path(output)
+        return
+    with remote_output(output, overwrite=overwrite) as path, _named(str(path), output):
+        yield path
 
 
 @contextmanager

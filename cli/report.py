@@ -20,6 +20,8 @@ from pdecodec.cli.options import (
     page_option,
     within_limits,
 )
+from pdecodec.errors import InputError
+from pdecodec.system.storage import is_address
 
 if TYPE_CHECKING:
     from pdecodec.codec.settings import EffortName
@@ -107,6 +109,9 @@ def report(
     for tolerance in tolerances:
         EncodeSettings(tolerance=tolerance)
     old = None if compare is None else read_measurements(Path(compare))
+    for source in filter(is_address, sources):
+        message = "is an address, and report reads files and folders here; fetch it first"
+        raise InputError(message, code="invalid-input", path=source)
     clips = find_clips(
         [Path(source) for source in sources],
         known_extensions(lambda entry: entry.reads),

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, put, say
-from pdecodec.cli.options import assets_option, check_apart, fps_option, loudness_options, within_limits
+from pdecodec.cli.console import byte_size, counted, put, say, say_notices
+from pdecodec.cli.jobs import local_input, local_output
+from pdecodec.cli.options import check_apart, input_options, loudness_options, within_limits
 from pdecodec.errors import InputError, SettingsError
+from pdecodec.system.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
+    from pdecodec.formats.base.choosing import InputOptions
     from pdecodec.report.viewer.view import Original
 
 
@@ -21,57 +25,60 @@ if TYPE_CHECKING:
 @click.option("--original", metavar="IN", help="What FILE was made from: the page shows where it differs.")
 @click.option("-o", "--output", metavar="OUT", help="The page; FILE with the extension .html where nothing is said.")
 @click.option("--overwrite", "-y", is_flag=True, help="Replace a page that exists.")
-@fps_option
-@assets_option(expose_value=False)
+@input_options
 @within_limits
 @loudness_options
 def view(
-    *,
-    first: str,
-    second: str | None,
-    original: str | None,
-    output: str | None,
-    overwrite: bool,
-    fps: float | None,
+    *, first: str, second: str | None, original: str | None, output: str | None, overwrite: bool, **reading: Any
 ) -> None:
     """Write a page that plays .pdeanim files in a browser.
 
     All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
-    a second file, or the original, it shows both, and how far apart they are, at every vertex and over time.
+    a second file, or the original, it shows both, and how far apart they are, at every vertex and over time. The
+    original is read as by `pdecodec encode`: give the options that it was encoded with.
     """
     from pdecodec.codec.opening import open_animation
+    from pdecodec.formats.base.choosing import InputOptions
     from pdecodec.report.viewer.view import view_page
     from pdecodec.system.whole_output import check_writable, whole_file
 
+    asked = InputOptions(**reading)
     if second and original:
-        raise SettingsError("give a second file or --original, not both")
-    paths = [Path(path) for path in (first, second) if path is not None]
-    place = Path(output) if output else paths[0].with_suffix(".html")
-    if place.suffix.lower() not in {".html", ".htm"}:
-        raise SettingsError("a page is written; give it the extension .html", path=place)
-    for path in paths:
-        open_animation(path).close()
-    check_writable(place, overwrite=overwrite)
-    check_apart([first, second, original], [str(place)])
-    up_axis, found = _prepared(paths[0], original, fps)
-    title = " and ".join(path.name for path in paths)
-    page = view_page(title, [(path.name, path.read_bytes()) for path in paths], original=found, up_axis=up_axis)
-    with whole_file(place, overwrite=overwrite) as partial:
-        partial.write_text(page, "utf-8")
-    say(f"{title} -> {place} ({byte_size(place.stat().st_size)})")
+        raise SettingsError("give a second file or --original, not both", code="conflicting-settings")
+    if original is None and asked != InputOptions():
+        raise SettingsError("how an original is read needs --original; give it, or leave out the other options")
+    sources = [source for source in (first, second) if source is not None]
+    names = [RemoteFile(source).name if is_address(source) else Path(source).name for source in sources]
+    page_path = output or str(Path(names[0] if is_address(first) else first).with_suffix(".html"))
+    if Path(page_path).suffix.lower() not in {".html", ".htm"}:
+        raise SettingsError("a page is written; give it the extension .html", path=page_path)
+    with ExitStack() as stack:
+        paths = [Path(stack.enter_context(local_input(source))) for source in sources]
+        for path in paths:
+            open_animation(path).close()
+        place = stack.enter_context(local_output(page_path, overwrite=overwrite))
+        check_writable(place, overwrite=overwrite)
+        check_apart([first, second, original], [page_path])
+        up_axis, found = _prepared(paths[0], original, asked)
+        clips = [(name, path.read_bytes()) for name, path in zip(names, paths, strict=True)]
+        page = view_page(" and ".join(names), clips, original=found, up_axis=up_axis)
+        with whole_file(place, overwrite=overwrite) as partial:
+            partial.write_text(page, "utf-8")
+    say(f"{' and '.join(names)} -> {page_path} ({byte_size(len(page.encode()))})")
 
 
-def _prepared(path: Path, original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
+def _prepared(path: Path, original: str | None, asked: InputOptions) -> tuple[str | None, Original | None]:
     """The up axis, and what the original differs by."""
     from pdecodec.codec.opening import open_animation
-    from pdecodec.formats import open_sequence
+    from pdecodec.formats.base.choosing import open_clip
     from pdecodec.report.viewer.view import difference
 
     with open_animation(path) as animation:
         up_axis = animation.metadata.get("up_axis")
         if original is None:
             return up_axis, None
-        with open_sequence(original, fps=fps) as source:
+        with open_clip(original, asked) as source:
+            say_notices(source.notices)
             return up_axis, difference(animation, source, Path(original).name)
 
 
@@ -88,6 +95,8 @@ def serve(*, folder: str, port: int) -> None:
     from pdecodec.report.viewer.serve import FolderServer
 
     place = Path(folder)
+    if is_address(folder):
+        raise InputError("is an address, and serve reads a folder here", code="invalid-input", path=folder)
     if not place.is_dir():
         raise InputError("is no folder; name the one that the .pdeanim files are in", code="invalid-input", path=place)
     try:

@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import quote
 
 from pdecodec import __version__
+from pdecodec.batch.summary import markdown_text
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
 from pdecodec.report.charts.vegalite import as_png, as_svg, for_page, page_script, require_drawing
 from pdecodec.system.whole_output import whole_file
@@ -119,7 +120,7 @@ def as_markdown(table: Table) -> str:
     """Return a table as Markdown, with values as the page shows them."""
 
     def line(values: Iterable[Value]) -> str:
-        return "| " + " | ".join(value_text(value).replace("|", "\\|") for value in values) + " |"
+        return "| " + " | ".join(markdown_text(value_text(value)) for value in values) + " |"
 
     return "\n".join([line(table.columns), "|---" * len(table.columns) + "|", *map(line, table.rows)]) + "\n"
 

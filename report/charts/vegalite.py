@@ -81,7 +81,7 @@ def as_png(svg: str) -> bytes:
 
 def for_page(chart: Chart) -> str:
     """Return the chart's description as JSON that cannot end the script element around it."""
-    return json.dumps(_complete(chart, _PAGE), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(_complete(chart, _PAGE), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @cache

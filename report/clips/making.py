@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pdecodec.batch.summary import markdown_text
 from pdecodec.errors import InputError, naming_file
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, Progress
@@ -151,7 +151,7 @@ def make_report(
         page = write_report(index, directory, record={"points": []})[0]
     summary = "\n".join(parts)
     with whole_file(directory / SUMMARY, overwrite=True) as partial:
-        partial.write_text(summary, encoding="utf-8")
+        partial.write_text(summary, encoding="utf-8", errors="backslashreplace")
     return ReportResult(page, tuple(points), tuple(changes or ()), summary, kept.measured, kept.kept)
 
 
@@ -160,7 +160,8 @@ def _changing(name: str, sequence: ChangingSequence, plan: ReportPlan, progress:
     with naming_file(name):
         points = measure_changing(name, sequence, plan, progress)
     page = changing_report(name, sequence, points, plan)
-    return page, f"## {page.title}\n\n{page.summary}\n\n{as_markdown(cost_table(points)).rstrip()}\n"
+    parts = [f"## {markdown_text(page.title)}", *_paragraphs(page.summary), as_markdown(cost_table(points)).rstrip()]
+    return page, "\n\n".join(parts) + "\n"
 
 
 def _measure(
@@ -205,16 +206,20 @@ def _summary(
     report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None, plan: ReportPlan, *, several: bool
 ) -> str:
     """Return Markdown for a reviewer: a table, the advice, and what changed."""
-    parts = [f"## {report.title}", report.summary]
+    parts = [f"## {markdown_text(report.title)}", *_paragraphs(report.summary)]
     if changes is not None:
-        parts.append(f"**Beside the earlier report.** {comparison_text(changes)}")
+        parts.append(f"**Beside the earlier report.** {markdown_text(comparison_text(changes))}")
     tolerances = [reference_tolerance(plan.tolerances)] if several else plan.tolerances
     parts.append(
         as_markdown(merit_table(points, coder=plan.profiles[0], tolerances=tolerances, means=several)).rstrip()
     )
     if not several:
-        parts.append("\n".join(f"- {item.text}" for item in recommend(points)))
+        parts.append("\n".join(f"- {markdown_text(item.text)}" for item in recommend(points)))
     return "\n\n".join(parts) + "\n"
+
+
+def _paragraphs(text: str) -> list[str]:
+    return [markdown_text(paragraph) for paragraph in text.split("\n\n")]
 
 
 def find_clips(given: Sequence[Path], extensions: Sequence[str], frame_extensions: Sequence[str]) -> dict[str, Path]:
@@ -229,15 +234,21 @@ def find_clips(given: Sequence[Path], extensions: Sequence[str], frame_extension
         paths += _inside(path, extensions, frame_extensions) if path.is_dir() else [path]
     paths = list(dict.fromkeys(paths))
     ways = (lambda path: path.stem or path.name, lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}")
+    names = [[_valid(way(path)) for path in paths] for way in ways]
     named: dict[str, Path] = {}
-    for path in paths:
-        for way in ways:
-            if Counter(way(other) for other in paths)[way(path)] == 1:
-                named[way(path)] = path
+    for index, path in enumerate(paths):
+        for known in names:
+            if known.count(known[index]) == 1:
+                named[known[index]] = path
                 break
         else:
-            named[f"{len(named) + 1}-{path.name}"] = path
+            named[f"{len(named) + 1}-{_valid(path.name)}"] = path
     return named
+
+
+def _valid(name: str) -> str:
+    """A name whose bytes are UTF-8: others are escapes."""
+    return name.encode(errors="backslashreplace").decode()
 
 
 def _inside(folder: Path, extensions: Sequence[str], frame_extensions: Sequence[str]) -> list[Path]:

@@ -238,3 +238,13 @@ def test_an_original_of_other_frames_is_refused(
     np.savez(tmp_path / "short.npz", points=whole.read_frames(0, 7), times=whole.times[:7])
     assert run(["view", str(waves[0]), "--original", str(tmp_path / "short.npz"), "-o", str(tmp_path / "p.html")]) == 3
     assert "has 7 frames, the .pdeanim file 30" in capsys.readouterr().err
+
+
+def test_an_original_is_read_with_the_options_it_was_encoded_with(tmp_path: Path) -> None:
+    whole = two_sheets()
+    np.savez(tmp_path / "whole.npz", points=whole.read_frames(0, 7), times=whole.times[:7])
+    coded, page = str(tmp_path / "coded.pdeanim"), str(tmp_path / "page.html")
+    chosen = ["--frames", "2:6", "--scale", "3", "--fps", "12"]
+    assert run(["encode", str(tmp_path / "whole.npz"), coded, *chosen]) == 0
+    assert run(["view", coded, "--original", str(tmp_path / "whole.npz"), *chosen, "-o", page]) == 0
+    assert run(["view", coded, *chosen, "-y", "-o", page]) == 2

@@ -23,6 +23,7 @@ from pdecodec.batch.clips import OPTION_NAMES
 from pdecodec.batch.local import run_local
 from pdecodec.batch.memory import MemoryBudget, available_memory
 from pdecodec.batch.records import STATE_FOLDER
+from pdecodec.batch.summary import write_summary
 from pdecodec.batch.work import failure, make_clip, memory_of
 from pdecodec.cli.main import run
 from pdecodec.codec.encoding_memory import encoding_bytes
@@ -330,6 +331,13 @@ def test_a_link_in_the_place_of_an_output_is_refused_or_replaced_and_never_writt
     assert target.read_text() == "somebody's"
     assert not Path("none").exists()
     assert run(batch) == 0
+
+
+def test_a_summary_shows_names_as_they_are(clips: Path) -> None:
+    result = Result(source="s", output=os.fsdecode(b"[a](b)_<i>\xff.pdeanim"), state="done")
+    write_summary([result], "out")
+    assert r"| \[a\](b)\_\<i\>\udcff.pdeanim |" in Path("out/summary.md").read_text()
+    assert r"[a](b)_<i>\udcff.pdeanim" in Path("out/summary.csv").read_text()
 
 
 @pytest.mark.parametrize("given", ["clips", "clips/**/*.*"])

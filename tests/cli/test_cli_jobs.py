@@ -11,16 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pdecodec
 from pdecodec.cli.console import byte_size
 from pdecodec.cli.main import COMMANDS, run
 from pdecodec.codec.encoding import encode
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.selection import select
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
+from tests.support.command_line import Capture, done, error_of, save_line
 from tests.support.mesh_cases import connectivity_of, grid
+from tests.support.remote_server import serving
 from tests.support.scene_cases import SPACE, body, needed, scene
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
@@ -347,3 +348,30 @@ def test_what_is_no_geometry_is_counted_in_grammar(tmp_path: Path, capsys: Captu
     (tmp_path / "x.usda").write_text('#usda 1.0\ndef Camera "a" {}\ndef Camera "b" {}\n')
     assert run(["info", str(tmp_path / "x.usda")]) == 3
     assert "there are 2 cameras" in capsys.readouterr().err
+
+
+def test_every_command_on_animations_takes_addresses(tmp_path: Path, capsys: Capture) -> None:
+    save_line(tmp_path / "line.npz")
+    done("encode", tmp_path / "line.npz", tmp_path / "line.pdeanim", "--profile", "paper", "-q")
+    with serving(tmp_path) as server:
+        there = f"{server.address}/line.pdeanim"
+        for command in (
+            ("check", there, "--deep"),
+            ("coefficients", there, "-o", "memory://put/line.npz"),
+            ("cut", there, "--frames", ":", "-o", "memory://put/cut.pdeanim"),
+            ("join", there, "memory://put/cut.pdeanim", "--shift", "-o", tmp_path / "joined.pdeanim"),
+            ("decode", there, "--salvage", "-o", tmp_path / "saved.npz"),
+            ("view", there, "--original", f"{server.address}/line.npz", "-o", "memory://put/line.html"),
+        ):
+            done(*command)
+        assert capsys.readouterr().err.splitlines()[0].startswith(f"{there}: sound, ")
+        for command in (("check",), ("view", "-o", "x.html"), ("cut", "--frames", ":", "-o", "x.pdeanim")):
+            line = error_of(capsys, 3, command[0], f"{server.address}/none.pdeanim", *command[1:])
+            assert line.startswith(f"error: {server.address}/none.pdeanim: there is no such file, or no answer")
+        for command in ("serve", "report"):
+            more = () if command == "serve" else ("-o", "x")
+            assert f"{there}: is an address, and {command} reads" in error_of(capsys, 3, command, there, *more)
+    with pdecodec.open(str(tmp_path / "joined.pdeanim")) as joined:
+        assert joined.frame_count == 12
+    line = error_of(capsys, 3, "cut", tmp_path / "line.pdeanim", "--frames", ":", "-o", "memory://put/cut.pdeanim")
+    assert line == "error: memory://put/cut.pdeanim: exists already; pass --overwrite to replace it"

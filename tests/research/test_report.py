@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -23,6 +24,8 @@ from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
+from pdecodec.report.charts.figure import Table
+from pdecodec.report.charts.page import as_markdown
 from pdecodec.report.charts.vegalite import for_page, require_drawing
 from pdecodec.report.clips.between import (
     INTERPOLATIONS,
@@ -234,7 +237,12 @@ def test_what_draws_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_chart_cannot_end_the_script_that_holds_it() -> None:
-    assert "</" not in for_page({"title": "</script><script>alert(1)</script>"})
+    assert "<" not in for_page({"title": "<!--<script></script><script>alert(1)</script>"})
+
+
+def test_names_are_no_markdown() -> None:
+    table = as_markdown(Table(("clip",), (("a|b\n<img src=x> [c](d) *e* _f_ `g` &lt;",),)))
+    assert table.splitlines()[2] == r"| a\|b \<img src=x\> \[c\](d) \*e\* \_f\_ \`g\` \&lt; |"
 
 
 def test_advice_takes_the_smallest_file_whose_bound_is_fine_enough() -> None:
@@ -309,6 +317,11 @@ def test_clips_are_files_patterns_and_folders_of_frames_each_by_a_name_of_its_ow
     assert find_clips([tmp_path / "y/frames", tmp_path / "q.####.obj"], *kinds) == {
         "frames": tmp_path / "y/frames",
         "q.####": tmp_path / "q.####.obj",
+    }
+    odd = Path(os.fsdecode(b"a\xff.npz"))
+    assert find_clips([odd, odd.with_suffix(".h5")], *kinds) == {
+        r"a\udcff.npz": odd,
+        r"a\udcff.h5": odd.with_suffix(".h5"),
     }
     with pytest.raises(InputError, match="no mesh sequence in this folder"):
         find_clips([tmp_path / "z"], *kinds)
