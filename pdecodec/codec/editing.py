@@ -89,9 +89,8 @@ class CodedFile:
         with ExitStack() as stack:
             self.animation: Animation = stack.enter_context(open_animation(path))
             self._file: BinaryIO = stack.enter_context(open_regular(path))
-            table = stored_sections(self._file)
-            self._sections = dict(table)
-            if len(self._sections) < len(table):
+            self._sections = dict(stored_sections(self._file))
+            if "RUNS" in self._sections:
                 raise InputError(
                     "has several runs of frames, of which none is cut or joined yet",
                     code="unsupported-feature",

@@ -419,8 +419,10 @@ def ruled(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, coarser: in
 def is_dense(fitter: GroupFitter) -> bool:
     """Whether frames have so little in common that a group takes about as many trajectories as there are."""
     frames, vertices = fitter.frames, int(fitter.points.shape[1])
+    if not DENSE_GROUP < frames < vertices:
+        return False  # a trajectory for each of few vertices tells nothing about frames
     most = min(3 * frames, vertices)
-    return frames > DENSE_GROUP and fitter.displacements("reference").count("trajectories") > DENSE * most
+    return fitter.displacements("reference").count("trajectories") > DENSE * most
 
 
 @dataclass(frozen=True, eq=False)
