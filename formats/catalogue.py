@@ -139,6 +139,7 @@ BUILT_IN = (
         options=("clip", "transforms"),
         write_options=("web", "quantize", "meshopt", "straight", "rigid"),
         finds_rigid_parts=True,
+        starts_at_zero=True,
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
         "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "

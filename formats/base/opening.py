@@ -291,7 +291,8 @@ def write_sequence(
     with naming_file(where):
         rounded: tuple[str, ...] = ()
         if entry.times != "exact":
-            rounded = times_kept(sequence.times, entry.times, title=entry.title)
+            start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
+            rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
         lost = (*rounded, *writer(placed, output))
     return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
 

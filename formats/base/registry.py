@@ -131,6 +131,8 @@ class Format:
         vertices, and write a sequence whose connectivity changes.
     finds_rigid_parts : bool
         Whether the writer looks unasked for parts of a decoded animation that move rigidly within its bound.
+    starts_at_zero : bool
+        Whether the writer counts times from the first one, which comes back.
     times : {"exact", "float32", "microseconds", "both"}
         How the writer's times come back: as they were, rounded to float32, only where they are further apart, or both.
     keeps, loses : str
@@ -158,6 +160,7 @@ class Format:
     holds_nothing: bool = False
     holds_runs: bool = False
     finds_rigid_parts: bool = False
+    starts_at_zero: bool = False
     times: Literal["exact", "float32", "microseconds", "both"] = "exact"
     keeps: str = ""
     loses: str = ""

@@ -94,7 +94,7 @@ def rate_of_keys(keys: Float64Array) -> float | None:
 
 
 def times_kept(
-    times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str
+    times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str, start: float = 0.0
 ) -> tuple[str, ...]:
     """A line that says how far the times [s] of a sequence are off in a format that rounds them.
 
@@ -105,6 +105,8 @@ def times_kept(
         Whether the format keeps float32, programs take times within :data:`SAME_TIME` for one, or both.
     title : str
         Of the format.
+    start : float [s]
+        The time that the format counts from.
 
     Raises
     ------
@@ -113,7 +115,8 @@ def times_kept(
     """
     # A time beyond float32 is infinite, as is the next one.
     with np.errstate(over="ignore"):
-        kept = times if kept_as == "microseconds" else times.astype(np.float32).astype(np.float64)
+        counted = times - start
+        kept = counted if kept_as == "microseconds" else counted.astype(np.float32).astype(np.float64)
     together = np.flatnonzero(~(np.diff(kept) > (0 if kept_as == "float32" else SAME_TIME)))
     if together.size:
         frame = int(together[0]) + 1
@@ -124,7 +127,7 @@ def times_kept(
             frame=frame,
         )
     steps = np.diff(times)
-    off = float(np.abs(kept - times).max())
+    off = float(np.abs(kept - counted).max())
     if steps.size == 0 or off <= FRAME_SLACK * float(steps.min()):
         return ()
     return (f"{title} keeps times as float32: they are up to {off:.1g} s off",)

@@ -307,9 +307,9 @@ class _Reader:
             # Of faces and objects, the first corner of each.
             firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
             chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
-            attributes.append(
-                Attribute(name, domain, shades[chosen[domain]] if domain in chosen else shades[:vertices])
-            )
+            rows_of = shades[chosen[domain]] if domain in chosen else shades[:vertices]
+            missing = read_integers(color["missing"], len(rows_of)) if "missing" in color else np.zeros(0, np.int32)
+            attributes.append(_partly(Attribute(name, domain, rows_of), missing))
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
@@ -389,6 +389,18 @@ def _groups(names: Sequence[list[str]], materials: Sequence[Int64Array]) -> list
         for label in labels:
             members.setdefault(label, []).append(np.arange(end - one.size, end))
     return face_groups(GROUP, [(label, np.concatenate(found)) for label, found in members.items()], int(ends[-1]))
+
+
+def _partly(color: Attribute, missing: Int32Array) -> Attribute:
+    """Return a colour of which some elements have none, as was noted."""
+    if not missing.size:
+        return color
+    if not 0 <= missing.min() <= missing.max() < len(color.values):
+        raise ValueError(f"what has no {color.name} is out of range")
+    has = np.ones(len(color.values), bool)
+    has[missing] = False
+    indices = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+    return Attribute(color.name, color.domain, color.values[has], indices)
 
 
 def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:

@@ -42,12 +42,15 @@ def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
 
 
 def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
-    """Colours between 0 and 1, as glTF wants them, and their rows: of each vertex, or of each corner of a face."""
+    """Colours between 0 and 1, as glTF wants them, and their rows: of each vertex, or of each corner of a face.
+
+    What has no colour is white, which leaves materials as they are.
+    """
     found = []
     faces, corners = item.connectivity.face_counts, item.connectivity.face_indices.size
     for one in colors(item):
-        values, indices, filled = indexed_rows(one)
-        if filled or not values.size or not (values.min() >= 0 and values.max() <= 1):
+        values, indices, _ = indexed_rows(one)
+        if not values.size or not (values.min() >= 0 and values.max() <= 1):
             continue
         rows = values if indices is None else values[indices]
         if one.domain == "vertex":
@@ -156,6 +159,8 @@ class _MeshWriter:
                 by_row[self.corner_rows] = values
             found[f"COLOR_{number}"] = self._builder.floats(by_row, target=VERTEX_DATA)
             noted = {"accessor": f"COLOR_{number}", "domain": color.domain}
+            if color.indices is not None and (color.indices < 0).any():
+                noted["missing"] = noted_integers(np.flatnonzero(color.indices < 0))
             self.notes.setdefault("colors", {})[color.name] = noted
         return found
 

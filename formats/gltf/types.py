@@ -79,7 +79,7 @@ _NOTED_MESH: dict[str, Any] = {
     **dict.fromkeys(("of", "faceCounts", "faceIndices", "lineCounts", "lineIndices", "cornerRows"), _text),
     **dict.fromkeys(("faceMaterials", "normalGroups", "sharedNormals"), _text),
     "uvs": {EACH: {"accessor": _text, "indices": _text, "rows": COUNT}},
-    "colors": {EACH: {"accessor": _text, "domain": _text}},
+    "colors": {EACH: {"accessor": _text, "domain": _text, "missing": _text}},
     "groups": {EACH: {"faces": _text, "labels": [_text]}},
     "materials": [_text],
     "normals": _text,

@@ -99,3 +99,10 @@ def test_a_larger_file_is_told_and_web_makes_it_smaller(tmp_path: Path, capsys: 
         assert {"KHR_mesh_quantization", "EXT_meshopt_compression"} <= set(read_gltf(small).root["extensionsRequired"])
     write_sequence(machine(), tmp_path / "y.glb", web=True)
     assert "KHR_mesh_quantization" in read_gltf(tmp_path / "y.glb").root["extensionsRequired"]
+
+
+def test_times_far_from_zero_are_as_exact_as_those_of_a_clip_that_starts_there(tmp_path: Path) -> None:
+    times = 1e7 + np.arange(5) / 24
+    write_sequence(ArraySequence(np.random.default_rng(0).normal(size=(5, 4, 3)), times=times), tmp_path / "x.glb")
+    with open_sequence(tmp_path / "x.glb") as read:
+        np.testing.assert_allclose(read.times, times, rtol=0, atol=1e-8)

@@ -14,7 +14,9 @@ from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf.builder import VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
+from pdecodec.mesh.sequence import ArraySequence, Attribute, AttributeDomain, MeshObject
 from tests.support.browser_tools import assert_valid
+from tests.support.mesh_cases import grid
 
 PNG = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010806000000"
@@ -137,3 +139,25 @@ def test_of_a_gltf_file_that_becomes_another_format_textures_are_told_as_lost(
     write_textured(tmp_path)
     assert run(["convert", str(tmp_path / "x.glb"), str(tmp_path / "x.npz")]) == 0
     assert "2 textures" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("domain", ["vertex", "corner", "face"])
+def test_colours_that_some_elements_have_are_white_elsewhere_and_come_back(
+    tmp_path: Path, domain: AttributeDomain
+) -> None:
+    mesh = grid(4, 4)
+    count = {"vertex": 16, "corner": mesh.face_indices.size, "face": mesh.face_count}[domain]
+    indices = (np.arange(count) % 3 - 1).astype(np.int32)
+    color = Attribute("color", domain, np.array([[1, 0, 0, 1], [0, 0.5, 1, 1]], np.float32), indices)
+    clip = ArraySequence(np.random.default_rng(0).normal(size=(2, 16, 3)), objects=[MeshObject("a", mesh, (color,))])
+    told = write_sequence(clip, tmp_path / "x.glb")
+    assert not any("color" in one for one in told)
+    file = read_gltf(tmp_path / "x.glb")
+    drawn = file.accessor(file.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"])
+    assert {tuple(one) for one in drawn.tolist()} == {(1, 0, 0, 1), (0, 0.5, 1, 1), (1, 1, 1, 1)}
+    with open_sequence(tmp_path / "x.glb") as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name == "color")
+    assert found.domain == domain
+    assert found.indices is not None
+    np.testing.assert_array_equal(found.indices < 0, indices < 0)
+    np.testing.assert_array_equal(found.values[found.indices[indices >= 0]], color.values[indices[indices >= 0]])

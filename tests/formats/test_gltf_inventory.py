@@ -1,0 +1,123 @@
+"""What glTF files hold, by a plain reading of their JSON, against what the reader keeps and names."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pdecodec.formats import open_sequence
+from pdecodec.formats.base.attribute_roles import MATERIAL, face_sets
+
+READ = ("POSITION", "NORMAL", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_")
+"""Beginnings of the names of attributes that meshes are made of."""
+
+APPLIED = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing"}
+APPLIED |= {"KHR_animation_pointer", "KHR_node_visibility"}
+"""Extensions that decide where vertices are."""
+
+KINDS = ("texture", "camera", "tangents", "extras of", "nodes without meshes", "copyright", "animations,", "KHR_lights")
+"""Words of notices, each of which stands there only where the file has what it names."""
+
+
+def json_of(path: Path) -> dict[str, Any]:
+    """The JSON of a .gltf or .glb file."""
+    data = path.read_bytes()
+    if data[:4] == b"glTF":
+        (size,) = struct.unpack_from("<I", data, 12)
+        data = data[20 : 20 + size]
+    found: dict[str, Any] = json.loads(data)
+    return found
+
+
+def objects_in(value: Any) -> Iterator[dict[str, Any]]:
+    """Every object of a JSON value."""
+    if isinstance(value, dict):
+        yield value
+    for one in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from objects_in(one)
+
+
+def named(entries: list[dict[str, Any]], kind: str) -> list[str]:
+    """Names of entries, or of their files."""
+    found = []
+    for number, one in enumerate(entries):
+        uri = one.get("uri", "data:")
+        found.append(one.get("name") or (f"{kind}_{number}" if uri.startswith("data:") else Path(uri).name))
+    return found
+
+
+def shown_nodes(root: dict[str, Any]) -> list[int]:
+    """Nodes of the scene that shows first, those below included."""
+    waiting = list(root["scenes"][root.get("scene", 0)]["nodes"]) if "scenes" in root else [*range(len(root["nodes"]))]
+    found = []
+    while waiting:
+        found.append(waiting.pop())
+        waiting += root["nodes"][found[-1]].get("children", []) if "scenes" in root else []
+    return found
+
+
+def listing(root: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give what is in a file and not in meshes that move: a kind of :data:`KINDS`, or nothing, and a name."""
+    for kind in ("image", "camera"):
+        for name in named(root.get(f"{kind}s", []), kind):
+            yield ("texture" if kind == "image" else kind), name
+    if root.get("textures"):
+        count = len(root["textures"])
+        yield "texture", f"{count} texture{'s' * (count > 1)}"
+    if len(root.get("animations", [])) > 1:
+        yield from (("animations,", name) for name in named(root["animations"], "animation"))
+    for mesh in root["meshes"]:
+        for primitive in mesh["primitives"]:
+            for name in primitive["attributes"]:
+                if not name.startswith(READ):
+                    yield ("tangents", "tangents") if name == "TANGENT" else ("", name)
+    for name in root.get("extensionsUsed", []):
+        if name not in APPLIED and not name.startswith("KHR_texture"):
+            yield ("KHR_lights" if name.startswith("KHR_lights") else ""), name
+    for one in objects_in({key: value for key, value in root.items() if key != "materials"}):
+        if isinstance(one.get("extras"), dict):
+            yield from (("extras of", key) for key in one["extras"])
+    if root["asset"].get("copyright"):
+        yield "copyright", "asset.copyright"
+    joints = {joint for skin in root.get("skins", []) for joint in skin["joints"]}
+    parents = {child: node for node, one in enumerate(root["nodes"]) for child in one.get("children", [])}
+    moving = {node for node, one in enumerate(root["nodes"]) if "mesh" in one} | joints
+    for node in list(moving):
+        while node in parents:
+            node = parents[node]
+            moving.add(node)
+    for number, one in enumerate(root["nodes"]):
+        if number not in moving and "camera" not in one:
+            yield "nodes without meshes", one.get("name", f"node_{number}")
+
+
+def test_every_shared_file_has_what_a_plain_listing_of_it_has(shared_data: Path) -> None:
+    paths = [path for part in ("interop", "files") for path in sorted((shared_data / part / "gltf").rglob("*.gl[bt]*"))]
+    assert len(paths) >= 20
+    for path in paths:
+        root = json_of(path)
+        with open_sequence(path) as read:
+            told, items, whole = " ".join(read.notices), read.objects, read.connectivity
+        kinds = set()
+        for kind, name in listing(root):
+            kinds.add(kind)
+            assert name in told, (path.name, kind, name)
+        assert not [one for one in KINDS if one in told and one not in kinds], path.name
+        accessors, materials = root["accessors"], named(root.get("materials", []), "material")
+        objects = rows = triangles = 0
+        used = set()
+        for node in (root["nodes"][number] for number in shown_nodes(root)):
+            primitives = root["meshes"][node["mesh"]]["primitives"] if "mesh" in node else []
+            instances = node.get("extensions", {}).get("EXT_mesh_gpu_instancing", {}).get("attributes", {})
+            copies = max((accessors[one]["count"] for one in instances.values()), default=1)
+            blocks = {json.dumps([one["attributes"], one.get("targets")], sort_keys=True): one for one in primitives}
+            objects += copies * ("mesh" in node)
+            rows += copies * sum(accessors[one["attributes"]["POSITION"]]["count"] for one in blocks.values())
+            corners = [accessors[one.get("indices", one["attributes"]["POSITION"])]["count"] for one in primitives]
+            triangles += copies * sum(corners) // 3
+            used |= {materials[one["material"]] for one in primitives if "material" in one}
+        assert (len(items), whole.vertex_count, whole.face_count) == (objects, rows, triangles), path.name
+        assert {label for item in items for label, _ in face_sets(item, MATERIAL)} == used, path.name
