@@ -40,6 +40,10 @@ _UNLIMITED = 2**63
 """Counts of a selection from here on are HDF5's mark for a selection that grows with its dataset."""
 
 
+_SCALES = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS", "_Netcdf4Dimid"})
+"""Attributes that tie datasets to their scales."""
+
+
 class Hdf5Sequence(LaidOutSequence):
     """A mesh sequence in an HDF5 file, which stays open until :meth:`close` and holds at least ``points``.
 
@@ -60,6 +64,9 @@ class Hdf5Sequence(LaidOutSequence):
                 self._points = linked_item(self._file, "points", scope)
                 check_stored(self._points, scope)
                 self._take(names, lambda name: _read(linked_item(self._file, name, scope), scope), fps, "dataset")
+                lost = _attribute_names(self._file)
+            if lost:
+                self.notices = (*self.notices, f"attributes not kept: {', '.join(lost)}")
         except InputError:
             self._file.close()
             raise
@@ -163,6 +170,13 @@ def _dataset_names(file: Any, scope: FileScope) -> list[str]:
     file.visititems_links(note_link)
     linked = [name for name in links if isinstance(linked_item(file, name, scope), h5py.Dataset)]
     return list(dict.fromkeys([*names, *linked]))
+
+
+def _attribute_names(file: Any) -> list[str]:
+    """Return the names of attributes of groups and datasets, but for those that tie datasets to their scales."""
+    names = list(file.attrs)
+    file.visititems(lambda name, item: names.extend(f"{name}.{key}" for key in item.attrs))
+    return [name for name in names if name.rpartition(".")[2] not in _SCALES]
 
 
 def linked_item(file: Any, name: str, scope: FileScope) -> Any:

@@ -9,11 +9,13 @@ from pxr import Ts
 
 
 def value_at(attribute: Any, at: float | None) -> Any:
-    """An attribute's value at a time code; at its first sample, else its default, where that is None."""
+    """Return an attribute's value at a time code; where that is None, its first one that is not blocked."""
     if at is not None:
         return attribute.Get(at)
     codes = attribute.GetTimeSamples()
-    return attribute.Get(codes[0]) if codes else attribute.Get()
+    if not codes:
+        return attribute.Get()
+    return next((found for code in codes if (found := attribute.Get(code)) is not None), None)
 
 
 def changes_with_time(attribute: Any) -> bool:

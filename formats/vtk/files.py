@@ -62,7 +62,11 @@ def open_frame_files(path: Path, *, fps: float | None, displacement: str | None 
 
     def timing(reader: GridReader) -> Timing:
         times = reader.times(files)
-        return timing_of_numbers(found.numbers, fps) if times is None else timing_of_stored(np.array(times), fps)
+        if times is not None and len(times) > 1:
+            return timing_of_stored(np.array(times), fps)
+        numbered, rate, notices = timing_of_numbers(found.numbers, fps)
+        # Of one file the time alone is known, and no rate.
+        return numbered if times is None else np.array(times), rate, (*notices, *reader.time_notices(files))
 
     return _sequence(files, timing, displacement, FileScope(found.paths[0]))
 

@@ -154,8 +154,14 @@ class GridReader:
         """Return the times [s] that files of frames tell of themselves; None unless all do, and they increase."""
         found = [self._times.get(files[0]) for files in frames]
         times = [time for time in found if time is not None and math.isfinite(time)]
-        is_whole = len(times) == len(frames) > 1 and all(a < b for a, b in pairwise(times))
+        is_whole = len(times) == len(frames) and all(a < b for a, b in pairwise(times))
         return times if is_whole else None
+
+    def time_notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
+        """Return the line that says why times of files of frames are not kept, where some files tell one."""
+        if self.times(frames) is not None or all(self._times.get(files[0]) is None for files in frames):
+            return ()
+        return (f"times of the files ({TIME}) are not kept: not every file has one, or they do not increase",)
 
     def notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
         """Return lines about files of frames that were read: what moves the mesh, and which data are not kept."""

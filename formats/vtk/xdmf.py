@@ -90,7 +90,7 @@ class XdmfSequence(MeshSequence):
             *notices,
             *timeline.notices,
             *motion_notices(self._moving, vectors, displacement, moves=self._geometry_moves(vectors)),
-            *not_kept_data(_dropped([*self._steps, *timeline.others], grids.loose, self._moving)),
+            *not_kept_data(_dropped([*self._steps, *timeline.others], grids.loose, self._moving) | grids.information()),
             *left_out,
         )
 

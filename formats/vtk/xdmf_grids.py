@@ -171,6 +171,11 @@ class Grids:
             joined.append(Step(times.pop() if times else time, tuple(part for step in steps for part in step.parts)))
         return joined
 
+    def information(self) -> dict[str, dict[str, None]]:
+        """Return the names of what the document says in elements of that kind."""
+        names = dict.fromkeys(str(one.get("Name")) for one in self._document.root.iter("Information"))
+        return {"information": names} if names else {}
+
     def _part(self, grid: Element) -> Part:
         name = grid.get("Name", "")
         geometry, topology = (self._document.child(grid, tag) for tag in ("Geometry", "Topology"))
