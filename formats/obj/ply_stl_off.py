@@ -361,7 +361,7 @@ def _read_stl(path: Path) -> MeshFile:
             raise damaged("is no STL file, or a truncated one; export it again", path=path)
         points = _positions([number for row in found for number in row], path)
         solids = [name.decode("utf-8", "replace") for name in _SOLID.findall(data)]
-        lost = [f"solid {name}" for name in solids] if len(solids) > 1 else []
+        lost = [f"solid {name}" for name in solids if name]
     corners = np.arange(len(points), dtype=np.int32)
     connectivity = Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners)
     return MeshFile(points, connectivity, (), not_kept(lost))

@@ -65,6 +65,9 @@ _VARIABLES = {
 _NAMED = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"}
 """Where Exodus lists the names of parts of a mesh."""
 
+_RECORDS = ("info_records", "qa_records")
+"""Where programs say what they did."""
+
 NETCDF_FILL = {"f4": float(np.float32(9.969209968386869e36)), "f8": 9.969209968386869e36}
 """What netCDF gives for numbers that were never written, where their variable says nothing else."""
 
@@ -166,6 +169,7 @@ class ExodusSequence(MeshSequence):
             kind: [name for name in self._names(place) if name not in used or place != "name_nod_var"]
             for place, kind in places.items()
         }
+        kinds["records"] = [name for name in _RECORDS if name in self._variables]
         # Without names blocks and sets have nothing to lose but their numbers.
         labels = [label for attribute in kept for label in attribute.labels]
         return kinds | {

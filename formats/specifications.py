@@ -1,0 +1,170 @@
+"""What each format can hold by its own specification, in its own words, and what becomes of it when it is read.
+
+`docs/formats.md` shows it; `tests/formats/test_specifications.py` reads a file with each thing in it and compares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Things that a format can hold, by what becomes of them.
+
+    Attributes
+    ----------
+    coded : tuple of str
+        Kept, through `.pdeanim` files too.
+    dropped : tuple of str
+        Not kept; a notice names what a file has of it.
+    refused : tuple of str
+        Files with it are refused, or what has it is left out on request.
+    implied : tuple of str
+        Passed over, for it follows from what is kept, or is for people who read the file.
+    """
+
+    coded: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    implied: tuple[str, ...] = ()
+
+
+_ARRAYS = Specification(("points", "times", "fps", "faces", "objects", "metadata"), ("other arrays",))
+
+_VTK = Specification(
+    ("Points", "Cells", "TimeValue", "vectors that --displacement names"), ("PointData", "CellData", "FieldData")
+)
+
+_OBJ_KEPT = "f l p o g s usemtl mtllib"
+
+_OBJ_LEFT_OUT = """vp maplib usemap lod bevel c_interp d_interp shadow_obj trace_obj mg cstype deg bmat step parm trim
+hole scrv sp con ctech stech end"""
+
+SPECIFICATIONS: Mapping[str, Specification] = {
+    "obj": Specification(
+        ("v", "colours of v", "vt", "vn (which corners share one)", *_OBJ_KEPT.split()),
+        (*_OBJ_LEFT_OUT.split(), "g and usemtl of l and p"),
+        ("curv", "curv2", "surf", "res", "call", "csh", "bsp"),
+        ("comments",),
+    ),
+    "npz": _ARRAYS,
+    "hdf5": _ARRAYS,
+    "mdd": Specification(("times", "positions")),
+    "pc2": Specification(("start and step", "positions")),
+    "alembic": Specification(
+        (
+            "Xform (as matrices)",
+            "PolyMesh",
+            "SubD",
+            "Curves",
+            "Points",
+            "FaceSet",
+            "P",
+            "uv",
+            "N (which corners share one)",
+            "pointIds",
+            "constant arbGeomParams",
+            "visible (a line names what is hidden)",
+            "time samplings",
+        ),
+        (
+            "arbGeomParams that change",
+            "userProperties",
+            "velocities",
+            "widths",
+            "creases and corners",
+            "holes",
+            "options of SubD",
+            "knots and orders",
+            "Camera",
+            "Light",
+            "objects of other schemas",
+            "Xform without shapes",
+            "properties of objects and of the archive",
+        ),
+        ("NuPatch", "HDF5-backed archives"),
+        ("bounds", "sample counts", "animChans"),
+    ),
+    "usd": Specification(
+        (
+            "Mesh",
+            "BasisCurves",
+            "Points",
+            "primvars that stand",
+            "material names",
+            "GeomSubset",
+            "skeletons (applied)",
+            "implicit shapes (as polygons)",
+            "instances (as objects)",
+            "upAxis and metersPerUnit",
+        ),
+        (
+            "Shader",
+            "textures",
+            "lights",
+            "Camera",
+            "velocities",
+            "widths",
+            "creases",
+            "primvars that change",
+            "other attributes",
+            "purpose proxy and guide",
+            "variants that are not selected",
+            "metadata of prims",
+        ),
+        ("NurbsPatch",),
+        ("extent",),
+    ),
+    "gltf": Specification(
+        (
+            "triangles",
+            "points",
+            "lines",
+            "NORMAL (which corners share one)",
+            "TEXCOORD_n",
+            "COLOR_n",
+            "material names",
+            "skins (applied)",
+            "morph targets (applied)",
+            "animations",
+        ),
+        (
+            "textures",
+            "properties of materials",
+            "cameras",
+            "other scenes",
+            "nodes without meshes",
+            "extensions that are not read",
+            "extras",
+            "asset.copyright",
+        ),
+    ),
+    "xdmf": Specification(
+        ("Geometry", "Topology", "Time", "spatial collections"), ("Attribute", "Set", "Information"), ("Polyhedron",)
+    ),
+    **dict.fromkeys(("vtu", "vtp", "vtk", "pvtu", "pvd", "series"), _VTK),
+    "exodus": Specification(
+        ("coord", "connect", "time_whole", "displacements", "eb_names"),
+        ("other variables", "node sets", "side sets", "info_records", "qa_records"),
+    ),
+    "ply": Specification(
+        (
+            "vertex x, y, z",
+            "vertex nx, ny, nz (which corners share one)",
+            "vertex red, green, blue",
+            "vertex s, t",
+            "face vertex_indices",
+            "face texcoord",
+            "face red, green, blue",
+            "edge",
+            "tristrips",
+        ),
+        ("other properties of vertex", "other properties of face", "properties of edge", "other elements", "obj_info"),
+        (),
+        ("comments",),
+    ),
+    "stl": Specification(("facets",), ("names of solids", "attribute bytes"), (), ("normals of facets",)),
+    "off": Specification(("vertices", "faces", "colours of faces"), (), ("COFF, NOFF, STOFF, 4OFF",), ("comments",)),
+}
