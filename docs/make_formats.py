@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from pdecodec.formats import Format, list_formats
+from pdecodec.formats.specifications import SPECIFICATIONS
 
 HEAD = """\
 # Formats
@@ -95,12 +96,32 @@ CONVENTIONS = """\
 """
 
 
+HELD = """\
+## What each can hold, and what becomes of it
+
+By each format's own specification, in its words, when a file is read. Coded: it is kept, through `.pdeanim` files too.
+Carried: it is kept from a file to one of the same format (`convert`), else dropped. Dropped: a line names what a file
+has of it. Refused: the file is, or what has it is left out with `--skip-unsupported`. Implied: it follows from what is
+kept, or is for people who read the file. Tests read files with these things and compare.
+
+| format | coded | carried | dropped, by name | refused | implied |
+|---|---|---|---|---|---|
+"""
+
+
 def formats_page() -> str:
     """The table, then of each format what is kept and what is not."""
     entries = list_formats()
     rows = "".join(_row(entry) for entry in entries)
     parts = "\n".join(_part(entry) for entry in entries)
-    return f"{HEAD}{rows}\n{CONVENTIONS}\n## What each keeps\n\n{parts}"
+    held = "".join(_held(entry) for entry in entries if entry.name in SPECIFICATIONS)
+    return f"{HEAD}{rows}\n{CONVENTIONS}\n{HELD}{held}\n## What each keeps\n\n{parts}"
+
+
+def _held(entry: Format) -> str:
+    one = SPECIFICATIONS[entry.name]
+    cells = (one.coded, one.carried, one.dropped, one.refused, one.implied)
+    return f"| {entry.title} | {' | '.join(', '.join(cell) for cell in cells)} |\n"
 
 
 def _row(entry: Format) -> str:

@@ -17,6 +17,8 @@ class Specification:
     ----------
     coded : tuple of str
         Kept, through `.pdeanim` files too.
+    carried : tuple of str
+        Kept from a file to one of the same format; else as what is dropped.
     dropped : tuple of str
         Not kept; a notice names what a file has of it.
     refused : tuple of str
@@ -29,6 +31,7 @@ class Specification:
     dropped: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     implied: tuple[str, ...] = ()
+    carried: tuple[str, ...] = ()
 
 
 _ARRAYS = Specification(("points", "times", "fps", "faces", "objects", "metadata"), ("other arrays",))
@@ -70,19 +73,19 @@ SPECIFICATIONS: Mapping[str, Specification] = {
             "time samplings",
         ),
         (
-            "arbGeomParams that change",
+            "parameters that change",
             "userProperties",
             "velocities",
             "widths",
             "creases and corners",
             "holes",
-            "options of SubD",
-            "knots and orders",
-            "Camera",
-            "Light",
+            "options of subdivision",
+            "cameras",
+            "lights",
             "objects of other schemas",
-            "Xform without shapes",
-            "properties of objects and of the archive",
+            "transforms without shapes",
+            "properties of objects",
+            "archive properties",
         ),
         ("NuPatch", "HDF5-backed archives"),
         ("bounds", "sample counts", "animChans"),
@@ -93,7 +96,7 @@ SPECIFICATIONS: Mapping[str, Specification] = {
             "BasisCurves",
             "Points",
             "primvars that stand",
-            "material names",
+            "names of materials",
             "GeomSubset",
             "skeletons (applied)",
             "implicit shapes (as polygons)",
@@ -101,8 +104,9 @@ SPECIFICATIONS: Mapping[str, Specification] = {
             "upAxis and metersPerUnit",
         ),
         (
-            "Shader",
+            "shaders",
             "textures",
+            "properties of materials",
             "lights",
             "Camera",
             "velocities",
@@ -110,9 +114,14 @@ SPECIFICATIONS: Mapping[str, Specification] = {
             "creases",
             "primvars that change",
             "other attributes",
-            "purpose proxy and guide",
+            "relationships",
+            "API schemas",
+            "prims of purpose proxy and guide",
+            "prims without geometry",
+            "inactive prims",
             "variants that are not selected",
             "metadata of prims",
+            "metadata of the stage",
         ),
         ("NurbsPatch",),
         ("extent",),
@@ -125,21 +134,21 @@ SPECIFICATIONS: Mapping[str, Specification] = {
             "NORMAL (which corners share one)",
             "TEXCOORD_n",
             "COLOR_n",
-            "material names",
+            "names of materials",
             "skins (applied)",
             "morph targets (applied)",
             "animations",
         ),
         (
-            "textures",
-            "properties of materials",
             "cameras",
             "other scenes",
+            "meshes that the scene does not show",
             "nodes without meshes",
             "extensions that are not read",
             "extras",
             "asset.copyright",
         ),
+        carried=("textures", "properties of materials"),
     ),
     "xdmf": Specification(
         ("Geometry", "Topology", "Time", "spatial collections"), ("Attribute", "Set", "Information"), ("Polyhedron",)

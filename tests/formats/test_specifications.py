@@ -15,6 +15,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats import list_formats, open_sequence, write_sequence
 from pdecodec.formats.specifications import SPECIFICATIONS
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence
+from tests.formats.test_gltf_content import with_entries
 from tests.support.exodus_files import write_exodus
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
@@ -265,8 +266,72 @@ for _statement in (*SPECIFICATIONS["obj"].dropped, *SPECIFICATIONS["obj"].refuse
         (lambda folder, one=_statement: obj(folder, f"{one} 0 1 1 2"), f"{_statement}"),  # type: ignore[misc]
     )
 
-LISTED = {"alembic": "test_alembic_inventory", "usd": "test_usd_inventory", "gltf": "test_gltf_content"}
-"""Formats whose readers list all that a file holds, and the tests that compare it with the format's own library."""
+LISTED: dict[str, tuple[str, dict[str, str]]] = {
+    "alembic": (
+        "alembic3d",
+        {
+            "parameters that change": "changing (it changes with time)",
+            "options of subdivision": "properties of subdivision",
+            "objects of other schemas": "objects without a schema",
+        },
+    ),
+    "usd": (
+        "pxr",
+        {
+            "textures": "2 textures",
+            "lights": "DomeLight",
+            "primvars that change": "heat (it changes with time)",
+            "other attributes": "attributes (",
+            "prims of purpose proxy and guide": "purpose proxy",
+        },
+    ),
+    "gltf": (
+        "numpy",
+        {
+            "textures": "1 texture",
+            "meshes that the scene does not show": "which the scene does not show",
+            "extensions that are not read": "KHR_lights_punctual",
+        },
+    ),
+}
+"""Formats whose readers list all that a file holds, which other tests compare with the formats' own libraries: the
+packages, and words for things that notices call otherwise."""
+
+
+def with_all(name: str, folder: Path) -> Path:
+    """A file of one of those with everything that is dropped."""
+    if name == "alembic":
+        from tests.formats.test_alembic_inventory import everything
+
+        return everything(folder / "x.abc")
+    if name == "usd":
+        from tests.formats.test_usd_inventory import SHOP
+
+        (folder / "x.usda").write_text(SHOP)
+        return folder / "x.usda"
+    made = with_entries(
+        textures=[{}],
+        materials=[{"name": "a", "alphaMode": "MASK"}],
+        cameras=[{}],
+        nodes=[{"name": "n", "extras": {"hp": 3}}],
+        scenes=[{"nodes": [0]}, {"name": "other", "nodes": [1]}],
+        meshes=[{"name": "spare", "primitives": []}],
+        extensions={"KHR_lights_punctual": {"lights": [{"type": "spot"}]}},
+        asset={"version": "2.0", "copyright": "me"},
+    )
+    return made.save(folder / "x.glb")
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_what_is_dropped_of_scenes_is_named(name: str, tmp_path: Path) -> None:
+    package, words = LISTED[name]
+    pytest.importorskip(package)
+    with open_sequence(with_all(name, tmp_path), skip_unsupported=True) as clip:
+        notices = "; ".join(clip.notices)
+    specification = SPECIFICATIONS[name]
+    missing = [one for one in (*specification.dropped, *specification.carried) if words.get(one, one) not in notices]
+    assert missing == [], notices
+
 
 ALIKE = {"vtp": "vtu", "vtk": "vtu", "pvtu": "vtu", "pvd": "vtu", "series": "vtu"}
 """Formats of one reader."""
@@ -287,8 +352,6 @@ def test_every_format_that_is_read_says_what_it_can_hold() -> None:
         name: {thing for other, _, thing in CASES if other == name} for name in SAMPLES
     }
     assert set(SAMPLES) | set(LISTED) | set(ALIKE) == names
-    for module in LISTED.values():
-        assert (Path(__file__).parent / f"{module}.py").exists()
 
 
 @pytest.mark.parametrize(("name", "fate", "thing"), CASES)
