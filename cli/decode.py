@@ -368,14 +368,16 @@ def _read_times(path: str) -> list[float]:
     try:
         words = Path(path).read_text(encoding="utf-8").replace(",", " ").split()
     except UnicodeDecodeError as error:
-        raise InputError("this is not a text file of times in seconds", path=path) from error
+        raise InputError("this is not a text file of times in seconds", path=path, code="invalid-times") from error
     try:
         numbers = [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{error}; list times in seconds, apart by blanks or line ends", path=path) from error
+        raise InputError(
+            f"{error}; list times in seconds, apart by blanks or line ends", path=path, code="invalid-times"
+        ) from error
     if not numbers:
-        raise InputError("there is no time in it; list times in seconds", path=path)
+        raise InputError("there is no time in it; list times in seconds", path=path, code="invalid-times")
     for number in numbers:
         if not math.isfinite(number):
-            raise InputError(f"{number} is no time; list times in seconds", path=path)
+            raise InputError(f"{number} is no time; list times in seconds", path=path, code="invalid-times")
     return numbers

@@ -102,7 +102,9 @@ def serve(*, folder: str, port: int) -> None:
     try:
         server = FolderServer(place, port)
     except OSError as error:
-        raise InputError(f"port {port} cannot be served on ({error.strerror}); choose another") from error
+        raise InputError(
+            f"port {port} cannot be served on ({error.strerror}); choose another", code="unreadable"
+        ) from error
     with server:
         say(f"{counted(sum(1 for _ in server.files()), 'file')} of {place}; Ctrl-C ends this")
         put(server.address)

@@ -36,6 +36,11 @@ class ErrorCode(StrEnum):
     TIME_OUT_OF_RANGE = "time-out-of-range", "A time asked for lies outside the clip."
 
     INVALID_INPUT = "invalid-input", "An input has a wrong type or shape, or contradicts itself."
+    INVALID_FACES = (
+        "invalid-faces",
+        "Faces or lines refer to vertices that do not exist, have too few points, or their counts do not add up.",
+    )
+    INVALID_ATTRIBUTE = "invalid-attribute", "An attribute does not fit its domain, or the rows that it refers to."
     FILE_MISSING = "file-missing", "There is no such file, folder or address."
     UNREADABLE = "unreadable", "A file cannot be opened or read: access rights, a pipe or a device, a failing disk."
     OUTSIDE_FOLDER = "outside-folder", "A file names another one outside its folder, which was not allowed."

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
-from pdecodec.errors import InputError, PdecodecError
+from pdecodec.errors import InputError, Notice, PdecodecError
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
@@ -70,7 +70,10 @@ class IsolatedSequence(LaidOutSequence):
         except BaseException:
             self.worker.end()
             raise
-        self.notices = tuple(map(str, found["notices"]))
+        self.notices = tuple(
+            Notice(text, setting=setting or None, value=value or None, purpose=purpose)
+            for text, setting, value, purpose in found["notices"].reshape(-1, 4).tolist()
+        )
         self.unsupported = tuple(
             Unsupported(name, feature, None if frame == "" else int(frame))
             for name, feature, frame in found["unsupported"].reshape(-1, 3).tolist()
@@ -109,7 +112,9 @@ def _open(
     lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
     facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     there = [(one.path, one.kind, one.fate) for one in sequence.contents]
-    lists = {"notices": sequence.notices, "unsupported": lost, "contents": there}
+    told = [one if isinstance(one, Notice) else Notice(one) for one in sequence.notices]
+    notices = [(one.text, one.setting or "", one.value or "", one.purpose) for one in told]
+    lists = {"notices": notices, "unsupported": lost, "contents": there}
     texts = {name: np.array(values, np.str_) for name, values in lists.items()}
     return {**arrays_of(sequence, sequence.fps), **facts, **texts}
 

@@ -51,7 +51,9 @@ class LaidOutSequence(MeshSequence):
         """Check the points, and take everything else; `read` gives an array by its name, `what` is its kind."""
         shape, dtype = self._points.shape, self._points.dtype
         if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
-            raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}")
+            raise InputError(
+                f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}", code="damaged-input"
+            )
         if shape[1] == 0:
             raise InputError("points have no vertices; give at least one", code="no-vertices")
         arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
@@ -70,7 +72,7 @@ def check_has_points(names: Sequence[str], what: str) -> None:
     """Raise InputError unless one of the names is ``points``."""
     if "points" not in names:
         there = f"it has {', '.join(names)}: give that of the positions this name" if names else "it is empty"
-        raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}")
+        raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}", code="damaged-input")
 
 
 def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
@@ -141,7 +143,7 @@ def _metadata_of(arrays: Arrays) -> dict[str, str]:
         return {}
     entries = arrays["metadata"]
     if entries.ndim != 2 or entries.shape[1] != 2 or entries.dtype.kind != "U":
-        raise InputError(f"metadata must be pairs of text, not {entries.dtype} {entries.shape}")
+        raise InputError(f"metadata must be pairs of text, not {entries.dtype} {entries.shape}", code="damaged-input")
     return {str(key): str(value) for key, value in entries}
 
 
@@ -157,16 +159,25 @@ def _object_of(arrays: Arrays, place: str) -> MeshObject:
 def _attribute_of(arrays: Arrays, place: str) -> Attribute:
     domain = _text(arrays, f"{place}/domain")
     if domain not in get_args(AttributeDomain):
-        raise InputError(f"{place}/domain is {domain!r}, not one of {', '.join(get_args(AttributeDomain))}")
+        raise InputError(
+            f"{place}/domain is {domain!r}, not one of {', '.join(get_args(AttributeDomain))}", code="damaged-input"
+        )
     values = _array(arrays, f"{place}/values")
     if values.ndim not in (1, 2) or values.dtype.kind not in "fiu":
-        raise InputError(f"{place}/values must be numbers in one or two dimensions, not {values.dtype} {values.shape}")
+        raise InputError(
+            f"{place}/values must be numbers in one or two dimensions, not {values.dtype} {values.shape}",
+            code="damaged-input",
+        )
     indices = arrays.get(f"{place}/indices")
     if indices is not None and (indices.ndim != 1 or indices.dtype.kind not in "iu"):
-        raise InputError(f"{place}/indices must be one row of integers, not {indices.dtype} {indices.shape}")
+        raise InputError(
+            f"{place}/indices must be one row of integers, not {indices.dtype} {indices.shape}", code="damaged-input"
+        )
     labels = arrays.get(f"{place}/labels", np.zeros(0, "U1"))
     if labels.ndim != 1 or labels.dtype.kind != "U":
-        raise InputError(f"{place}/labels must be one row of text, not {labels.dtype} {labels.shape}")
+        raise InputError(
+            f"{place}/labels must be one row of text, not {labels.dtype} {labels.shape}", code="damaged-input"
+        )
     return Attribute(
         _text(arrays, f"{place}/name"),
         cast(AttributeDomain, domain),
@@ -185,12 +196,14 @@ def _array(arrays: Arrays, name: str) -> NDArray[Any]:
 def _text(arrays: Arrays, name: str) -> str:
     array = _array(arrays, name)
     if array.shape != () or array.dtype.kind != "U":
-        raise InputError(f"{name} must be text, not {array.dtype} {array.shape}")
+        raise InputError(f"{name} must be text, not {array.dtype} {array.shape}", code="damaged-input")
     return str(array)
 
 
 def _number(arrays: Arrays, name: str) -> int:
     array = _array(arrays, name)
     if array.shape != () or array.dtype.kind not in "iu" or int(array) < 0:
-        raise InputError(f"{name} must be a whole number, 0 or more, not {array.dtype} {array.shape}")
+        raise InputError(
+            f"{name} must be a whole number, 0 or more, not {array.dtype} {array.shape}", code="damaged-input"
+        )
     return int(array)

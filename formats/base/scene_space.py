@@ -196,7 +196,8 @@ def transform_of(item: MeshObject) -> Attribute | None:
     rows = found.values
     if rows.ndim != 2 or rows.shape[1] != TRANSFORM_COLUMNS or not len(rows) or (np.diff(rows[:, 0]) <= 0).any():
         raise InputError(
-            f"attribute {TRANSFORM!r} of object {item.name!r} is no list of times and matrices; remove or rename it"
+            f"attribute {TRANSFORM!r} of object {item.name!r} is no list of times and matrices; remove or rename it",
+            code="invalid-attribute",
         )
     return found
 

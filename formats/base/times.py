@@ -239,7 +239,7 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | No
         return None
     array = arrays[name]
     if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} must be numbers, not {array.dtype}")
+        raise InputError(f"{name} must be numbers, not {array.dtype}", code="invalid-times")
     return array.astype(np.float64)
 
 

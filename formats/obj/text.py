@@ -148,7 +148,7 @@ def read_text(path: Path, frame: int) -> ObjText:
         raise damaged("the file is empty; export it again", path=path, frame=frame)
     if b"\0" in data:
         message = "this is not OBJ text, it holds zero bytes; check the file"
-        raise InputError(message, path=path, frame=frame, offset=data.index(b"\0"))
+        raise InputError(message, path=path, frame=frame, offset=data.index(b"\0"), code="damaged-input")
     if data.startswith(_BYTE_ORDER_MARK):
         data = b" " * len(_BYTE_ORDER_MARK) + data[len(_BYTE_ORDER_MARK) :]
     joined: list[int] = []

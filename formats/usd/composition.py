@@ -61,7 +61,10 @@ def check_rates(stage: Any) -> None:
             ("framesPerSecond", layer.HasFramesPerSecond(), layer.framesPerSecond),
         ):
             if is_there and not (math.isfinite(rate) and rate > 0):
-                raise InputError(f"{name} of layer {layer.GetDisplayName()} is {rate:g}; it must be a positive number")
+                raise InputError(
+                    f"{name} of layer {layer.GetDisplayName()} is {rate:g}; it must be a positive number",
+                    code="invalid-times",
+                )
 
 
 def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:

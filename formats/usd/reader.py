@@ -125,6 +125,7 @@ class UsdSequence(SceneSequence):
                     "give them a sample there",
                     path=self._path,
                     frame=self._first_frame + start + row,
+                    code="unsupported-feature",
                 )
             points = to_float32(np.asarray(stored).reshape(-1, 3))
             if shape.skinning is not None:

@@ -158,7 +158,9 @@ class CodedFile:
         """
         if self.entries[0].basis == "closed form":
             raise InputError(
-                "profile paper: no frames can be coded beside its own; decode it, and encode all frames", path=self.path
+                "profile paper: no frames can be coded beside its own; decode it, and encode all frames",
+                path=self.path,
+                code="setting-unsupported",
             )
         step = self.animation.residual_step
         return AppendingEncoder(sequence, self.animation, self.entries[-1], step, effort=effort, progress=progress)

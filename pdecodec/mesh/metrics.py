@@ -143,7 +143,9 @@ class DistortionMeter:
             If shapes differ or a position is not finite.
         """
         if reference.shape != other.shape or reference.ndim != 3:
-            raise InputError(f"cannot compare positions of shape {reference.shape} with {other.shape}")
+            raise InputError(
+                f"cannot compare positions of shape {reference.shape} with {other.shape}", code="object-mismatch"
+            )
         step = max(1, CHUNK_POINTS // max(1, reference.shape[1]))
         for start in range(0, reference.shape[0], step):
             self._add_chunk(

@@ -86,15 +86,21 @@ class Connectivity:
 
     def _check(self, what: str, counts: Int32Array, indices: Int32Array, *, smallest: int) -> None:
         if counts.size and int(counts.min()) < smallest:
-            raise InputError(f"{what} {int(counts.argmin())} has {int(counts.min())} points, needs {smallest}")
+            raise InputError(
+                f"{what} {int(counts.argmin())} has {int(counts.min())} points, needs {smallest}", code="invalid-faces"
+            )
         if int(counts.sum(dtype=np.int64)) != indices.size:
-            raise InputError(f"{what} counts add up to {int(counts.sum(dtype=np.int64))}, indices are {indices.size}")
+            raise InputError(
+                f"{what} counts add up to {int(counts.sum(dtype=np.int64))}, indices are {indices.size}",
+                code="invalid-faces",
+            )
         outside = np.flatnonzero((indices < 0) | (indices >= self.vertex_count))
         if outside.size:
             owner = int(np.searchsorted(np.cumsum(counts), outside[0], side="right"))
             raise InputError(
                 f"{what} {owner} refers to vertex {int(indices[outside[0]])}, "
-                f"but there are {self.vertex_count} vertices (numbered from 0)"
+                f"but there are {self.vertex_count} vertices (numbered from 0)",
+                code="invalid-faces",
             )
 
     @classmethod
@@ -118,7 +124,9 @@ class Connectivity:
         used = padded != -1
         counts = used.sum(axis=1)
         if not np.array_equal(used, np.arange(padded.shape[1]) < counts[:, None]):
-            raise InputError("faces are padded with -1 before their end; -1 may only follow the last index")
+            raise InputError(
+                "faces are padded with -1 before their end; -1 may only follow the last index", code="invalid-faces"
+            )
         if counts.min() < 1:
             raise InputError(f"face {int(counts.argmin())} has no vertices", code="no-vertices")
         is_face = counts >= 3
@@ -204,7 +212,8 @@ class MeshObject:
                     known = ", ".join((*rows, "object"))
                     raise InputError(
                         f"attribute {attribute.name!r} of object {self.name!r} is of '{attribute.domain}'; there are "
-                        f"{known}"
+                        f"{known}",
+                        code="invalid-attribute",
                     )
                 self._check(attribute, rows[attribute.domain])
 
@@ -213,9 +222,14 @@ class MeshObject:
         indices = attribute.indices
         given = len(attribute.values) if indices is None else len(indices)
         if given != rows:
-            raise InputError(f"{what} has {given} rows, but there are {rows} of its domain, {attribute.domain}")
+            raise InputError(
+                f"{what} has {given} rows, but there are {rows} of its domain, {attribute.domain}",
+                code="invalid-attribute",
+            )
         if indices is not None and indices.size and not -1 <= indices.min() <= indices.max() < len(attribute.values):
-            raise InputError(f"{what} refers to rows outside its {len(attribute.values)} values")
+            raise InputError(
+                f"{what} refers to rows outside its {len(attribute.values)} values", code="invalid-attribute"
+            )
 
     @property
     def vertex_count(self) -> int:

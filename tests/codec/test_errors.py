@@ -6,9 +6,11 @@ import ast
 import errno
 import pickle
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
 import pdecodec
@@ -16,6 +18,8 @@ from pdecodec import errors
 from pdecodec.cli.main import COMMANDS
 from pdecodec.cli.main import pdecodec as commands
 from pdecodec.errors import ErrorCode, InputError, LimitError, Notice, PdecodecError, SettingsError
+from pdecodec.formats import open_sequence
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,7 +35,8 @@ CODES = re.findall(
     r"[a-z-]+",
     """
 failed invalid-setting conflicting-settings setting-unsupported unknown-name frame-out-of-range time-out-of-range
-invalid-input file-missing unreadable outside-folder unknown-format unsupported-format ambiguous-input frame-missing
+invalid-input invalid-faces invalid-attribute file-missing unreadable outside-folder unknown-format unsupported-format
+ambiguous-input frame-missing
 no-frames no-vertices damaged-input file-changed unsupported-feature object-missing object-mismatch
 connectivity-changes invalid-times not-finite too-large interrupted worker-ended output-exists output-unwritable
 disk-full overwrites-input corrupt-file identifier version header-checksum table table-checksum truncated
@@ -176,3 +181,33 @@ def test_nothing_looks_into_the_words_of_an_error() -> None:
             found += [(place, node.lineno) for one in asked if is_words(one)]
     # The exception is USD's own, which says the line of a file in its text alone.
     assert {place for place, _ in found} <= {"formats/usd/composition.py"}
+
+
+@pytest.mark.parametrize(
+    ("code", "fails"),
+    [
+        ("invalid-faces", lambda: Connectivity(3, [3], [0, 1, 3])),
+        ("invalid-faces", lambda: Connectivity(3, [2], [0, 1])),
+        ("invalid-faces", lambda: Connectivity(3, [4], [0, 1, 2])),
+        ("invalid-attribute", lambda: MeshObject("o", Connectivity(3), (Attribute("a", "vertex", np.zeros(2)),))),
+    ],
+)
+def test_meshes_that_contradict_themselves_have_codes_of_their_own(code: str, fails: Callable[[], object]) -> None:
+    with pytest.raises(InputError) as failed:
+        fails()
+    assert failed.value.code == code
+
+
+def test_an_archive_that_breaks_its_layout_is_damaged(tmp_path: Path) -> None:
+    for name, arrays in (("none", {}), ("text", {"points": np.zeros((1, 2, 3)), "metadata": np.zeros(3)})):
+        np.savez(tmp_path / name, **arrays)
+        with pytest.raises(InputError) as failed:
+            open_sequence(tmp_path / f"{name}.npz")
+        assert failed.value.code == "damaged-input"
+
+
+def test_a_notice_of_an_isolated_reader_keeps_its_setting(tmp_path: Path) -> None:
+    np.savez(tmp_path / "line.npz", points=np.zeros((2, 3, 3), np.float32))
+    with open_sequence(tmp_path / "line.npz") as here, open_sequence(tmp_path / "line.npz", isolate=True) as there:
+        assert [vars(one) for one in there.notices] == [vars(one) for one in here.notices]
+        assert there.notices[0].setting == "fps"
