@@ -1,4 +1,4 @@
-// What is exact: integer arithmetic that every compiler does alike, and floating point that must not be contracted.
+// Exact arithmetic: integers that every compiler computes alike, and floating point that must not be contracted.
 //
 // The file format's integers follow Python: division and shifts round towards minus infinity. Signed overflow wraps
 // (-fwrapv), shifts of negative numbers are arithmetic (C++20).
@@ -21,7 +21,7 @@ using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
-// Binary digits of a number; none of one that is not positive.
+// Number of binary digits; 0 for a number that is not positive.
 constexpr int bit_length(i64 number) { return number > 0 ? 64 - std::countl_zero(static_cast<u64>(number)) : 0; }
 
 // Quotient rounded towards minus infinity; the divisor is not zero.

@@ -1,4 +1,4 @@
-// Arrays with an allocation of their own: aligned to cache lines, or in large pages.
+// Arrays with their own allocators: aligned to cache lines, or in large pages.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 
 namespace pdeanim {
 
-// Arrays that begin with a line of the cache: a register as wide as a line is read from one line then, not from two.
+// Arrays that begin at a cache line: a register as wide as a line is then read from one line, not from two.
 constexpr std::size_t cache_line = 64;  // bytes
 
 template <class T> struct OnCacheLine {
@@ -30,9 +30,8 @@ template <class T> struct OnCacheLine {
 
 template <class T> using AlignedArray = std::vector<T, OnCacheLine<T>>;
 
-// Arrays of many megabytes that are written before they are read: nothing sets their numbers to zero first, and they lie in
-// pages as large as the system has. To have small pages brought in one by one takes longer than most of what is done with
-// what lies in them.
+// Arrays of many megabytes that are written before they are read. They are not cleared first, and use the largest pages
+// of the system: mapping small pages one by one takes longer than most work on the data in them.
 template <class T> struct LargePages {
     using value_type = T;
 
@@ -44,7 +43,7 @@ template <class T> struct LargePages {
         if (bytes < worth_large_pages) return static_cast<T *>(::operator new(bytes));
         void *found = ::operator new(bytes, std::align_val_t{large_page});
 #if defined(__linux__)
-        madvise(found, bytes, MADV_HUGEPAGE);  // a wish: where it is not granted, pages are small
+        madvise(found, bytes, MADV_HUGEPAGE);  // only a hint: without it pages are small
 #endif
         return static_cast<T *>(found);
     }
@@ -56,7 +55,7 @@ template <class T> struct LargePages {
         }
     }
 
-    // Without an initial value there is none.
+    // Values are not initialised.
     template <class Value> void construct(Value *place) { ::new (static_cast<void *>(place)) Value; }
 
     friend bool operator==(const LargePages &, const LargePages &) { return true; }

@@ -1,5 +1,6 @@
 // Failures of the core: thrown inside, turned into codes at the C interface and into Python's errors at the bindings.
-// One of them, LimitError, comes from the limit on memory: what a file asks for is counted before it is taken.
+//
+// LimitError comes from the limit on memory: what a file asks for is counted before it is allocated.
 #pragma once
 
 #include <atomic>
@@ -12,7 +13,7 @@
 
 namespace pdeanim {
 
-// Codes of pdecodec.errors.ErrorCode that a damaged file can have.
+// Codes of pdecodec.errors.ErrorCode that a damaged file can cause.
 enum class FaultCode {
     identifier,
     version,
@@ -35,7 +36,7 @@ struct Section {
     std::string_view type;
 };
 
-// The bytes are not those of a sound file. Where they are known: the section, the byte of the file and the frame.
+// The bytes are not those of a sound file. If known: the section, the byte of the file and the frame.
 struct CorruptError : std::runtime_error {
     explicit CorruptError(const std::string &message, FaultCode code_ = FaultCode::section_content, i64 offset_ = -1)
         : std::runtime_error(message), code(code_), offset(offset_) {}
@@ -56,7 +57,7 @@ struct LimitError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// What the caller asks for cannot be had.
+// The caller's request cannot be fulfilled.
 struct ArgumentError : std::invalid_argument {
     using std::invalid_argument::invalid_argument;
 };
@@ -66,17 +67,17 @@ struct ReadError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// A number of bytes; several threads may take of it.
+// A number of bytes that several threads may take from.
 class MemoryLimit {
 public:
     explicit MemoryLimit(u64 bytes) : bytes_(bytes), left_(bytes) {}
 
-    // As much as is left of another one.
+    // Start with what is left of another limit.
     MemoryLimit(const MemoryLimit &other) : bytes_(other.bytes_), left_(other.left()) {}
 
     u64 left() const { return left_; }
 
-    // For good. LimitError, which says for what, where so much is not left.
+    // Take bytes permanently; LimitError names their use if not enough are left.
     void take(u64 bytes, std::string_view what) {
         u64 left = left_;
         do {
@@ -94,7 +95,8 @@ private:
     std::atomic<u64> left_;
 };
 
-// What is taken for something, as long as that is there; several threads may take more. Without a limit nothing is counted.
+// Bytes taken for one purpose and returned at the end; several threads may take more. Without a limit nothing is
+// counted.
 class TakenMemory {
 public:
     TakenMemory() = default;
@@ -112,7 +114,7 @@ public:
 
     u64 bytes() const { return bytes_; }
 
-    // Nothing yet, of the same limit.
+    // Nothing taken yet, from the same limit.
     TakenMemory another() const { return limit_ ? TakenMemory(*limit_) : TakenMemory(); }
 
     void take(u64 bytes, std::string_view what) {
@@ -127,7 +129,7 @@ public:
         limit_->give_back(bytes);
     }
 
-    // It has turned out that no more than so much is needed.
+    // Return all but the bytes that turned out to be needed.
     void keep(u64 bytes) {
         if (bytes < bytes_) give_back(bytes_ - bytes);
     }

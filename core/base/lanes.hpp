@@ -1,7 +1,8 @@
-// Numbers side by side in vector registers, and loops that are compiled once for each width of these.
+// Numbers side by side in vector registers, and loops that are compiled once for each register width.
 //
-// Only loops whose result does not depend on that width are: each lane does what a loop over single numbers would. `Lanes`
-// is one register, `Registers` as many as so many numbers take, and `in_wide` and `in_widest` call the loop for wide registers.
+// Only loops whose result does not depend on that width are written so: each lane computes what a loop over single
+// numbers would. `Lanes` is one register, `Registers` as many as a count of numbers takes; `in_wide` and `in_widest`
+// call the loop for wide registers.
 #pragma once
 
 #include <cstddef>
@@ -13,8 +14,8 @@
 #define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
 #endif
 
-// For the templates that such loops are written as: they must become part of each version. In a page there is one version,
-// and code is fetched.
+// Forces the templates of such loops to be inlined into each version. In a page there is one version, and its code must
+// be fetched.
 #if defined(_MSC_VER)
 #define PDEANIM_INLINE __forceinline
 #elif defined(__wasm__)
@@ -23,7 +24,7 @@
 #define PDEANIM_INLINE inline __attribute__((always_inline))
 #endif
 
-// For the lambdas within them.
+// For lambdas within such loops.
 #if defined(__GNUC__)
 #define PDEANIM_INLINE_LAMBDA __attribute__((always_inline))
 #else
@@ -75,25 +76,25 @@ template <class T, int count> struct Lanes {
 };
 #endif
 
-// Numbers of an array, wherever they lie: a type of numbers that lie so is one whose alignment some compilers forget.
+// Load numbers of an array at any alignment; some compilers forget the alignment of a type that has it.
 template <int count, class T> PDEANIM_INLINE Lanes<T, count> lanes_at(const T *numbers) {
     Lanes<T, count> found;
     std::memcpy(&found, numbers, sizeof found);
     return found;
 }
 
-// Write them.
+// Store them.
 template <class Row, class T> PDEANIM_INLINE void put_lanes(T *numbers, const Row &lanes) {
     std::memcpy(numbers, &lanes, sizeof lanes);
 }
 
-// Numbers, and arrays of them. What is `= {}` GCC makes zero in memory, too, where it stays in registers.
+// Clears numbers, and arrays of them. GCC also clears `= {}` in memory; this stays in registers.
 template <class Row> PDEANIM_INLINE void make_zero(Row &lanes) { lanes = Row{}; }
 template <class Row, std::size_t count> PDEANIM_INLINE void make_zero(Row (&rows)[count]) {
     for (Row &row : rows) make_zero(row);
 }
 
-// Values where what is tested is more than 0, else 0.
+// Select values where `tested` is more than 0, else 0.
 template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const Row &values) {
 #if defined(__GNUC__)
     return tested > 0.0 ? values : Row{};
@@ -107,7 +108,7 @@ template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const 
 #endif
 }
 
-// What a function of the lane returns.
+// The results of a function of the lane.
 template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes_by(const Number &number) {
     static_assert(count == 2 || count == 4 || count == 8);
     if constexpr (count == 2) {
@@ -119,8 +120,8 @@ template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes
     }
 }
 
-// So many numbers side by side in registers of `bytes`, in several where one is too short. (Vectors longer than registers
-// are not what to write: GCC keeps those in memory.)
+// Several numbers in registers of `bytes`, or in several registers if one is too short. (GCC keeps vectors longer than
+// registers in memory.)
 template <class T, int count, int bytes> struct Registers {
     static constexpr int size = bytes / static_cast<int>(sizeof(T)), parts = count / size;
     static_assert(parts * size == count);
@@ -139,7 +140,7 @@ template <class T, int count, int bytes> struct Registers {
         for (int p = 0; p < parts; ++p) found.part[p] = lanes_at<size>(numbers + p * size);
         return found;
     }
-    // What a function of the lane returns.
+    // The results of a function of the lane.
     template <class Number> static PDEANIM_INLINE Registers by_lane(const Number &number) {
         Registers found;
         for (int p = 0; p < parts; ++p) {
@@ -180,11 +181,10 @@ PDEANIM_INLINE Registers<T, count, bytes> where_positive(const Registers<T, coun
     return values;
 }
 
-// Which of the loops that are written for several widths of vector registers are taken: those of the widest that the
-// processor has, or narrower ones where the environment's PDECODEC_INSTRUCTIONS says usual, avx2 or avx512f. All give the
-// same bits; tests compare them.
+// Which variant of a loop runs: that for the widest registers of the processor, or a narrower one if the environment's
+// PDECODEC_INSTRUCTIONS is usual, avx2 or avx512f. All give the same bits; tests compare them.
 template <int bytes> using RegisterBytes = std::integral_constant<int, bytes>;
-constexpr int usual_bytes = 16;  // of registers that every processor has: for loops without variants
+constexpr int usual_bytes = 16;  // register width of every processor: for loops without variants
 
 #if defined(PDEANIM_FOR)
 
@@ -211,12 +211,12 @@ template <class Work> PDEANIM_FOR("avx2") void with_avx2(const Work &work) { wor
 
 #endif
 
-// Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers and gets how many bytes they
-// have; so must be what it calls, PDEANIM_INLINE. `Registers` of so many numbers, whatever their width, are what it does
-// the same sums in.
+// Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers and gets that width in
+// bytes.
 //
-// A loop has a variant where that is worth 10 % of a whole encode, decode or simulation: `in_wide` stops at 32 bytes, as
-// wider registers bring less than that.
+// Everything it calls must be PDEANIM_INLINE. `Registers` of a fixed count compute the same sums at any width. A loop
+// has a variant only if that saves 10 % of a whole encode, decode or simulation: `in_wide` stops at 32 bytes, because
+// wider registers save less.
 template <class Work> void in_wide(const Work &work) {
 #if defined(PDEANIM_FOR)
     if (has_avx2()) return with_avx2(work);

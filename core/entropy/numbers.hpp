@@ -1,4 +1,4 @@
-// Models of whole numbers: one of any size, a sequence that repeats itself (MatchModel), and lists.
+// Models of whole numbers: of any size, in sequences that repeat (MatchModel), and in lists.
 #pragma once
 
 #include <array>
@@ -11,9 +11,9 @@
 
 namespace pdeanim {
 
-// Numbers from 0 to 2^32 - 2 (twice the largest vertex index and its sign fit): how many binary digits, one by one, then
-// the digits. The first three digits below the leading one depend on those before; the others are as good as noise and
-// cost a bit each.
+// Numbers from 0 to 2^32 - 2 (twice the largest vertex index and its sign fit): the number of binary digits in unary,
+// then the digits. The first three digits below the leading one depend on those before; the others are nearly random
+// and cost a bit each.
 class NumberModel {
 public:
     template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
@@ -38,7 +38,7 @@ private:
     std::array<std::array<BitModel, 1 << modelled_digits>, most_digits> digits_;
 };
 
-// Numbers of either sign: whether it is 0, its sign, and its magnitude less 1.
+// Signed numbers: a zero flag, the sign, and the magnitude minus 1.
 class SignedModel {
 public:
     template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
@@ -53,7 +53,8 @@ private:
     std::array<NumberModel, 2> magnitude_;
 };
 
-// Classes of numbers, looked up where numbers are small, as most are: to count binary digits takes as long as a decision.
+// Classes of numbers in a table where numbers are small, as most are: counting binary digits takes as long as a
+// decision.
 template <auto class_of> inline constexpr std::array<u8, 256> small_classes = [] {
     std::array<u8, 256> found{};
     for (std::size_t number = 0; number < found.size(); ++number) {
@@ -62,13 +63,13 @@ template <auto class_of> inline constexpr std::array<u8, 256> small_classes = []
     return found;
 }();
 
-// What `class_of`, constexpr, says of a number that is not negative: less than 256.
+// `class_of` (constexpr) of a number that is not negative; classes are less than 256.
 template <auto class_of> int looked_up(i64 number) {
     const auto &small = small_classes<class_of>;
     return number < static_cast<i64>(small.size()) ? small[number] : class_of(number);
 }
 
-// Numbers from 1 to 2^43 - 1: how many binary digits, one by one, then the digits as bypass bits.
+// Numbers from 1 to 2^43 - 1: the number of binary digits in unary, then the digits as bypass bits.
 class CountedModel {
 public:
     template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
@@ -85,17 +86,18 @@ private:
     std::array<BitModel, most_digits> more_;
 };
 
-// A match model: what followed in a sequence of numbers the last time when the same numbers had gone before.
+// A match model: predicts what followed the last time the same numbers occurred.
 //
-// Meshes that a program made repeat themselves: every row of a grid is numbered as the row before. The model finds the
-// place where the last six numbers stood before (the long match) and stays there as long as the sequence goes on in the
-// same way, so that it also finds where a row ends; and the place where the last three stood (the short match), looked up
-// anew for every number. Whether one of them is right is coded as a mixed bit; what neither gives is the caller's.
+// Meshes made by programs repeat themselves: every row of a grid is numbered as the row before. The model finds the
+// place where the last six numbers occurred before (the long match) and stays there as long as the sequence repeats, so
+// that it also finds the end of a row; and the place where the last three occurred (the short match), looked up anew
+// for every number. Whether one of them is right is coded as a mixed bit; the caller codes a number that neither
+// predicts.
 class MatchModel {
 public:
-    static constexpr int phases = 8;  // kinds of numbers in one sequence, at most; they belong to the contexts
+    static constexpr int phases = 8;  // largest number of kinds of numbers in one sequence; kinds select contexts
 
-    // Code whether the next number is one that the model proposes; if so, the number. In any case `add` comes next.
+    // Code whether the next number is one that the model proposes, and if so the number. `add` must follow in any case.
     template <Mode mode> std::optional<i64> code(RangeCoder<mode> &coder, int phase, i64 number) {
         look_up(phase);
         const i64 place = long_place_, short_place = short_place_;
@@ -148,16 +150,16 @@ public:
 
 private:
     static constexpr int long_context = 6, short_context = 3;
-    static constexpr int table_bits = 13;            // of the tables of places: they stay within the processor's cache
-    static constexpr i64 past_size = 1 << 14;        // numbers that are kept: two rows of a grid of a thousand columns
-    static constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
-    static constexpr int longest_run = 63, farthest = 63;  // runs and distances beyond these are alike
+    static constexpr int table_bits = 13;      // size of the tables of places, which stay within the processor's cache
+    static constexpr i64 past_size = 1 << 14;  // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr u32 hash_factor = 0x9E3779B1u;        // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
+    static constexpr int longest_run = 63, farthest = 63;  // longer runs and larger distances share a context
 
     i64 number_at(i64 place) const { return past_[place & (past_size - 1)]; }
 
     void look_up(int phase) {
         if (long_place_ >= 0 && run_ >= longest_run) {
-            // Nothing here is new: time is better spent elsewhere.
+            // All of this repeats: updating the tables would waste time.
             long_slot_ = short_slot_ = -1;
             short_place_ = -1;
             return;
@@ -189,7 +191,7 @@ private:
     std::vector<i64> past_ = std::vector<i64>(past_size);
 };
 
-// A list of numbers of which each is larger than the one before, by no more than 2^32.
+// A list of increasing numbers whose differences are at most 2^32.
 class AscendingModel {
 public:
     template <Mode mode> void code(RangeCoder<mode> &coder, std::span<i64> numbers) {
@@ -208,7 +210,7 @@ private:
     NumberModel gaps_;
 };
 
-// A list of numbers by their differences, less than 2^32 in size, which often come again as they came before.
+// A list of numbers coded by their differences, less than 2^32 in size, which often repeat.
 class StepModel {
 public:
     template <Mode mode> void code(RangeCoder<mode> &coder, std::span<i64> numbers) {

@@ -1,12 +1,12 @@
 // The adaptive binary range coder: integers only, so that any language can follow it bit by bit.
 //
-// Every model is written once, as a template over the coder's mode: it encodes, it decodes, or it adds up what encoding
-// would cost. `bit` takes a bit and hands it back; when decoding, what it is given does not matter, and it hands back the
-// bit that the bytes hold. A mixed bit weighs several inputs in the logistic domain, with weights that learn as well
-// (Mahoney 2005, "Adaptive weighing of context models for lossless data compression").
+// Every model is written once, as a template over the coder's mode: it encodes, it decodes, or it adds up the cost of
+// encoding. `bit` takes a bit and returns it; when decoding, it ignores its argument and returns the bit read from the
+// bytes. A mixed bit weighs several inputs in the logistic domain, with weights that learn too (Mahoney 2005, "Adaptive
+// weighing of context models for lossless data compression").
 //
-// This folder has the coding tools that all sections share (3 of the specification). Begin here: numbers.hpp has models of
-// whole numbers and lists, text_model of texts and other bytes, tables what probabilities are looked up in.
+// This folder has the coding tools that all sections share (3 of the specification). Begin here: numbers.hpp has models
+// of whole numbers and lists, text_model of texts and other bytes, tables the tables of probabilities.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 // Tables (tables.cpp): integers that the specification defines, the same on every machine.
 //
-// Without this, every access goes through a table of addresses: -fvisibility does not apply to `extern`.
+// Without this attribute every access goes through a table of addresses: -fvisibility does not apply to `extern`.
 #if defined(__GNUC__)
 #pragma GCC visibility push(hidden)
 #endif
@@ -26,15 +26,15 @@
 namespace pdeanim::tables {
 
 inline constexpr int logistic_limit = 2047;  // largest magnitude of log odds [1/256]
-inline constexpr int rarest = 32;            // least probability of either bit [1/65536]
+inline constexpr int rarest = 32;            // smallest probability of either bit [1/65536]
 
-// Logistic domain, from -logistic_limit on, to probability [1/65536], none below the least.
+// Logistic domain, from -logistic_limit on, to probability [1/65536], at least the smallest.
 extern const std::array<u16, 2 * logistic_limit + 1> squash;
 
 // Probability [1/4096] to the logistic domain [1/256].
 extern const std::array<i16, 4096> stretch;
 
-// Cost of a bit of a probability [1/4096], in 1/65536 of a bit.
+// Cost of a bit by its probability [1/4096], in 1/65536 of a bit.
 extern const std::array<i32, 4096> costs;
 
 }  // namespace pdeanim::tables
@@ -48,41 +48,40 @@ namespace pdeanim {
 enum class Mode { encode, decode, measure };
 
 #if defined(PDEANIM_NOTE_BITS)
-// Sees each bit that is decoded: what core/tests/exactness.cpp compares builds by.
+// Sees each decoded bit: core/tests/exactness.cpp compares builds by it.
 void note_bit(i32 probability, bool bit);
 #endif
 
-// An adaptive bit model: 22 bits of the probability of a 1 above 10 bits that count how often it was adapted, so that it
-// learns fast at first and settles later.
+// An adaptive bit model: 22 bits of the probability of a 1, above 10 bits that count adaptations, so that it learns
+// fast at first and slower later.
 class BitModel {
 public:
     static constexpr int probability_bits = 22, count_bits = 10;
-    static constexpr u32 slowest =
-        255;  // adaptations after which it becomes no slower: about as many bits it remembers
+    static constexpr u32 slowest = 255;  // adaptations after which the rate stays: about as many bits as it remembers
 
-    // In 1/65536.
+    // Probability of a 1 [1/65536].
     constexpr i32 probability() const { return static_cast<i32>(state_ >> (count_bits + probability_bits - 16)); }
 
-    // What it says of the next bit, in the logistic domain [1/256].
+    // Prediction of the next bit in the logistic domain [1/256].
     i32 opinion() const { return tables::stretch[state_ >> (count_bits + probability_bits - 12)]; }
 
     constexpr void adapt(bool bit) {
         const u32 count = state_ & ((1u << count_bits) - 1);
         const i64 before = state_ >> count_bits;
         const i64 target = bit ? (1 << probability_bits) - 1 : 0;
-        // The change of the probability, where it stands above the count.
+        // The change of the probability; the mask keeps the count below it.
         const i64 change = (((target - before) * rates[count]) >> (16 - count_bits)) & -(i64{1} << count_bits);
         state_ += static_cast<u32>(change) + (count < slowest);
     }
 
-    // Count no more adaptations than these, so that it learns faster again.
+    // Limit the count of adaptations, so that the model learns faster again.
     constexpr void trust(u32 adaptations) {
         const u32 count = state_ & ((1u << count_bits) - 1);
         if (count > adaptations) state_ -= count - adaptations;
     }
 
 private:
-    // After n adaptations, 1 / (n + 1.5) in 1/65536; divisions would take as long as all the rest.
+    // After n adaptations, 1 / (n + 1.5) in 1/65536; a division would take as long as everything else.
     static constexpr std::array<i64, slowest + 1> rates = [] {
         std::array<i64, slowest + 1> found{};
         for (u32 count = 0; count <= slowest; ++count) found[count] = 131072 / (2 * count + 3);
@@ -92,22 +91,22 @@ private:
     u32 state_ = 1u << (probability_bits - 1 + count_bits);
 };
 
-// Weights of the inputs of a mixed bit, in 1/65536. At first they trust all alike: together more than one, for where inputs
-// agree they know more than each.
+// Weights of the inputs of a mixed bit, in 1/65536. They start equal, with a sum above one: inputs that agree know more
+// together than each alone.
 template <std::size_t inputs> struct Weights : std::array<i32, inputs> {
     constexpr Weights() { this->fill(static_cast<i32>(6 * 65536 / (5 * inputs))); }
 };
 
 template <Mode mode> class RangeCoder {
 public:
-    static constexpr int first_bytes = 8;  // what a reader holds of the bytes
+    static constexpr int first_bytes = 8;  // bytes that a reader holds
     static constexpr int cost_bits = 16;
 
     RangeCoder()
         requires(mode != Mode::decode)
     = default;
 
-    // Decode these bytes; zeros follow them. They must outlive the coder.
+    // Decode these bytes, as if zeros followed; they must outlive the coder.
     explicit RangeCoder(std::span<const u8> data)
         requires(mode == Mode::decode)
         : data_(data) {
@@ -115,7 +114,7 @@ public:
         refill();
     }
 
-    // One bit whose probability of being 1 is `probability` / 65536, at least the rarest from either end.
+    // Code a bit whose probability of being 1 is `probability` / 65536, at least the smallest from either end.
     bool with(i32 probability, bool bit) {
         if constexpr (mode == Mode::measure) {
             cost_ += tables::costs[(bit ? probability : 65536 - probability) >> 4];
@@ -140,13 +139,13 @@ public:
         }
     }
 
-    // A bypass bit: either value is as likely.
+    // A bypass bit: both values are equally likely.
     bool bypass(bool bit) {
         constexpr i32 even = 1 << 15;
         if constexpr (mode != Mode::decode) {
             return with(even, bit);
         } else {
-            // No branch, for no processor can guess it.
+            // Without a branch: no processor could predict it.
             const u64 split = (range_ >> 16) * even;
             const u64 where_zero = code_ < split ? 0 : ~u64{0};
             code_ -= split & where_zero;
@@ -160,14 +159,14 @@ public:
         }
     }
 
-    // One bit with an adaptive bit model, which learns.
+    // Code a bit with an adaptive bit model, which learns.
     bool bit(BitModel &model, bool bit) {
         bit = with(clamp(model.probability(), tables::rarest, 65536 - tables::rarest), bit);
         model.adapt(bit);
         return bit;
     }
 
-    // One bit with the mixed opinion of several inputs, all of them different; inputs and weights learn.
+    // Code a bit with the mixed predictions of several distinct inputs; inputs and weights learn.
     template <std::size_t inputs> bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit) {
         std::array<i32, inputs> opinions;
         i64 total = 0;
@@ -185,15 +184,16 @@ public:
             }
             return found;
         };
-        // A branch, which a processor guesses: it goes on before it has the bit.
+        // A branch, which the processor predicts: it continues before it has the bit.
         return with(probability, bit) ? learn(true) : learn(false);
     }
 
-    // End encoding: the shortest bytes that, with zeros after them, lie in the interval.
+    // Finish encoding: return the shortest bytes that, followed by zeros, lie in the interval.
     std::vector<u8> finish()
         requires(mode == Mode::encode)
     {
-        // The first number from `low_` on whose last bytes are zeros: as many bytes as that leaves in the interval.
+        // The first number from `low_` on whose trailing bytes are zeros, with as many zero bytes as the interval
+        // allows.
         int kept = 0;
         const auto beyond_low = [&] { return (0 - low_) & (kept == 0 ? ~u64{0} : ~u64{0} >> 8 * kept); };
         while (kept < first_bytes && beyond_low() >= range_) ++kept;
@@ -206,43 +206,43 @@ public:
         return std::move(written_);
     }
 
-    // Whether a decoder has come to the end of its bytes, and needed every one of them.
+    // Return whether a decoder has reached the end of its bytes and needed every one of them.
     //
     // An encoder writes four bytes each time the interval is widened, and `finish` up to eight more, only as many as it
-    // takes to be in the interval: no other bytes are what it would have written.
+    // takes to be in the interval: it would have written no other bytes.
     bool is_finished() const
         requires(mode == Mode::decode)
     {
         const std::size_t size = data_.size();
         if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
-        // A number with so many zeros at its end is the first one in the interval, and none in it has a zero more.
+        // A number with that many trailing zeros is the first one in the interval, and none in it has more.
         const int zeros = 8 * static_cast<int>(position_ - size);
         const u64 last = static_cast<u64>(data_[size - 1]) << zeros;
         return code_ >> zeros == 0 && ((code_ - last) & ~u64{0} >> (56 - zeros)) >= range_;
     }
 
-    // Where damage is noticed: the decoder has looked at the bytes up to this one.
+    // Position of damage: the decoder has used the bytes up to this one.
     std::size_t byte() const
         requires(mode == Mode::decode)
     {
         return least(position_, data_.size());
     }
 
-    // Bytes that were taken beyond the end; a sound stream takes eight at most.
+    // Number of bytes taken beyond the end; a sound stream takes at most eight.
     std::size_t beyond() const
         requires(mode == Mode::decode)
     {
         return position_ > data_.size() ? position_ - data_.size() : 0;
     }
 
-    // CorruptError where decoding goes on although the bytes have long ended: what they do not hold is not worth a wait.
+    // Raise CorruptError if decoding continues long after the end of the bytes.
     void check_not_ended() const {
         if constexpr (mode == Mode::decode) {
             if (beyond() > first_bytes) throw CorruptError("ends too early");
         }
     }
 
-    // Count what some work costs so many times.
+    // Count the cost of some work multiplied by a factor.
     template <class Work> void count_more(double times, const Work &work)
         requires(mode == Mode::measure)
     {
@@ -251,7 +251,7 @@ public:
         cost_ = before + static_cast<i64>(times * static_cast<double>(cost_ - before));
     }
 
-    // What encoding would have cost so far [bits].
+    // Cost of the encoding so far [bits].
     double bits() const
         requires(mode == Mode::measure)
     {
@@ -259,9 +259,9 @@ public:
     }
 
 private:
-    static constexpr int learning_shift = 14;  // rate at which weights learn, as a power of two
+    static constexpr int learning_shift = 14;  // learning rate of the weights, as a power of two
 
-    // An interval that has become narrow is widened by whole words: seldom, so that a processor guesses right.
+    // A narrow interval is widened by whole words: rarely, so that a processor predicts the branch.
     static constexpr int word_bytes = 4, word_bits = 8 * word_bytes;
 
     void widen() {
@@ -277,7 +277,7 @@ private:
         range_ <<= word_bits;
     }
 
-    // Take the next word, the most significant byte first; zeros follow the end.
+    // Read the next word, the most significant byte first; zeros follow the end.
     void refill() {
         u32 word = 0;
         if (position_ + word_bytes <= data_.size()) {
@@ -291,7 +291,7 @@ private:
         code_ = code_ << word_bits | word;
     }
 
-    // Add one to the number that the bytes written so far are.
+    // Add one to the number formed by the bytes written so far.
     void carry() {
         for (std::size_t at = written_.size(); at-- > 0;) {
             if (++written_[at] != 0) return;

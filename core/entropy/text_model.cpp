@@ -6,7 +6,7 @@ namespace {
 
 constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
 
-// What the model of texts reads before it codes any; 255 ends a word.
+// Words that the model of texts reads before it codes; 255 ends a word.
 constexpr std::string_view words =
     "uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xff"
     "color\xff"
@@ -21,7 +21,7 @@ constexpr std::string_view words =
     "pCube1|pCubeShape1\xffPlane_0001\xff"
     "Cylinder_10\xff";
 
-// Whether bytes are UTF-8 as the standard has it: the shortest form of each character, and no surrogates.
+// Whether bytes are standard UTF-8: the shortest form of each character, and no surrogates.
 bool is_utf8(std::string_view text) {
     for (std::size_t at = 0; at < text.size();) {
         const u32 first = static_cast<u8>(text[at++]);

@@ -7,20 +7,20 @@
 #include "base/lanes.hpp"
 #include "linalg/vectors.hpp"
 
-// A block of the right matrix is laid out as panels, each as wide as the registers of a tile, and stays in the cache next
-// to the nearest; a few rows of the left one at a time are laid out in the nearest, and meet all panels. The sums of a
-// tile stay in registers. After a block they are kept in `out`, from where the next block goes on: nothing is rounded on
-// the way.
+// A block of the right matrix is stored as panels, each as wide as the registers of a tile, and stays in the second
+// cache. A few rows of the left matrix are stored in the nearest cache and meet all panels. The sums of a tile stay in
+// registers. After a block they go to `out`, where the next block continues: nothing is rounded in between.
 
 namespace pdeanim {
 
 namespace {
 
-constexpr i64 block_depth = 256, block_bytes = 2048;  // of a block of the right matrix: its rows, and the length of one
+constexpr i64 block_depth = 256,
+              block_bytes = 2048;  // depth of a block of the right matrix, and length of one of its rows
 
-constexpr int few_rows = 4;  // of tiles for what is left of the rows
+constexpr int few_rows = 4;  // rows of tiles for the remaining rows
 
-// Vectors of so many numbers; a tile of sums has so many rows of so many vectors.
+// Vectors of `of_lanes` numbers; a tile of sums has `of_rows` rows of `of_columns` vectors.
 template <int of_lanes, int of_rows, int of_columns> struct Tile {
     static constexpr int lanes = of_lanes, rows = of_rows, columns = of_columns, width = of_lanes * of_columns;
 };
@@ -44,7 +44,7 @@ PDEANIM_INLINE void add_tile(Real *out, i64 stride, const Real *left, const Real
     }
 }
 
-// The same where a tile goes beyond the matrix: of a row alone, through room of its own.
+// The same for a tile that extends beyond the matrix: one row, through a buffer.
 template <class Shape, class Real>
 PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Real *left, const Real *panel, i64 depth) {
     Real sums[Shape::rows * Shape::width] = {};
@@ -53,7 +53,7 @@ PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Rea
     for (int i = 0; i < Shape::rows; ++i) std::copy_n(sums + i * Shape::width, width, out + i * stride);
 }
 
-// Rows of the left matrix from `first` on meet all panels of a block.
+// Multiply rows of the left matrix from `first` on with all panels of a block.
 template <class Shape, class Real> PDEANIM_INLINE void add_rows(Real *out, i64 out_stride, const Strided<Real> &left,
                                                                 i64 &first, const Real *panels,
                                                                 const ProductSizes &sizes) {
@@ -80,7 +80,7 @@ template <class Shape, class Real> PDEANIM_INLINE void add_rows(Real *out, i64 o
     }
 }
 
-// A block of the right matrix as panels; what goes beyond it is zero.
+// Store a block of the right matrix as panels, padded with zeros.
 template <int width, class Real>
 PDEANIM_INLINE void lay_out(Real *panels, const Real *right, i64 stride, i64 depth, i64 columns) {
     for (i64 first = 0; first < columns; first += width) {
@@ -171,7 +171,7 @@ void add_multiples(double *total, i64 width, const double *const *rows, const do
 }
 
 double sum_of_products(const double *a, const double *b, i64 count) {
-    constexpr i64 block = 4096;  // numbers that are added up for themselves: rounding grows with their number
+    constexpr i64 block = 4096;  // numbers that are summed separately: rounding grows with their count
     const i64 whole = count / abreast * abreast;
     double total = 0.0;
     for (i64 i = 0; i < whole; i += block) total += dot<usual_bytes>(a + i, b + i, least(block, whole - i));
@@ -181,14 +181,14 @@ double sum_of_products(const double *a, const double *b, i64 count) {
 
 namespace {
 
-// Their sums wait for each other less, and what is read is used for several.
+// Several sums at a time depend less on each other, and share what is read.
 constexpr int rows_at_once = 4;
 
-// So many columns that their sums stay in registers, of which the widest are 32, others 16.
+// Number of columns whose sums stay in registers: of the widest kind there are 32, of others 16.
 template <int bytes> constexpr int columns_at_once = bytes == 64 ? 4 : 2;
 
-// The products of columns with rows. Parts of eight numbers that are longer than registers are added up one after the
-// other; of a single column two beside each other, or sums would wait for themselves.
+// The products of columns with rows. Groups of eight numbers that are longer than registers are summed one after the
+// other; for a single column two at a time, so that sums do not wait for each other.
 template <int columns, int rows, int bytes>
 PDEANIM_INLINE void multiply(double (&products)[columns][rows], double *const *column, const double *first, i64 width) {
     constexpr int size = Eight<bytes>::size, parts = Eight<bytes>::parts;
@@ -238,7 +238,7 @@ PDEANIM_INLINE void take_away_all(double *const *column, const double *rows, i64
     i64 k = 0;
     for (; k + rows_at_once <= count; k += rows_at_once)
         take_away<columns, rows_at_once, bytes>(column, rows + k * width, width);
-    // The few that are left are taken away from one column after the other, which is less code.
+    // The few remaining ones are subtracted column by column, which is less code.
     for (; k < count; ++k) {
         for (int c = 0; c < columns; ++c) take_away<1, 1, bytes>(column + c, rows + k * width, width);
     }
@@ -268,7 +268,8 @@ namespace {
 // s = (m - 1) / (m + 1), which is below 0.172.
 double binary_logarithm(double value) {
     constexpr u64 one = u64{0x3ff} << 52, root_of_half = 0x3fe6a09e667f3bcd, exponents = u64{0xfff} << 52;
-    constexpr double whole = 4503599627370496.0;  // 2^52: in its last digits a number stands as it is
+    constexpr double whole =
+        4503599627370496.0;  // 2^52: added to a smaller number, it leaves that number in the last digits
     const u64 bits = std::bit_cast<u64>(value), above = bits - root_of_half + one;
     const double k = std::bit_cast<double>((above >> 52) | std::bit_cast<u64>(whole)) - (whole + 1023.0);
     const double m = std::bit_cast<double>(bits - (above & exponents) + one);

@@ -1,6 +1,6 @@
-// Linear algebra with the same bits on every machine: products of matrices, where most time goes, and sums over rows.
+// Linear algebra with the same bits on every machine: matrix products, which take most of the time, and sums over rows.
 //
-// Begin here. linalg/vectors.hpp has what the loops are made of, encode/matrices.hpp what only the encoder needs.
+// Begin here. linalg/vectors.hpp has the building blocks of the loops, encode/matrices.hpp what only the encoder needs.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace pdeanim {
 
-// A matrix whose numbers lie so far from each other, from row to row and from column to column. It may be transposed.
+// A matrix with strides between rows and between columns. It may be transposed.
 template <class Real> struct Strided {
     const Real *numbers;
     i64 row, column;
@@ -24,15 +24,15 @@ struct ProductSizes {
 
 // out += left * right, of (rows x depth) and (depth x columns); rows of `right` and of `out` are strides apart.
 //
-// Each number is one sum: what was there, and product after product in order of depth, multiplied, then added. So its bits
-// depend neither on the width of vector registers nor on how rows and columns are shared out.
+// Each number is one sum: the old value, then product after product in order of depth, multiplied, then added. So its
+// bits depend neither on the width of vector registers nor on how rows and columns are divided among threads.
 template <class Real> void add_product(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right,
                                        i64 right_stride, const ProductSizes &sizes);
 
-// Numbers in another precision, or as they are.
+// Numbers converted to another precision, or unchanged.
 template <class Real> class InPrecision {
 public:
-    // Valid until others are asked for.
+    // Valid until the next call.
     template <class Given> const Real *of(const Given *given, i64 count) {
         if constexpr (std::is_same_v<Given, Real>) {
             return given;
@@ -53,14 +53,15 @@ void add_multiples(double *total, i64 width, const double *const *rows, const do
 // The sum of products of two long rows of numbers.
 double sum_of_products(const double *a, const double *b, i64 count);
 
-// So wide is a row of so many numbers for `take_away_parts`, zeros after them.
+// Width of a row of `numbers` numbers for `take_away_parts`, padded with zeros.
 i64 row_width(i64 numbers);
 
-// A pass of the Gram-Schmidt process: take away from each column what of it lies along `count` orthonormal rows; all are as wide.
+// One pass of the Gram-Schmidt process: subtract from each column its part along `count` orthonormal rows of the same
+// width.
 void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width);
 
-// Logarithms to base 2, of finite numbers that are not below 2^-1022, within 2^-50 of the larger of 1 and what they are. (Those of
-// libraries have other last bits on every machine.)
+// Logarithms to base 2 of finite numbers of at least 2^-1022, within 2^-50 of the larger of 1 and the result. (Those of
+// libraries differ in their last bits from machine to machine.)
 void binary_logarithms(double *out, const double *values, i64 count);
 
 }  // namespace pdeanim

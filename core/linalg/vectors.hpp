@@ -1,4 +1,5 @@
-// Vectors as rows of numbers, a multiple of eight long, eight side by side whatever registers there are: sums, reflections.
+// Vectors as rows of numbers, padded to a multiple of eight and processed eight at a time with any registers: sums,
+// reflections.
 #pragma once
 
 #include <algorithm>
@@ -34,10 +35,10 @@ template <int bytes> PDEANIM_INLINE void add_multiple(double *total, double mult
     for (i64 i = 0; i < count; i += abreast) (Eight::at(total + i) + multiple * Eight::at(row + i)).put(total + i);
 }
 
-// Lengths below it are none, of numbers that are about one at most: their squares are numbers still.
+// Smaller lengths count as zero, for numbers of at most about one: their squares are still normal numbers.
 constexpr double no_length = 1e-140;
 
-// The power of two that brings the largest of some numbers next to one, so that no square leaves the range of numbers.
+// The power of two that scales the largest of some numbers to about one, so that no square overflows or underflows.
 inline double scale_of(const double *numbers, i64 count) {
     double largest = 0.0;
     for (i64 i = 0; i < count; ++i) largest = std::max(largest, std::abs(numbers[i]));
@@ -48,11 +49,11 @@ inline double scale_of(const double *numbers, i64 count) {
 
 // A Householder reflection, I - factor v v^T.
 struct Reflection {
-    double factor, image;  // what v v^T is multiplied by, and the one number of what is reflected that is not zero
+    double factor, image;  // the multiplier of v v^T, and the one number of the image that is not zero
 };
 
-// Of a row, whole eights long, the reflection that leaves it only the number at a place; the row becomes v. A row of zeros,
-// or next to them, is left as it is: its factor is 0. Numbers are about one at most.
+// Return the reflection that maps a row, padded to eights, to a multiple of the unit vector at `place`; the row becomes
+// v. A row of zeros or nearly zeros is left unchanged with factor 0. Numbers are at most about one.
 template <int bytes> PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
     const double length = std::sqrt(dot<bytes>(row, row, count));
     if (!(length > no_length)) return {0.0, 0.0};

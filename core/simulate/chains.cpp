@@ -15,7 +15,7 @@ struct Link {
     StoredSlot coupling, right, mass;  // mass: the inverse one of its first point
 };
 
-// The last link that is eliminated, and the inverse pivot of the one beyond it, to which the other end has come.
+// The last eliminated link, and the inverse pivot of the next one, which the other end has reached.
 struct Meeting {
     StoredSlot full, diagonal, beyond;
 };
@@ -30,7 +30,7 @@ template <class Slot> struct Looked {
     Slot mass;
 };
 
-// Chains of a slot, or what one half has of them: links, and a point more.
+// Chains of a slot, or the part of them in one half: links, and one point more.
 struct ChainSlot {
     const i32 *points;
     const double *lengths;
@@ -38,8 +38,8 @@ struct ChainSlot {
     std::size_t links;
 };
 
-// The share of the diagonal under which a pivot is rounding: a straight rigid chain that is held at both ends has one link
-// too many, and that link is left as it is.
+// Fraction of the diagonal below which a pivot is rounding: a straight rigid chain held at both ends has one link too
+// many, and that link is left unchanged.
 constexpr double smallest_pivot = 1e-12;
 
 template <class Slot> PDEANIM_INLINE Slot inverse_pivot(const Slot &diagonal, const Slot &full) {
@@ -51,7 +51,7 @@ template <class Slot> PDEANIM_INLINE Looked<Slot> look(const Places &places, con
             masses<Slot>(places, points)};
 }
 
-// A link as its equation begins: `full` is its diagonal.
+// A link at the start of its equation; `full` is its diagonal.
 template <class Slot> struct Measured {
     Vectors<Slot> direction;
     Slot right, mass, full;
@@ -81,13 +81,13 @@ template <class Slot> PDEANIM_INLINE void store(Link &link, const Measured<Slot>
     link.mass = own.mass;
 }
 
-// Entry of the matrix for two links that follow each other; `mass`: of the point between them.
+// Matrix entry of two consecutive links; `mass` is that of the point between them.
 template <class Slot> PDEANIM_INLINE Slot coupling_of(const Vectors<Slot> &direction, const Vectors<Slot> &next,
                                                       const Slot &mass, const Scaling &scaling) {
     return -(1.0 + scaling.damping) * mass * dot(direction, next);
 }
 
-// From the first link to the last, whose own pivot waits for the other end.
+// From the first link to the last, whose pivot waits for the other end.
 template <class Slot> PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain,
                                                              const Scaling &scaling, Link *row, Meeting &meeting) {
     Slot pivot{};
@@ -144,10 +144,10 @@ template <class Slot> PDEANIM_INLINE void eliminate_backwards(const Places &plac
 }
 
 template <class Slot> struct Met {
-    Slot change, coupling;  // of the last link, and what that has of the link beyond it
+    Slot change, coupling;  // of the last link, and its coupling to the link beyond it
 };
 
-// `beyond`: the link after `link`, to which the other end has come; null where there is none.
+// `beyond`: the link after `link`, which the other end has reached; null if there is none.
 template <class Slot>
 PDEANIM_INLINE Met<Slot> meet(const Link &link, const Link *beyond, const Scaling &scaling, const Meeting &meeting) {
     Slot diagonal = meeting.diagonal, right = link.right, share{};
@@ -161,8 +161,8 @@ PDEANIM_INLINE Met<Slot> meet(const Link &link, const Link *beyond, const Scalin
     return {right * inverse_pivot<Slot>(diagonal, meeting.full), share};
 }
 
-// Eq. 7 for the points before `end`, for each the link before it first; Eq. 6 for the links that begin at them. `step`: of
-// the link before the first of them.
+// Eq. 7 for the points before `end`, each by the link before it; Eq. 6 for the links that begin at them. `step` is that
+// of the link before the first point.
 template <class Slot> PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t end,
                                                       const Link *row, Vectors<Slot> step) {
     for (std::size_t i = 0; i < end; ++i) {
@@ -187,7 +187,7 @@ template <class Slot> PDEANIM_INLINE void move_points(const Places &places, cons
     }
 }
 
-// Changes of links from the last to the first, and what moves by them of the points before `end`.
+// Changes of links from the last to the first, and the motion that they cause at the points before `end`.
 template <class Slot> PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain,
                                                                std::size_t end, Link *row, const Met<Slot> &met) {
     Slot change = met.change;
@@ -199,7 +199,7 @@ template <class Slot> PDEANIM_INLINE void substitute_backwards(const Places &pla
     move_points<Slot>(places, chain, end, row, {});
 }
 
-// Changes of links behind `link`, and what moves by them and by it. What the other half reads stays as it is.
+// Changes of links behind `link`, and the motion that they and `link` cause. What the other half reads stays unchanged.
 template <class Slot> PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain,
                                                               const Link &link, Link *row, const Met<Slot> &met) {
     Slot change = met.change;
@@ -230,8 +230,8 @@ void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t 
     });
 }
 
-// Chains of both halves: `last` is the link across the middle, which is the first half's. What is written stands by halves,
-// as processors fetch what comes next in memory, and would take it from each other.
+// Chains in both halves: `last` is the link across the middle, which belongs to the first half. Written data are
+// separated by half, because processors prefetch neighbouring memory and would take it from each other.
 struct Divided {
     struct Half {
         std::size_t links;
@@ -247,7 +247,7 @@ struct Divided {
         }
     }
 
-    // Where the number of a link of a slot's first chain is.
+    // Position of a link's multiplier for a slot's first chain.
     double &multiplier(std::size_t slot, std::size_t link) {
         Half &half = halves[link > last ? 1 : 0];
         return half.multipliers[(slot * half.links + (link > last ? link - last - 1 : link)) * slot_size];
@@ -266,7 +266,7 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
             own.multipliers.data() + slot * own.links * slot_size, own.links};
 }
 
-// What chains of both halves have of one half: first this, ...
+// Of chains in both halves, the part of one half: first this, ...
 void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                     int half) {
     in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
@@ -284,7 +284,7 @@ void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &d
     });
 }
 
-// ... and when both halves have done that, this.
+// ... and this once both halves have done that.
 void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                      int half) {
     in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
@@ -304,7 +304,7 @@ void substitute_half(const Places &places, const DistanceSlots &slots, Divided &
     });
 }
 
-// The link at which all chains of both halves cross the middle, from the first half.
+// The link at which all chains in both halves cross the middle, from the first half.
 std::size_t crossing(std::span<const i32> chains, std::size_t points, const Halves &halves) {
     std::size_t found = 0;
     for (std::size_t start = 0; start < chains.size(); start += points) {
@@ -367,7 +367,7 @@ private:
         return {members_.data() + first_of(group, links_ + 1), lengths_.data() + first_of(group, links_),
                 multipliers_of(group)};
     }
-    // For each multiplier of chains of both halves: it, and its place among those of all chains.
+    // Visit each multiplier of chains in both halves with its index among those of all chains.
     void exchange(const auto &give) {
         double *common = slots_of(between).multipliers;
         for (std::size_t slot = 0; slot < count(between); ++slot) {

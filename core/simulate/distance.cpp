@@ -34,7 +34,7 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
         const Slot inverse = 1.0 / length;
         Slot right = Slot::at(slots.lengths + slot * slot_size) - length - compliance * multipliers;
         if constexpr (is_damped) right -= damping * dot(way, vectors<Slot>(steps)) * inverse;
-        // Two held particles have nothing to give; two at one place have no direction to part in.
+        // Two held particles cannot move; two at the same place have no direction to separate in.
         Slot change = right / ((1.0 + damping) * weight + compliance);  // Eq. 6
         change = where_positive(weight, where_positive(length, change));
         (multipliers + change).put(slots.multipliers + slot * slot_size);
@@ -97,7 +97,7 @@ struct BendingSlots {
     double *multipliers;
 };
 
-// One constraint after another, the axes side by side; lanes of a slot only give the processor something to do meanwhile.
+// One constraint after another, with the axes side by side; the lanes of a slot only keep the processor busy.
 template <bool is_damped>
 PDEANIM_INLINE void solve_bending(Places places, BendingSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;
@@ -181,7 +181,7 @@ std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, const Halves 
             const double term = inverse_mass * coefficient * coefficient;
             slope = k == 0 ? term : slope + term;
         }
-        // Held particles have nothing to give.
+        // Held particles cannot move.
         if (slope != 0.0) inverses[i] = 1.0 / ((1.0 + scaling.damping) * slope + scaling.compliance);
     }
     return std::make_unique<Bending>(stencils, halves, coefficients, shares, multipliers, inverses, scaling);

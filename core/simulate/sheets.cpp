@@ -13,7 +13,7 @@ namespace {
 // Slots that fill up.
 class Timetable {
 public:
-    // The first place in the slot `earliest`, or a later one, that is free until now.
+    // Return the first place in slot `earliest` or later that is still free.
     i32 enter(i32 earliest) {
         const i32 slot = open_from(earliest), place = slot * slot_size + taken_[slot]++;
         if (taken_[slot] == slot_size) next_[slot] = slot + 1;
@@ -35,7 +35,7 @@ private:
         }
     }
 
-    std::vector<i32> next_, taken_;  // next_: the slot itself, or a later one where it is full
+    std::vector<i32> next_, taken_;  // next_: the slot itself, or a later one if it is full
 };
 
 Group group_of(std::span<const i32> particles, const Halves &halves) {
@@ -45,7 +45,7 @@ Group group_of(std::span<const i32> particles, const Halves &halves) {
     return is_within ? within(half) : between;
 }
 
-// Constraints in rounds, in each of which they share no particle.
+// Divide constraints into rounds; within a round they share no particle.
 std::vector<std::size_t> in_rounds(std::vector<std::size_t> left, std::span<const i32> members, std::size_t each,
                                    const Halves &halves) {
     std::vector<std::size_t> order, later;
@@ -71,11 +71,11 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
     for (std::size_t i = 0; i < members.size() / each; ++i) {
         groups[group_of(members.subspan(i * each, each), halves)].push_back(i);
     }
-    // There are few of them, all near each other: in their order, hardly two could be taken at once.
+    // These are few and close together: in their order, hardly two could be solved at once.
     groups[between] = in_rounds(std::move(groups[between]), members, each, halves);
     Slots slots;
     std::vector<i32> free(static_cast<std::size_t>(halves.particles),
-                          0);  // the first slot in which nobody before moves it
+                          0);  // the first slot in which no earlier constraint moves it
     for (const Group group : {within_first, within_second, between}) {
         if (group == between) std::fill(free.begin(), free.end(), 0);
         Timetable table;
@@ -98,7 +98,7 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
 
 namespace {
 
-// Eq. 4, from the velocities that the last substep leaves: x^n - x^(n-1) over its length.
+// Eq. 4 with the velocities that the last substep left: x^n - x^(n-1) over its length.
 void predict_again(Place *positions, Place *previous, const Point *accelerations, std::size_t count, double substep,
                    double keep) {
     in_wide([&](auto) PDEANIM_INLINE_LAMBDA {
@@ -117,12 +117,11 @@ void predict_again(Place *positions, Place *previous, const Point *accelerations
     });
 }
 
-// Where two threads wait for each other, again and again: stages are short, so that they look for a while before they
-// sleep.
+// A barrier that two threads meet at again and again: stages are short, so they spin for a while before they sleep.
 class Rendezvous {
 public:
     void wait() {
-        // Some hundred microseconds: longer than stages of one differ from the other's, and than it takes to wake up.
+        // Spins of some hundred microseconds: longer than stages of two threads differ, and than it takes to wake up.
         constexpr int looks = 300'000;
         const int round = round_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) == 1) {
@@ -171,7 +170,7 @@ void Sheets::advance(std::span<Point> positions, std::span<Point> previous, std:
                      int threads) {
     predict(positions, previous, inverse_masses_, velocities, accelerations, substep, keep);  // line 1
     take(positions, previous);
-    // What is done for the halves from `first` to `last`; what comes after `meet` needs what all have done before it.
+    // Work for the halves from `first` to `last`; after `meet`, all work before it is done.
     const auto go_on = [&](int first, int last, const auto &meet) {
         for (i64 done = 0; done < substeps; ++done) {
             for (int half = first; half <= last; ++half) {

@@ -1,9 +1,9 @@
-// Batches of which sheets and ropes are made, swept with several constraints side by side.
+// Batches of constraints of sheets and ropes, swept with several constraints side by side.
 //
-// What comes out is what taking one constraint after another gives, to the last bit (see `Slots`): in the given order, but
-// of a sheet in two halves those within the halves come first in each batch, and then those across its middle. So
-// two threads can take a half each, whose particles stay in their caches, and meet only around what is in between. The
-// order is that of the halves, not of the threads: one alone gives the same bits.
+// The result equals that of one constraint after another, to the last bit (see `Slots`), in the given order; but for a
+// sheet in two halves, each batch takes the constraints within the halves first, and then those across its middle. So
+// two threads can take a half each, whose particles stay in their caches, and meet only at the constraints in between.
+// The order depends on the halves, not on the threads: a single thread gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace pdeanim::xpbd {
 
-// A point in a vector register. The fourth number of a present position means nothing; that of a previous one is the
+// A point in a vector register. The fourth number of a present position is unused; that of a previous one is the
 // particle's inverse mass.
 struct alignas(32) Place {
     double at[4];
@@ -30,13 +30,13 @@ struct Places {
     const Place *previous;
 };
 
-// Which particles are of which half: those before the middle are of the first, 0, the others of the second. What is whole
-// has its middle at its end.
+// Assignment of particles to halves: those before the middle to the first, 0, the others to the second. An undivided
+// system has its middle at its end.
 struct Halves {
     i32 particles, middle;
 
     int of(i32 particle) const { return particle >= middle ? 1 : 0; }
-    // A particle behind the last one, without mass to move; that of each half is in a cache line of its own.
+    // A particle behind the last one that cannot move; that of each half has a cache line of its own.
     i32 filler(int half) const { return particles + 2 * half; }
     std::array<std::size_t, 2> range(int half) const {
         const auto start = static_cast<std::size_t>(half == 0 ? 0 : middle);
@@ -48,11 +48,11 @@ struct Halves {
 class Batch {
 public:
     virtual ~Batch() = default;
-    // A batch is solved in stages. Halves may be taken at the same time in each; none begins before both have ended the
-    // one before.
+    // A batch is solved in stages. Within a stage both halves may run at the same time; a stage begins when both have
+    // finished the one before.
     virtual int stages() const = 0;
     virtual void solve(const Places &places, int stage, int half) = 0;
-    // Multipliers are what stands in the caller's array at first; they are set to 0, or written there.
+    // Multipliers start with the values of the caller's array; they are set to 0, or written back there.
     virtual void clear(int half) = 0;
     virtual void store() = 0;
 };
@@ -61,7 +61,7 @@ std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &
                                       std::span<double> multipliers, std::span<const double> inverse_masses,
                                       const Scaling &scaling);
 
-// Chains of `links` links each, all links of one chain at once; relaxation is not used. Those that lie in both halves
+// Chains of `links` links each, all links of one chain at once; relaxation is not used. Chains in both halves must
 // cross the middle once, from the first half, all at the same link; else std::invalid_argument.
 std::unique_ptr<Batch> make_chains(std::size_t links, std::span<const i32> chains, const Halves &halves,
                                    std::span<const double> lengths, std::span<double> multipliers,
@@ -71,7 +71,7 @@ std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, const Halves 
                                     std::span<const double> coefficients, std::span<double> multipliers,
                                     std::span<const double> inverse_masses, const Scaling &scaling);
 
-// Batches that are solved in turn.
+// Batches that are solved in order.
 class Sheets {
 public:
     // `middle`: the first particle of the second half.
@@ -83,13 +83,13 @@ public:
     std::span<const double> inverse_masses() const { return inverse_masses_; }
     void add(std::unique_ptr<Batch> batch) { batches_.push_back(std::move(batch)); }
 
-    // One iteration over all batches; `is_first`: multipliers start from 0.
+    // Do one iteration over all batches; with `is_first`, multipliers start from 0.
     void solve(std::span<Point> positions, std::span<const Point> previous, bool is_first);
-    // So many substeps of Algorithm 1, one or more, with the share `keep` of the velocities in Eq. 4.
+    // Do one or more substeps of Algorithm 1, with the fraction `keep` of the velocities in Eq. 4.
     void advance(std::span<Point> positions, std::span<Point> previous, std::span<Point> velocities,
                  std::span<const Point> accelerations, double substep, double keep, i64 substeps, i64 iterations,
                  int threads);
-    // Multipliers are written to the arrays that they came from.
+    // Write multipliers to the arrays they came from.
     void store();
 
 private:
@@ -101,28 +101,28 @@ private:
     std::vector<std::unique_ptr<Batch>> batches_;
 };
 
-// What batches of sheets have in common: slots of constraints that are taken side by side.
+// Slots of constraints that are solved side by side, common to all batches of sheets.
 //
-// Constraints that share no particle may be taken in any order, or at once, and give the same bits. Those that do share
-// one keep the order of the batch; so the width of registers does not show in a result.
+// Constraints that share no particle may be solved in any order, or at once, with the same bits. Those that share one
+// keep the order of the batch, so the width of registers does not affect the result.
 
-// How many constraints are taken side by side.
+// Number of constraints solved side by side.
 constexpr int slot_size = 8;
 
-// Constraints within the first half, within the second, and those that are of both.
+// Constraints within the first half, within the second, and across both.
 enum Group { within_first, within_second, between, group_count };
 
 inline Group within(int half) { return half == 0 ? within_first : within_second; }
 
 struct Slots {
-    std::vector<i32> items;                             // constraints, slot after slot; -1 where one is not full
-    std::array<std::size_t, group_count + 1> starts{};  // slots of the groups, which follow each other
+    std::vector<i32> items;                             // constraints, slot after slot; -1 pads a slot
+    std::array<std::size_t, group_count + 1> starts{};  // slots of the groups, one group after the other
 };
 
-// Constraints of `each` particles, given in the batch's order.
+// Constraints of `each` particles, in the batch's order.
 Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &halves);
 
-// A number of each constraint of a slot, in registers of so many bytes,
+// One number per constraint of a slot, in registers of `bytes`,
 template <int bytes> using Slot = Registers<double, slot_size, bytes>;
 
 // and in memory.
@@ -147,7 +147,7 @@ template <class Slot> PDEANIM_INLINE Slot square_roots(const Slot &squares) {
     return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return std::sqrt(squares[lane]); });
 }
 
-// Vectors of a slot's constraints, an axis after another.
+// Vectors of a slot's constraints, axis by axis.
 template <class Slot> struct Vectors {
     Slot axes[3];
 };
@@ -156,7 +156,7 @@ template <class Slot> PDEANIM_INLINE Slot dot(const Vectors<Slot> &u, const Vect
     return u.axes[0] * v.axes[0] + u.axes[1] * v.axes[1] + u.axes[2] * v.axes[2];
 }
 
-// Of a vector in each lane.
+// One vector per lane.
 template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Register *each) {
     return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][0]; }),
             Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][1]; }),
@@ -169,18 +169,18 @@ template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Place *places, 
             Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[2]; })};
 }
 
-// Inverse ones.
+// Inverse masses.
 template <class Slot> PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
     return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
 }
 
-// How the multipliers of a constraint stand in its slot: each of all constraints side by side, or those of the axes side by
-// side, constraint after constraint, with room for a fourth.
+// Layout of a constraint's multipliers in its slot: each one side by side for all constraints, or the axes of a
+// constraint side by side, padded to four.
 enum class Multipliers { abreast, by_axes };
 
-// A batch whose constraints have `each` particles and `rows` multipliers. What there are several of in a constraint
-// stands in its slot one behind the other, each of all constraints side by side. Slots that are not full are filled up
-// with constraints of a particle without mass to move.
+// A batch whose constraints have `each` particles and `rows` multipliers. Repeated numbers of a constraint stand in its
+// slot one after the other, each side by side for all constraints. Slots are padded with constraints of a particle that
+// cannot move.
 class SlottedBatch : public Batch {
 public:
     SlottedBatch(std::span<const i32> members, std::size_t each, const Halves &halves, std::span<double> multipliers,
@@ -195,7 +195,7 @@ public:
                      halves.filler(1));
     }
 
-    // Those of both halves come when each is done, all on the first one's thread.
+    // Constraints across both halves come when each half is done, all on the first half's thread.
     int stages() const override { return count(between) > 0 ? 2 : 1; }
     void solve(const Places &places, int stage, int half) override {
         if (stage == 0) {
@@ -215,7 +215,7 @@ public:
 protected:
     virtual void solve_group(const Places &places, Group group) = 0;
 
-    // Numbers of the constraints, `each` apiece, by slot.
+    // Numbers of the constraints, `each` per constraint, by slot.
     template <class Number>
     std::vector<Number> slotted(std::span<const Number> numbers, std::size_t each, Number filler) const {
         const std::vector<i32> &items = slots_.items;
@@ -233,12 +233,12 @@ protected:
 
     std::size_t count(Group group) const { return slots_.starts[group + 1] - slots_.starts[group]; }
 
-    // Where what there are `each` of in a constraint begins for a group.
+    // Start of the numbers, `each` per constraint, of a group.
     std::size_t first_of(Group group, std::size_t each) const { return slots_.starts[group] * each * slot_size; }
 
     void clear_group(Group group) { std::fill_n(multipliers_of(group), count(group) * room() * slot_size, 0.0); }
 
-    // Where a group's multipliers begin.
+    // Start of a group's multipliers.
     double *multipliers_of(Group group) { return multipliers_.data() + first_of(group, room()); }
 
     Slots slots_;
@@ -249,10 +249,10 @@ protected:
     std::vector<i32> members_;
 
 private:
-    // Numbers that a constraint's multipliers take.
+    // Number of values that a constraint's multipliers take.
     std::size_t room() const { return layout_ == Multipliers::by_axes ? 4 : rows_; }
 
-    // Call work(multiplier in its slot, the same as it is given) for each.
+    // Call work(multiplier in its slot, the caller's multiplier) for each.
     template <class Work> void each_multiplier(const Work &work) {
         for (std::size_t place = 0; place < slots_.items.size(); ++place) {
             for (std::size_t k = 0; k < rows_ && slots_.items[place] >= 0; ++k) {

@@ -30,7 +30,7 @@ void add_wind(std::span<const Point> positions, std::span<const Point> past, std
         const double double_area = std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
         if (!(double_area > 0.0)) continue;
         const double speed = (speeds[0] + speeds[1] + speeds[2]) / (3.0 * double_area);
-        // Area times normal is half of what is across; each corner takes a third.
+        // Area times normal is half of the cross product; each corner takes a third.
         const double share = pressure * std::abs(speed) * speed / 6.0;
         for (int axis = 0; axis < 3; ++axis) {
             forces[a][axis] += share * across[axis];
@@ -50,7 +50,7 @@ struct Rows {
     std::array<Point, 4> of_size, of_determinant;  // their gradients, by corner
 };
 
-// Gradients by the four corners of what has this slope by the deformation gradient.
+// Gradients at the four corners of a function with this slope by the deformation gradient.
 std::array<Point, 4> gradients(const Matrix &slope, const InverseRest &inverse, double scale) {
     std::array<Point, 4> found;
     for (int i = 0; i < 3; ++i) {

@@ -1,9 +1,9 @@
 // The simulator's loops: extended position-based dynamics (Fang et al. 2024, Algorithm 1).
 //
 // A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
-// multipliers in place (Eqs. 6 and 7), on one thread, in the order of operations that is written here, so that the same
-// scene gives the same bits; sheets.hpp takes several constraints at once, on one thread or two, and gives the same on
-// both. What the constraints are is said in pdecodec/simulate. Callers have checked all indices.
+// multipliers in place (Eqs. 6 and 7), on one thread and in the written order of operations, so that the same scene
+// gives the same bits. sheets.hpp takes several constraints at once, on one thread or two, with the same result.
+// pdecodec/simulate describes the constraints. Callers have checked all indices.
 #pragma once
 
 #include <array>
@@ -17,16 +17,16 @@ using Point = std::array<double, 3>;
 template <std::size_t members> using Members = std::array<i32, members>;
 
 struct Particles {
-    std::span<Point> positions;              // x_j [m], which sweeps change
-    std::span<const Point> previous;         // x^n of the substep's start [m]
+    std::span<Point> positions;              // x_j [m], changed by sweeps
+    std::span<const Point> previous;         // x^n at the substep's start [m]
     std::span<const double> inverse_masses;  // [1/kg]
 };
 
-// How one substep scales a material.
+// Material constants of one substep.
 struct Scaling {
     double compliance;  // gamma / dt^2 of Eq. 5; 0 under PBD
     double damping;     // gamma of Eq. 26 in Macklin et al. 2016; 0 under PBD
-    double relaxation;  // the share of a correction that is applied
+    double relaxation;  // fraction of a correction that is applied
 };
 
 // A stable neo-Hookean material: mu and lambda [Pa], and the damping time over the substep.
@@ -37,7 +37,7 @@ struct Solid {
 // The inverse of the matrix whose columns are a tetrahedron's rest edges [1/m], by rows.
 using InverseRest = std::array<std::array<double, 3>, 3>;
 
-// Line 1 of Algorithm 1: previous positions are noted, and particles that can move go on with the share `keep` of their
+// Line 1 of Algorithm 1: store previous positions, and move free particles with the fraction `keep` of their
 // velocities.
 void predict(std::span<Point> positions, std::span<Point> previous, std::span<const double> inverse_masses,
              std::span<const Point> velocities, std::span<const Point> accelerations, double substep, double keep);
@@ -49,12 +49,12 @@ void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> te
                       std::span<const InverseRest> inverse_rest, std::span<const double> volumes,
                       std::span<std::array<double, 2>> multipliers, const Solid &material, double substep);
 
-// PBD: first sqrt(tr(F^T F)) = sqrt(3), then det F = 1, for tetrahedron after tetrahedron.
+// PBD: first sqrt(tr(F^T F)) = sqrt(3), then det F = 1, for one tetrahedron after another.
 void project_tetrahedra(const Particles &particles, std::span<const Members<4>> tetrahedra,
                         std::span<const InverseRest> inverse_rest, double stiffness);
 
-// Add the wind's forces [N]; `past` is the air's velocity past each particle [m/s], `pressure` half its density times
-// the coefficient of drag [kg/m^3].
+// Add the wind's forces [N]; `past` is the air's velocity relative to each particle [m/s], `pressure` half its density
+// times the drag coefficient [kg/m^3].
 void add_wind(std::span<const Point> positions, std::span<const Point> past, std::span<const Members<3>> triangles,
               double pressure, std::span<Point> forces);
 

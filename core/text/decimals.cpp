@@ -8,10 +8,11 @@ namespace pdeanim::text {
 
 namespace {
 
-constexpr int most_digits = 18;          // that are read; the 19th moves a number by less than 1e-17 of itself
-constexpr int most_exponent_digits = 4;  // exponents of more digits are left to the caller
-constexpr i64 largest_exponent = 60;     // beyond it all but 0 overflows; below its negative, less 18, all underflows
-constexpr i64 exact_power = 22;          // 10^22 is the largest power of ten that a double holds exactly
+constexpr int most_digits = 18;          // digits that are read; the 19th changes a number by less than 1e-17 of itself
+constexpr int most_exponent_digits = 4;  // exponents with more digits are left to the caller
+constexpr i64 largest_exponent =
+    60;  // above it everything but 0 overflows; below its negative minus 18 everything underflows
+constexpr i64 exact_power = 22;               // 10^22 is the largest power of ten that a double holds exactly
 constexpr i64 exact_mantissa = i64{1} << 53;  // integers up to here are exact as doubles
 // Bounds the relative error of a scaled mantissa: conversion, power of ten, product and dropped digits cost under 4
 // units of 2^-53.
@@ -36,7 +37,7 @@ struct Scaled {
     bool is_certain;
 };
 
-// The float32 next to the float64 next to a decimal with a mantissa from 0 to 10^18, and whether that is certain.
+// The float32 nearest to the float64 nearest to a decimal with a mantissa from 0 to 10^18, and whether that is certain.
 Scaled scale(const Decimal &decimal) {
     const auto [mantissa, exponent] = decimal;
     if (mantissa == 0) return {0.0f, true};
@@ -48,7 +49,7 @@ Scaled scale(const Decimal &decimal) {
     } else {
         value /= powers[-exponent];
     }
-    // Both factors are exact, so the double is the nearest one, by one rounding.
+    // Both factors are exact, so one rounding gives the nearest double.
     if (mantissa <= exact_mantissa && exponent >= -exact_power && exponent <= exact_power) {
         return {static_cast<float>(value), true};
     }
@@ -75,8 +76,8 @@ Decimal keep_digits(const u8 *at, const u8 *end) {
     return found;
 }
 
-// A decimal of at most nine digits, without zeros at its end, that reads back to this number, which is finite and not
-// negative; nothing if nine digits are not enough.
+// The shortest decimal, of at most nine digits, that reads back to this number, which is finite and not negative; none
+// if nine digits are not enough.
 std::optional<Decimal> shortest(float number) {
     if (number == 0.0f) return Decimal{0, 0};
     const double wide = number;
@@ -139,7 +140,7 @@ ReadNumber read_number(const u8 *at) {
     const bool is_negative = *at == '-';
     if (is_negative || *at == '+') ++at;
     const u8 *start = at;
-    u64 mantissa = 0;  // of too many digits it wraps, and is read again
+    u64 mantissa = 0;  // wraps with too many digits, and is then read again
     for (; is_digit(*at); ++at) mantissa = mantissa * 10 + (*at - '0');
     i64 digits = at - start;
     i64 exponent = 0;
@@ -149,7 +150,7 @@ ReadNumber read_number(const u8 *at) {
         exponent = point - at;
         digits += at - point;
     }
-    // Most often the digits are those of a double, or zeros lead.
+    // Most often the digits fit a double, or there are leading zeros.
     const Decimal kept = digits > most_digits ? keep_digits(start, at) : Decimal{static_cast<i64>(mantissa), exponent};
     bool is_plain = digits > 0;
     i64 power = 0;

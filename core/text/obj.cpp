@@ -65,7 +65,7 @@ Index read_index(const u8 *at) {
     return {is_negative ? -value : value, at, digits > 0 && digits <= most_index_digits};
 }
 
-// An index from 0, of one that counts from 1, or back from what there is so far.
+// An index from 0, from one that counts from 1 or back from the end so far.
 constexpr i64 from_zero(i64 index, i64 so_far) { return index > 0 ? index - 1 : so_far + index; }
 
 }  // namespace
@@ -87,7 +87,7 @@ public:
     }
 
 private:
-    // Faces may use vertices that come later: how many there are must be known before.
+    // Faces may use vertices that come later, so their number must be known first.
     void count() {
         i64 normals = 0;
         for (const u8 *at = first_; at < end_;) {
@@ -128,8 +128,7 @@ private:
     i64 vertices() const { return static_cast<i64>(scan_.vertex_sizes.size()); }
     i64 elements() const { return static_cast<i64>(scan_.element_sizes.size()); }
 
-    // Append the numbers of a line, the first `most` of them and 0 for those that are not there; returns how many there
-    // are.
+    // Append the first `most` numbers of a line, with 0 for missing ones; return how many there are.
     i64 read_numbers(const u8 *at, i64 array, int most, std::vector<float> &numbers,
                      std::vector<UnreadNumber> &unread) {
         i64 tokens = 0;
@@ -190,7 +189,7 @@ private:
         scan_.element_sizes.push_back(size);
     }
 
-    // One v, v/vt, v//vn or v/vt/vn; moves behind it.
+    // Read one v, v/vt, v//vn or v/vt/vn and move behind it.
     ObjFault read_corner(const u8 *&at) {
         i64 vertex, texture = -1, normal = -1;
         ObjFault fault = read_reference(at, vertices(), vertex);
@@ -207,7 +206,7 @@ private:
                 if (!ends_token(*at)) {
                     fault = read_reference(at, static_cast<i64>(scan_.normals.size()) / most_normal_numbers, normal);
                     if (fault != ObjFault::none) return fault;
-                    // One that is not there is still told from others.
+                    // A normal that is not listed is still distinct from others.
                     normal = clamp<i64>(normal, -1, std::numeric_limits<i32>::max());
                 }
             }
@@ -244,12 +243,12 @@ constexpr bool is_structure(Line kind) {
     return kind == Line::face || kind == Line::line || kind == Line::point || kind == Line::other;
 }
 
-// The bytes of a first frame that another one must have as well, part by part.
+// The bytes of a first frame that every frame must have too, part by part.
 class Compared {
 public:
     explicit Compared(std::span<const u8> first) : left_(first) {}
 
-    // Whether the next bytes are those from `at` to `end`.
+    // Whether the next bytes equal those from `at` to `end`.
     bool continues(const u8 *at, const u8 *end) {
         const std::size_t size = end - at;
         if (size > left_.size() || std::memcmp(left_.data(), at, size) != 0) return false;

@@ -1,7 +1,7 @@
 // The text of OBJ files: decimal numbers to float32 and back (decimals.cpp), and the bytes of frames (obj.cpp).
 //
-// A first frame is read in full, later frames only as far as they may differ from it. All text ends with a line feed and
-// holds no line continuations. Numbers that are not plain decimal, or not certain, are left to the caller, as unread.
+// A first frame is read in full, later frames only where they may differ from it. All text ends with a line feed and
+// has no line continuations. Numbers that are not plain decimal, or not certain, are left to the caller, as unread.
 #pragma once
 
 #include <array>
@@ -15,12 +15,12 @@
 
 namespace pdeanim::text {
 
-// Decimal text to float32 and back, as text formats need it.
+// Decimal text to float32 and back, for text formats.
 //
-// Reading gives float32(float64(text)) to the last bit. Where double arithmetic cannot prove which float32 that is, or
-// the token is not plain decimal, the reader says so, and the caller reads the token in full. Writing gives decimal
-// digits that read back to the same float32: as few as that takes. Both go without std::from_chars and std::to_chars,
-// which not every standard library has for floating point, so that texts are the same everywhere.
+// Reading gives float32(float64(text)) to the last bit. If double arithmetic cannot prove which float32 that is, or the
+// token is not plain decimal, the reader says so, and the caller reads the token in full. Writing gives the fewest
+// decimal digits that read back to the same float32. Neither uses std::from_chars or std::to_chars, which not every
+// standard library has for floating point, so that texts are the same everywhere.
 
 // Whether a byte separates tokens within a line.
 constexpr bool is_blank(u8 byte) { return byte == ' ' || (byte >= '\t' && byte <= '\r' && byte != '\n'); }
@@ -31,16 +31,16 @@ struct ReadNumber {
     const u8 *end;    // where reading stopped; not beyond the token
 };
 
-// The number whose token starts here. A blank or a line feed follows the token.
+// Read the number whose token starts here. A blank or a line feed follows the token.
 ReadNumber read_number(const u8 *at);
 
-// Lines of `word number number ...`, `columns` numbers each, all of them finite; nothing where nine digits cannot be
-// shown to be enough for one, which is then a subnormal.
+// Write lines of `word number number ...`, `columns` finite numbers each; nothing if nine digits cannot be shown to
+// suffice for one, which is then a subnormal.
 std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::size_t columns, std::string_view word);
 
-// A number that the caller is to read.
+// A number that the caller must read.
 struct UnreadNumber {
-    i64 array, place;  // of which array it is, in the order of declaration in ObjScan, and of which of its numbers
+    i64 array, place;  // its array, in the order of declaration in ObjScan, and its index there
     i64 byte;          // where its token starts
 };
 
@@ -54,7 +54,7 @@ enum class ObjFault {
     bad_coordinates,
 };
 
-// What stands in one file, in the file's order.
+// Contents of one file, in the file's order.
 struct ObjScan {
     explicit ObjScan(std::span<const u8> text);
 
@@ -64,31 +64,32 @@ struct ObjScan {
     std::vector<float> normals;        // three numbers of each vn line
     std::vector<i32> vertex_sizes;     // how many numbers stood on each v line
     i32 texture_size = 0;              // most numbers on a vt line
-    std::vector<u8> is_face;           // 1 for each element that is one; the others are lines and points
+    std::vector<u8> is_face;           // 1 for each element that is a face; the others are lines and points
     std::vector<i32> element_sizes;    // corners of each
     std::vector<i32> corners;          // vertex, texture vertex and normal of each, from 0; -1 for none of the latter
     std::vector<i64> others;           // of each other statement: its byte, vertices and elements before it
-    std::vector<UnreadNumber> unread;  // in the order in which they are to be read
+    std::vector<UnreadNumber> unread;  // in the order in which they must be read
 
-    // What is wrong, and the byte where it is; what comes after is not read.
+    // The first fault and its byte; nothing after it is read.
     ObjFault fault = ObjFault::none;
     i64 fault_byte = 0;
-    i64 vertex_count = 0, texture_count = 0;  // v and vt lines of the whole file
+    i64 vertex_count = 0, texture_count = 0;  // numbers of v and vt lines of the whole file
 
 private:
     class Reading;
 };
 
-// Data of a frame beside structure and positions: what follows the position of a v line, vt lines, mtllib lines.
+// Kinds of data of a frame besides structure and positions: the numbers after the position of a v line, vt lines,
+// mtllib lines.
 constexpr int obj_data_kinds = 3;
 
-// What must be the same in every frame: all lines but numbers, comments and mtllib, which exporters name by the frame.
+// What must be the same in every frame: all lines except numbers, comments and mtllib, which exporters name by frame.
 class ObjStructure {
 public:
     explicit ObjStructure(std::span<const u8> text);
 
-    // Read the positions of another frame, three numbers each; which kinds of data are not those of the first frame,
-    // byte for byte, as bits. Nothing where vertices or structure are not; positions are unfinished then.
+    // Read the positions of another frame, three numbers each. Return, as bits, the kinds of data that differ from the
+    // first frame, byte for byte. Return nothing if vertices or structure differ; positions are then unfinished.
     std::optional<u32> read_positions(std::span<const u8> text, std::span<float> positions,
                                       std::vector<UnreadNumber> &unread) const;
 
