@@ -1,13 +1,13 @@
 // The decoder: a run of frames of an open file. Begin here. From the bytes to a position:
 //
-//     container.hpp     where the bytes come from, and the table of sections; fields.hpp reads numbers from a section
-//     file.hpp          a file: its times, and where the sections of each run are; headers.hpp: SEQN, MODL, GRUP
-//     run_sections.hpp  one run: names, connectivity, reference frame, attributes, space basis, decoded when needed
+//     container.hpp     source of the bytes, and the table of sections; fields.hpp reads numbers from a section
+//     file.hpp          a file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP
+//     run_sections.hpp  one run: names, connectivity, reference frame, attributes, space basis, decoded on first use
 //     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
 //                       decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
 //
-// core/bindings/ hands all of it to C, Python and WebAssembly.
+// core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
 
 #include <thread>
@@ -21,12 +21,13 @@ public:
     static constexpr i64 usual_kept = i64{512} << 20;
 
     struct Options {
-        int threads = 0;              // 0: one a processor
-        i64 kept_bytes = usual_kept;  // of decoded groups at most, where times go back to them
-        Turns::Cancels cancels;       // of others that are cancelled together with it; its own where there are none
+        int threads = 0;              // 0: one per processor
+        i64 kept_bytes = usual_kept;  // largest number of bytes of decoded groups, used when times return to them
+        Turns::Cancels cancels;       // shared with others that are cancelled together; none: its own
     };
 
-    // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
+    // Read the headers of a run. CorruptError or LimitError if it is damaged, or asks for more than the file's limit
+    // leaves.
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),
           groups_(sections_, options.kept_bytes, turns_), evaluator_(sections_, groups_, turns_),
@@ -47,10 +48,10 @@ public:
         for (std::size_t index = 0; index < sections_.table().groups().size(); ++index) groups_.group(index);
     }
 
-    // Hold other callers off, for what belongs together.
+    // Exclude other callers during several related calls.
     std::unique_lock<std::recursive_mutex> locked() { return turns_.take(); }
 
-    // Make calls that are under way end with a CancelledError; later ones go on as if nothing had been.
+    // Make running calls end with a CancelledError; later ones are not affected.
     void cancel() { turns_.cancel(); }
 
     const RunSections &sections() const { return sections_; }

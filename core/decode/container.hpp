@@ -15,14 +15,14 @@
 
 namespace pdeanim {
 
-// Where the bytes of a file come from: memory, or whatever a caller's function reads them from.
+// The bytes of a file: in memory, or read by a caller's function.
 class Source {
 public:
     virtual ~Source() = default;
 
     u64 size() const { return size_; }
 
-    // Bytes of the file, as many as there are from `offset` on, at most those of `into`; returns how many.
+    // Read bytes of the file from `offset` on, at most those of `into`; return how many there were.
     virtual std::size_t read(u64 offset, std::span<u8> into) = 0;
 
 protected:
@@ -48,8 +48,8 @@ private:
     std::span<const u8> data_;
 };
 
-// A file that a function reads from: (offset, into) to the number of bytes, which falls short at the end alone. Groups are
-// decoded beside each other, and a file has one place that is read next: the function is called by one thread at a time.
+// A file read by a function, (offset, into) to the number of bytes, which is smaller only at the end. Groups are
+// decoded in parallel, but a file has one read position: only one thread at a time calls the function.
 class CallbackSource : public Source {
 public:
     using Read = std::function<std::size_t(u64 offset, std::span<u8> into)>;
@@ -66,8 +66,8 @@ private:
     std::mutex lock_;
 };
 
-// The sections of this version: those that a file has itself, those that each of several runs has, in the order in which
-// runs list and store them, and those that are chunks of groups, which have checksums of their own.
+// The sections of this version: those of the file, those of each run in the order in which runs list and store them,
+// and those that are chunks of groups, which have checksums of their own.
 struct SectionType {
     std::string_view name;
     bool in_file, in_runs, in_groups;
@@ -88,7 +88,7 @@ inline constexpr std::array<SectionType, 14> section_types = {{{"META", true, fa
                                                                {"RUNS", true, false, false},
                                                                {"RDAT", true, false, false}}};
 
-// The so many of them of one sort.
+// The section types of one sort.
 template <std::size_t count> consteval std::array<SectionType, count> sections_where(bool SectionType::*is_so) {
     std::array<SectionType, count> found{};
     std::copy_if(section_types.begin(), section_types.end(), found.begin(),
@@ -96,7 +96,7 @@ template <std::size_t count> consteval std::array<SectionType, count> sections_w
     return found;
 }
 
-// Where a section is. What has no checksum here has one for each of its pieces.
+// Place of a section. If it has no checksum here, each of its pieces has one.
 struct SectionPlace {
     u64 offset = 0, length = 0;
     std::optional<u32> checksum;
@@ -112,32 +112,32 @@ class Container {
 public:
     static constexpr int major_version = 1, minor_version = 0;
 
-    // Read header and table. CorruptError if this is no such file, or one that cannot be read.
+    // Read header and table. CorruptError if the file is of another kind or cannot be read.
     explicit Container(Source &source) : source_(source) { read_table(); }
 
-    // Sections of a file that another table than its first one lists.
+    // Sections of a file that another table lists.
     Container(Source &source, std::vector<SectionEntry> entries) : source_(source), entries_(std::move(entries)) {}
 
-    // CorruptError if there is a section that this decoder does not know, and must.
+    // Raise CorruptError for an unknown section that a decoder must know.
     void check_known() const;
 
     const std::vector<SectionEntry> &entries() const { return entries_; }
     u64 file_bytes() const { return source_.size(); }
 
-    // The row of a section, or none.
+    // Return the row of a section, or null.
     const SectionEntry *find(std::string_view type) const;
 
     // The row of a section; CorruptError if the file lacks it.
     const SectionEntry &entry(std::string_view type) const;
 
-    // A whole section, checked; nothing where an optional one is not there.
+    // Read and check a whole section; empty if an optional one is missing.
     std::vector<u8> read(std::string_view type) const;
     std::vector<u8> read_optional(std::string_view type) const;
 
-    // Bytes of the file as they are, added to `data`; the caller checks them.
+    // Append bytes of the file to `data`; the caller checks them.
     void read_range(u64 offset, u64 length, std::vector<u8> &data) const;
 
-    // Check a section, without holding more than a piece of it.
+    // Check a section in pieces of bounded memory.
     void check(const SectionEntry &entry) const;
 
     // Check every section, unknown ones too.

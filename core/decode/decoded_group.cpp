@@ -12,9 +12,9 @@ namespace pdeanim {
 
 namespace {
 
-// In which coefficients are decoded: enough for another thread to have work soon, few enough to cost nothing.
+// Parts in which coefficients are decoded: enough that another thread has work soon, few enough to cost nothing.
 constexpr i64 parts = 12;
-constexpr i64 subbands_at_once = 16;  // before it looks whether they are still wanted
+constexpr i64 subbands_at_once = 16;  // subbands between two checks whether they are still wanted
 
 }  // namespace
 
@@ -108,8 +108,8 @@ template void GroupCoefficients::take(Motion<double> &);
 
 namespace {
 
-// Each function divided by its length over all frames and axes; those that are all zero stay so. Squares are added up
-// frame after frame, axis after axis.
+// Divide each function by its length over all frames and axes; zero functions stay zero. Squares are added frame by
+// frame, axis by axis.
 void normalise(std::vector<double> &values, i64 functions) {
     if (values.empty()) return;
     std::vector<double> lengths(functions);
@@ -155,12 +155,12 @@ template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &c
     };
     std::exception_ptr failure;
     if (threads < 2) {
-        // Those of TIME last: another thread may still be at them.
+        // The functions of time last: another thread may still be decoding them.
         if (own) own->decode();
         coefficients.take(motion);
         decode_rest();
     } else {
-        // No more than two threads have work at a time: one more than there are processors would hold up the others.
+        // At most two threads have work at a time; a thread more than processors would delay the others.
         std::jthread other([&] {
             try {
                 if (own) {

@@ -1,4 +1,4 @@
-// A group of frames as its chunks decode: functions of time, what they move, residuals.
+// A decoded group of frames: functions of time, the motion they cause, residuals.
 #pragma once
 
 #include <atomic>
@@ -21,7 +21,8 @@
 
 namespace pdeanim {
 
-// The quantised coefficients of a group: one thread decodes them part by part, others make motion of what is there.
+// The quantised coefficients of a group: one thread decodes them part by part, while others turn finished parts into
+// motion.
 Subbands view_of(const SubbandTable &table);
 
 class GroupCoefficients {
@@ -30,21 +31,25 @@ public:
     GroupCoefficients(const Group &group, std::span<const u8> chunk, std::shared_ptr<const SpaceLayout> layout,
                       TakenMemory taken);
 
-    // Decode all, once. What goes wrong comes to those who take.
+    // Decode all, once. Errors are raised in the threads that take parts.
     void decode() noexcept;
 
     // Wait until all are decoded.
     void wait();
 
-    // End decoding soon: nobody takes.
+    // Stop decoding soon: no thread takes parts.
     void stop() { is_stopped_ = true; }
 
-    // Make motion of each part when it is there, until no more are to come; any number of threads share them. CorruptError
-    // where the bytes hold what cannot be.
+    // Turn each part into motion as soon as it is decoded, until the last; any number of threads share the parts.
+    // CorruptError if the bytes are not possible.
     template <class Real> void take(Motion<Real> &motion);
 
 private:
-    enum class Tree { not_taken, being_taken, taken };  // what of the partition tree motion must have first
+    enum class Tree {
+        not_taken,
+        being_taken,
+        taken
+    };  // the state of the partition tree's coefficients, which motion needs first
 
     void finish(std::exception_ptr failure);
     template <class Real> void take_tree(Motion<Real> &motion);
@@ -61,10 +66,10 @@ private:
 };
 
 struct DecodedGroup {
-    // Memory that is counted for it.
+    // Bytes of memory that it is counted with.
     i64 bytes() const;
 
-    // Functions of time at some of its frames in a row, the first one numbered as in the clip.
+    // Functions of time at consecutive frames; the first frame is numbered within the clip.
     std::span<const double> time_at(i64 frame, i64 frames) const {
         const i64 row = group.time_axes() * group.functions;
         return std::span(time).subspan((frame - group.first) * row, frames * row);
@@ -77,25 +82,25 @@ struct DecodedGroup {
     TakenMemory taken;  // for functions of time and residuals
 };
 
-// Functions of time at the frames of a group, (frames, axes, functions): as many axes as they have values at a frame.
-// times: of the group's frames [s]; values: as `decode_time_functions` gives them, for sampled bases.
+// Return functions of time at the frames of a group, (frames, axes, functions), with as many axes as they have values
+// at a frame. times: of the group's frames [s]; values: from `decode_time_functions`, for sampled bases.
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values);
 
-// What functions of time a group's chunk in TIME holds, for sampled bases; CorruptError where it is damaged.
+// Decode the functions of time of a group's chunk in TIME, for sampled bases; CorruptError if it is damaged.
 std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
 
-// What of a group others have begun with.
+// Parts of a group that other threads have begun to decode.
 struct GroupBegun {
-    std::function<std::vector<double>()> values;  // hands over those of `decode_group_times`, and may wait for them
-    GroupCoefficients *coefficients = nullptr;    // which another thread decodes; none where nobody does
+    std::function<std::vector<double>()> values;  // returns the result of `decode_group_times`, perhaps after waiting
+    GroupCoefficients *coefficients = nullptr;    // decoded by another thread; null if none does
 };
 
-// Decode the chunks of a group. CorruptError where one is damaged, LimitError where it takes more than is left; `taken` has
-// what its chunks and functions of time take. Coefficients are decoded while another thread is busy with the rest.
+// Decode the chunks of a group. CorruptError if one is damaged, LimitError if it takes more than is left; `taken`
+// counts its chunks and functions of time. Coefficients are decoded while another thread handles the rest.
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
                           std::span<const double> times, TakenMemory taken, int threads, const GroupBegun &begun);
 
-// The coefficients of a group [scene units]: (functions of space, functions of time, axes).
+// Return the coefficients of a group [scene units]: (functions of space, functions of time, axes).
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space,
                                        TakenMemory taken);
 

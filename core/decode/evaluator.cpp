@@ -11,8 +11,8 @@ namespace pdeanim {
 
 namespace {
 
-// From so many bytes on that a frame is made of it pays to begin a thread for a part of it: what is saved is more than the
-// 30 us that a thread takes to begin. So many parts are made, as a power of two.
+// Bytes of a frame from which a thread for a part of it pays off: a thread takes 30 us to start. The number of parts is
+// a power of two.
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
 
@@ -38,19 +38,18 @@ template <class Real> const AnchoredReference<Real> &Evaluator::anchored() {
     return *found;
 }
 
-// Work with a group's motion and the reference frame in its precision.
+// Call work with a group's motion and the reference frame in its precision.
 template <class Work> void Evaluator::with_motion(const DecodedGroup &own, const Work &work) {
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
-// Into how many shares of the vertices, as a power of two, positions are divided that so much is read for.
+// Return the number of shares of the vertices, as a power of two, for positions that read this many bytes.
 int Evaluator::levels_of(i64 bytes, i64 positions) const {
     const bool is_worth_it = bytes + bytes_of_a_position * positions >= bytes_worth_a_thread;
     return is_worth_it && run_.threads() > 1 ? part_levels : 0;
 }
 
-// Call work(share) for shares of the vertices that cover each once, from several threads where so much is read that it is
-// worth it.
+// Call work(share) for shares that cover the vertices once, from several threads if enough bytes are read.
 template <class Work> void Evaluator::in_parts(i64 bytes, const Work &work) const {
     const int levels = levels_of(bytes, run_.vertices());
     in_shares(i64{1} << levels, run_.threads(), [&](i64 first, i64 end) {
@@ -58,7 +57,7 @@ template <class Work> void Evaluator::in_parts(i64 bytes, const Work &work) cons
     });
 }
 
-// Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
+// Write positions, or displacements without a reference frame, at one time, from weights of functions of time.
 template <class Real, class Out>
 void Evaluator::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                               const AnchoredReference<Real> *reference, Out out) const {
@@ -66,7 +65,7 @@ void Evaluator::evaluate_once(const Motion<Real> &motion, std::span<const double
              [&](const VertexShare &share) { pdeanim::evaluate(motion, weights, reference, out, share); });
 }
 
-// Positions at one frame, by the model alone.
+// Write positions at one frame by the model alone.
 void Evaluator::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
     with_motion(own, [&](const auto &motion, const auto &anchored) {
         evaluate_once(motion, own.time_at(frame, 1), &anchored, out);
@@ -84,7 +83,7 @@ FrameResiduals Evaluator::residuals_at(i64 frame) {
     return found;
 }
 
-// Frames of one group that are evaluated together, by one thread or by several that each take some of the vertices.
+// Frames of one group that are evaluated together, by one thread, or by several that take some of the vertices each.
 struct Evaluator::Tile {
     Tile(const DecodedGroup &group, i64 begin, i64 frames) : group(group), begin(begin), frames(frames) {}
 
@@ -95,7 +94,7 @@ struct Evaluator::Tile {
     std::atomic<i64> parts_left = 1;
 };
 
-// Tiles of frames in a row, as far as their groups are kept together: of the first one at least.
+// Return tiles of consecutive frames, as far as their groups are cached together: at least the first.
 std::deque<Evaluator::Tile> Evaluator::tiles_of(i64 first, i64 count) {
     std::deque<Tile> tiles;
     for (i64 begin = first; begin < first + count;) {
@@ -110,7 +109,7 @@ std::deque<Evaluator::Tile> Evaluator::tiles_of(i64 first, i64 count) {
     return tiles;
 }
 
-// Positions of some vertices at a tile's frames; whoever is the last to be done with it adds its residuals.
+// Write positions of some vertices at a tile's frames; the last thread to finish a tile adds its residuals.
 void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
     with_motion(tile.group, [&](const auto &motion, const auto &anchored) {
         pdeanim::evaluate(motion, tile.group.time_at(tile.begin, tile.frames), &anchored, out, share);
@@ -123,16 +122,16 @@ void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale
     }
 }
 
-// Positions at frames in a row, of groups that are kept together; how many frames these have of them, at least one.
+// Write positions at consecutive frames of groups that are cached together; return the number of frames, at least one.
 i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     std::deque<Tile> tiles = tiles_of(first, count);
-    // Threads take tiles; those that would be one more for some of them are shared out by their vertices.
+    // Threads take tiles; the remaining tiles, fewer than threads, are divided by vertices.
     const std::size_t alike = tiles.size() - tiles.size() % run_.threads();
     std::vector<std::pair<Tile *, VertexShare>> parts;
     for (std::size_t k = 0; k < tiles.size(); ++k) {
         Tile &tile = tiles[k];
         int levels = 0;
-        // The reference frame is made here, before several threads look at it.
+        // Build the reference frame before several threads use it.
         with_motion(tile.group, [&](const auto &motion, const auto &) {
             if (k >= alike) levels = levels_of(motion.bytes(), tile.frames * run_.vertices());
         });
@@ -153,8 +152,8 @@ i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     return tiles.back().begin + tiles.back().frames - first;
 }
 
-// Groups whose functions count at a time inside the clip, by the closed form or by the spline: the first, and one behind the
-// last.
+// Return the groups whose functions contribute at a time inside the clip, by the closed form or by the spline: the
+// first, and one behind the last.
 std::pair<std::size_t, std::size_t> Evaluator::counting_groups(double time, int derivative) {
     if (run_.table().groups()[0].basis == TimeBasis::closed_form) {
         const std::vector<GroupWeights> found = closed_form_weights(closed_forms(), time, derivative);
@@ -164,7 +163,8 @@ std::pair<std::size_t, std::size_t> Evaluator::counting_groups(double time, int 
     return {run_.table().group_of(shares.first), run_.table().group_of(shares.end() - 1) + 1};
 }
 
-// What functions of time of a group count at a time inside the clip: (time axes, functions); nothing where none counts.
+// Return the weights of a group's functions at a time inside the clip: (time axes, functions); empty if none
+// contributes.
 std::vector<double> Evaluator::weights_of_group(std::size_t index, double time, int derivative) {
     const Group &own = run_.table().groups()[index];
     std::vector<double> weights;
@@ -195,13 +195,13 @@ const std::vector<ClosedForm> &Evaluator::closed_forms() {
     return closed_forms_;
 }
 
-// What frames count at a time inside the clip, by the spline.
+// Return the weights of frames at a time inside the clip, by the spline.
 FrameShares Evaluator::frame_shares(double time, int derivative) {
     if (!spline_) spline_.emplace(run_.times(), run_.jumps());
     return spline_->shares(time, derivative);
 }
 
-// Positions or a derivative of them as groups of one precision say together; as many at once as are kept.
+// Add up groups of equal precision, as many as the cache holds.
 template <class Real>
 void Evaluator::evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out) {
     const AnchoredReference<Real> *reference = derivative == 0 ? &anchored<Real>() : nullptr;
@@ -232,7 +232,7 @@ void Evaluator::evaluate_in(const CountingGroups &counting, int derivative, std:
     }
 }
 
-// Positions at a time inside the clip by the model alone, or a derivative of them.
+// Write positions at a time inside the clip by the model alone, or a derivative of them.
 void Evaluator::evaluate_groups(double time, int derivative, std::span<float> out) {
     CountingGroups counting;
     const auto [first, end] = counting_groups(time, derivative);
@@ -250,7 +250,7 @@ void Evaluator::evaluate_groups(double time, int derivative, std::span<float> ou
         evaluate_in<float>(counting, derivative, out);
         return;
     }
-    // What groups of either precision say is added up before it is rounded. Nothing may count, too.
+    // Add both precisions before rounding. There may be no groups, too.
     std::vector<double> all(out.size()), part(out.size());
     if (derivative == 0) all = run_.reference().points;
     for (const auto &counted : counting) {
@@ -264,7 +264,7 @@ void Evaluator::evaluate_groups(double time, int derivative, std::span<float> ou
     std::transform(all.begin(), all.end(), out.begin(), [](double value) { return static_cast<float>(value); });
 }
 
-// Positions between two frames, whose residuals fade by a hat function.
+// Write positions between two frames, whose residuals fade linearly.
 void Evaluator::evaluate_between(double time, std::span<float> out) {
     evaluate_groups(time, 0, out);
     const i64 left = run_.frame_at(time);
@@ -277,8 +277,8 @@ void Evaluator::evaluate_between(double time, std::span<float> out) {
     }
 }
 
-// Velocity or acceleration at a time inside the clip: residuals change at constant speed from one frame to the next; at a
-// frame the speed to the next one counts.
+// Write velocities or accelerations at a time inside the clip: residuals change at constant speed from one frame to the
+// next; at a frame the speed to the next one counts.
 void Evaluator::evaluate_derivative(int derivative, double time, std::span<float> out) {
     if (run_.frames() == 1) {
         std::fill(out.begin(), out.end(), 0.0f);
@@ -303,7 +303,7 @@ void Evaluator::evaluate_derivative(int derivative, double time, std::span<float
     }
 }
 
-// All vertices, at increasing times.
+// Evaluate all vertices at increasing times.
 void Evaluator::evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out) {
     const std::size_t size = 3 * run_.vertices();
     const double first = run_.times().front(), last = run_.times().back();
@@ -353,7 +353,7 @@ void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::
         evaluate_all(quantity, asked, out);
         return;
     }
-    // As many times at once as fit in the memory that groups are kept in at first, and in a part of what is left.
+    // Evaluate as many times together as fit in the initial budget of the group cache, and in a part of what is left.
     const u64 room = least(static_cast<u64>(groups_.first_budget()), run_.memory().left() / 4);
     const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;

@@ -1,4 +1,4 @@
-// Positions, velocities and accelerations of the vertices, at any times; and what they are sums of.
+// Positions, velocities and accelerations of the vertices at any times; and the terms that they are sums of.
 #pragma once
 
 #include <array>
@@ -13,41 +13,41 @@ namespace pdeanim {
 
 enum class Quantity { positions, velocities, accelerations };
 
-// What a vertex at a frame lacks, if it is not what the model decodes to.
+// Difference of a vertex at a frame from the model, if there is any.
 struct Correction {
     i32 frame, vertex;
     std::array<float, 3> offset;  // [scene units]
 };
 
-// The residuals of one frame, and what raw vertices among them stand in place of.
+// The residuals of one frame, and the model's positions that its raw vertices replace.
 struct FrameResiduals {
     const Residuals &group;
     i64 inside;                  // the frame's number in its group
-    std::vector<Position> base;  // what the model alone decodes to; empty where there is no raw vertex
+    std::vector<Position> base;  // positions by the model alone; empty without raw vertices
 };
 
-// Its public functions may be called from several threads, which take turns, but for the last two: whoever holds the turn
-// calls these.
+// Public functions may be called from several threads, which take turns, except the last two: their caller holds the
+// turn.
 class Evaluator {
 public:
     // All of them must outlive it.
     Evaluator(RunSections &run, GroupCache &groups, Turns &turns) : run_(run), groups_(groups), turns_(turns) {}
 
-    // A quantity of all vertices, or of one object's, at times [s] in any order: out is (times, vertices, 3). Outside the
-    // clip its first or last frame stands still. ArgumentError for a time that is not a number.
+    // Evaluate a quantity of all vertices, or of one object's, at times [s] in any order: out is (times, vertices, 3).
+    // Outside the clip its first or last frame stands still. ArgumentError for a time that is not a number.
     void evaluate(Quantity quantity, std::span<const double> times, std::optional<i64> object, std::span<float> out);
 
-    // Groups that count at a time: the first, and one behind the last. Nothing is decoded for it.
+    // Return the groups that contribute at a time: the first, and one behind the last. Nothing is decoded.
     std::pair<std::size_t, std::size_t> groups_at(Quantity quantity, double time);
 
-    // What the functions of time of one group count: (time axes, functions).
+    // Return the weights of one group's functions of time: (time axes, functions).
     std::vector<double> weights(Quantity quantity, double time, std::size_t group);
 
     FrameResiduals residuals_at(i64 frame);
     ResidualScale residual_scale();
 
 private:
-    // Groups, and what their functions of time count at a time.
+    // Groups, with the weights of their functions of time at a time.
     using CountingGroups = std::vector<std::pair<std::size_t, std::vector<double>>>;
     struct Tile;
 
@@ -82,24 +82,23 @@ private:
     std::vector<ClosedForm> closed_forms_;
 };
 
-// For those who add up themselves what fields of space count (a GPU): a quantity at a time is, of all groups, the sum over
-// functions of time of their weights (Evaluator::weights) times their fields; positions have the reference frame added,
-// and what corrections there are.
+// For callers that add up fields themselves (a GPU). A quantity at a time is the sum, over all groups and functions of
+// time, of weights (Evaluator::weights) times fields; positions add the reference frame and corrections.
 class GroupFields {
 public:
     GroupFields(RunSections &run, GroupCache &groups, Evaluator &evaluator, Turns &turns)
         : run_(run), groups_(groups), evaluator_(evaluator), turns_(turns) {}
 
-    // Fields of one group [scene units]: out is (functions, vertices, axes), with 1 axis or 3.
+    // Write the fields of one group [scene units]: out is (functions, vertices, axes), with 1 axis or 3.
     void fields(std::size_t group, std::span<float> out);
 
-    // Coefficients of one group [scene units]: (functions of space, functions of time, axes).
+    // Return the coefficients of one group [scene units]: (functions of space, functions of time, axes).
     std::vector<double> coefficients(std::size_t group);
 
-    // What the model lacks at the frames of one group, frame after frame. `taken`: memory that they take, from now on.
+    // Return the corrections at the frames of one group, frame by frame. `taken` counts their memory from now on.
     std::vector<Correction> corrections(std::size_t group, TakenMemory &taken);
 
-    // The element, a patch or a piece of a curve, that each vertex belongs to.
+    // Return the element, a patch or a piece of a curve, of each vertex.
     std::vector<i32> elements();
 
 private:

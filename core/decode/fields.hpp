@@ -1,4 +1,4 @@
-// What sections are read with: their fields, checksums, and limits of what fields may hold.
+// Reading sections: their fields, checksums, and limits of the values of fields.
 #pragma once
 
 #include <array>
@@ -13,10 +13,10 @@
 
 namespace pdeanim {
 
-// Fields of a section: little-endian numbers, and counts of seven bits a byte. The reader never goes past the end.
+// Fields of a section: little-endian numbers, and counts of seven bits per byte. The reader never goes past the end.
 class FieldReader {
 public:
-    // Fields of section `name`, which messages call it by.
+    // Read fields of section `name`, which messages mention.
     FieldReader(std::span<const u8> data, const char *name) : data_(data), name_(name) {}
 
     // An unsigned number of the size of T.
@@ -34,7 +34,7 @@ public:
         return value;
     }
 
-    // A number of 0 or more, seven bits a byte, low bits first.
+    // A number of 0 or more, seven bits per byte, low bits first.
     i64 count() {
         u64 value = 0;
         for (int shift = 0; shift < count_bits; shift += 7) {
@@ -45,10 +45,10 @@ public:
         throw CorruptError(section(), "holds a count of more than " + std::to_string(count_bits) + " bits");
     }
 
-    // All that is left.
+    // All remaining bytes.
     std::span<const u8> rest() { return take(data_.size() - at_); }
 
-    // Refuse bytes that are left over.
+    // Refuse remaining bytes.
     void finish() const {
         if (at_ != data_.size()) {
             throw CorruptError(section(), "has " + std::to_string(data_.size() - at_) + " bytes too many");
@@ -74,7 +74,7 @@ private:
     std::size_t at_ = 0;
 };
 
-// CRC-32 as in zlib and PNG (ISO 3309): polynomial 0xEDB88320, reflected. Eight bytes a step, by eight tables.
+// CRC-32 as in zlib and PNG (ISO 3309): polynomial 0xEDB88320, reflected. Eight bytes per step, by eight tables.
 namespace crc_tables {
 
 consteval std::array<std::array<u32, 256>, 8> make() {
@@ -111,7 +111,7 @@ inline u32 crc32(std::span<const u8> data, u32 before = 0) {
     return ~value;
 }
 
-// Whether a checksum is the one that was expected; always in builds that look for what damage does behind checksums.
+// Compare a checksum with the expected one; always true in builds that test damage behind checksums.
 inline bool is_checksum(u32 found, u32 expected) {
 #ifdef FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION
     static_cast<void>(found);

@@ -8,8 +8,8 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory of what a file declares: of each frame its time, as it is stored, here and as Python has it, and a row of the
-// spline; of each run where its sections are, and what Python has of it.
+// Peak memory of what a file declares: for each frame its time as stored, here and in Python, and a row of the spline;
+// for each run the places of its sections, and its Python objects.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
 constexpr std::string_view table = "RUNS", data = "RDAT";

@@ -1,6 +1,6 @@
-// A file as a whole: its container, its times, and where the sections of each run of frames are.
+// A file as a whole: its container, its times, and the places of the sections of each run of frames.
 //
-// What is here does not change once it is read: any number of threads may use it, and open runs beside each other.
+// Nothing here changes after it is read: any number of threads may use it, with several open runs.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@ struct Run {
     static constexpr std::size_t section_count = 10;
     static constexpr i64 most_vertices = (i64{1} << 31) - 1;  // they are numbered by int32
 
-    i64 first = 0, frames = 0;  // its first frame, and how many there are
-    i64 vertices = -1;          // as section RUNS says; -1 where there is no such section
+    i64 first = 0, frames = 0;  // its first frame, and the number of frames
+    i64 vertices = -1;          // as section RUNS states it; -1 without that section
     std::array<SectionPlace, section_count> places{};
 };
 
@@ -28,7 +28,7 @@ class File {
 public:
     static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
 
-    // Read header, times and the table of runs. CorruptError or LimitError where the file is not sound or asks for too much.
+    // Read header, times and the table of runs. CorruptError or LimitError if the file is damaged or asks for too much.
     File(std::unique_ptr<Source> source, u64 max_memory);
 
     const Container &container() const { return container_; }
@@ -36,16 +36,16 @@ public:
     const std::vector<Run> &runs() const { return runs_; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
 
-    // What it leaves for what is decoded of a run.
+    // Memory left for what is decoded of a run.
     const MemoryLimit &memory() const { return memory_; }
 
-    // The run that holds at a time [s]: the last one whose first frame is not after it, else the first.
+    // The run at a time [s]: the last one whose first frame is not later, else the first.
     std::size_t run_at(double time) const;
 
     // The run of a frame.
     std::size_t run_of(i64 frame) const;
 
-    // What a run has as if it were a file of its own.
+    // The sections of a run as if it were a file of its own.
     Container container_of(std::size_t run) const;
     SequenceDescription sequence_of(std::size_t run) const;
 

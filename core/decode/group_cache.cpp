@@ -12,13 +12,14 @@ namespace {
 // Peak memory of a group for each value of a function of time on three axes, and for each of its frames.
 constexpr u64 bytes_per_time_value = 120, bytes_per_group_frame = 16;
 
-// What a coefficient takes mostly; it is counted when it is there.
+// Usual memory of a coefficient; exact counts follow when it is decoded.
 constexpr u64 bytes_per_coefficient = 40;
 
-// Groups that are decoded beside each other at most: they are unlike in size, and who is done with one takes the next.
+// Largest number of groups decoded in parallel per thread: sizes differ, and a thread that is done takes the next one.
 constexpr int groups_a_thread = 16;
 
-// Of a group: its bytes, functions of time, where its frames begin. Bounded: 4,096 frames, 3 functions a frame, 3 axes.
+// Bytes of a group that are known before decoding: chunks, functions of time, starts of frames. Bounded: 4,096 frames,
+// 3 functions per frame, 3 axes.
 u64 known_bytes(const Group &group) {
     return group.bytes() + bytes_per_time_value * static_cast<u64>(group.frames * group.functions) +
            bytes_per_group_frame * static_cast<u64>(group.frames);
@@ -30,19 +31,19 @@ GroupCache::GroupCache(RunSections &run, i64 largest_budget, const Turns &turns)
     : run_(run), turns_(turns), largest_budget_(largest_budget), budget_(first_budget()),
       has_been_kept_(run.table().groups().size()) {}
 
-// Take what of a group is known before any of it is decoded.
+// Take the memory that is known before any of a group is decoded.
 TakenMemory GroupCache::begin_group(std::size_t index) {
     return TakenMemory(run_.memory(), known_bytes(run_.table().groups()[index]),
                        "functions of time of a group of frames");
 }
 
-// What it mostly takes to decode a group.
+// Usual memory to decode a group.
 u64 GroupCache::expected_bytes(std::size_t index) const {
     const Group &own = run_.table().groups()[index];
     return known_bytes(own) + bytes_per_coefficient * static_cast<u64>(run_.vertices() * (own.channels() + 1));
 }
 
-// Decode a group, the k-th of those that are begun ahead. `taken`: of `begin_group`. Several threads call it at once.
+// Decode a group, the k-th of those begun ahead. `taken`: from `begin_group`. Several threads call it at once.
 DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
                                 GroupsAhead &ahead, int threads) const {
     const Group &group = run_.table().groups()[index];
@@ -81,7 +82,7 @@ void GroupCache::evict_oldest() {
     kept_.pop_back();
 }
 
-// Evict groups until so much of the memory is left, or no group is kept.
+// Evict groups until this many bytes are free, or the cache is empty.
 void GroupCache::evict_for(u64 bytes) {
     while (run_.memory().left() < bytes && !kept_.empty()) evict_oldest();
 }
@@ -103,14 +104,14 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
             keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
             return kept_.front().second;
         } catch (const LimitError &) {
-            // There may be room when no other one is kept.
+            // There may be room when no other group is kept.
             if (kept_.empty()) throw;
             room = std::numeric_limits<u64>::max();
         }
     }
 }
 
-// Groups that are not kept, in the order of their first times, as many as fit beside each other.
+// Return the groups that are not cached, in the order of their first times, as many as fit together.
 std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u64 &bytes_at_once) const {
     std::vector<std::size_t> wanted;
     i64 kept_bytes = 0;  // about, of those that are wanted
@@ -125,7 +126,7 @@ std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u6
             own.channels() * run_.vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
         if (is_kept(index)) break;
         bytes_at_once += expected_bytes(index);
-        // One that is not kept until its frames are evaluated would be decoded twice.
+        // A group evicted before its frames are evaluated would be decoded twice.
         if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > budget_ - budget_ / 4)) break;
         wanted.push_back(index);
     }
@@ -137,7 +138,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
     std::vector<std::size_t> wanted = wanted_at(times, bytes_at_once);
     if (wanted.size() < 2) return;
     evict_for(bytes_at_once);
-    // Whoever came to the largest one last would be waited for.
+    // Largest first: starting the largest one last would keep the others waiting.
     const auto bytes_of = [&](std::size_t index) { return run_.table().groups()[index].sizes[1]; };
     std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });
     std::vector<TakenMemory> taken;
@@ -151,7 +152,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
             try {
                 found[k].emplace(decode(wanted[k], std::move(taken[k]), k, space, *ahead, 1));
             } catch (const LimitError &) {
-                // Whoever needs it decodes it alone.
+                // The caller that needs it decodes it alone.
             }
         }
     };

@@ -1,4 +1,4 @@
-// Cache of decoded groups of frames, within a byte budget: evicts the one used longest ago, decodes ahead.
+// Cache of decoded groups of frames, within a byte budget: evicts the least recently used one, decodes ahead.
 #pragma once
 
 #include <list>
@@ -10,25 +10,25 @@
 
 namespace pdeanim {
 
-// Called by whoever holds the turn.
+// Called by the thread that holds the turn.
 class GroupCache {
 public:
     // largest_budget: bytes of decoded groups at most. `run` and `turns` must outlive it.
     GroupCache(RunSections &run, i64 largest_budget, const Turns &turns);
 
-    // A group, decoded unless it is kept; it stays until other groups are asked for. CorruptError where it is damaged,
-    // LimitError where there is no room for it alone.
+    // Return a group, decoded unless it is cached; it stays until other groups are requested. CorruptError if it is
+    // damaged, LimitError if there is no room for it alone.
     const DecodedGroup &group(std::size_t index);
 
     bool is_kept(std::size_t index) const { return places_.contains(index); }
 
-    // Decode the groups that frames at increasing times need first, beside each other; fewer where they would not be kept
-    // together. Those that there is no room for beside the others are left.
+    // Decode the groups that frames at increasing times need first, in parallel; fewer if they would not be cached
+    // together. Groups without room next to the others are skipped.
     void decode_ahead(std::span<const double> times);
 
-    // The byte budget before any group is decoded again that was evicted. Going through a clip once needs few decoded
-    // groups at a time. Whenever a group is decoded again the budget doubles, up to the largest one: scrubbing comes to
-    // have all that it needs.
+    // The byte budget before any evicted group is decoded again. Going through a clip once needs few groups at a time.
+    // Each time a group is decoded again the budget doubles, up to the largest one: scrubbing ends with everything it
+    // needs.
     i64 first_budget() const { return largest_budget_ / 8; }
 
 private:

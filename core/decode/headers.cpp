@@ -10,11 +10,12 @@ namespace pdeanim {
 
 namespace {
 
-// How times are stored: start + i / rate, (start + i) / rate, one by one, or start + i (1 / rate), which rounds otherwise.
+// How times are stored: start + i / rate, (start + i) / rate, a list, or start + i (1 / rate), which rounds
+// differently.
 enum TimeRule : u8 { stepped, counted, listed, by_period };
 
-// Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a whole
-// number of 0 or more, and stored as a count; jumps follow.
+// Flags next to the rule: its rate is the frame rate, which is then not stored again; the frame rate, or the start, is
+// a whole number of 0 or more, stored as a count; discontinuities follow.
 constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16, has_jumps = 32;
 
 constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
@@ -124,7 +125,7 @@ std::vector<std::string> SequenceDescription::names(i64 objects, const TakeMemor
 namespace {
 
 constexpr i64 most_points[] = {256, 65535};  // by the kind of basis
-constexpr int most_functions = 128;          // building them costs the square of their number
+constexpr int most_functions = 128;          // building them takes the square of their number
 constexpr int thresholds = 8;
 
 }  // namespace
@@ -225,7 +226,7 @@ GroupTable::GroupTable(const Container &container, i64 frames, i64 most_groups) 
         group.first = frames - left;
         group.offsets = ends;
         for (std::size_t i = 0; i < ends.size(); ++i) {
-            // A sum beyond the file's size would wrap only after more groups than fit in a file.
+            // A sum beyond the file's size could wrap only after more groups than fit in a file.
             ends[i] = std::min(ends[i] + group.sizes[i], container.file_bytes() + 1);
         }
         left -= group.frames;

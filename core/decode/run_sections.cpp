@@ -13,23 +13,23 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory of what a file declares: of a mesh for each vertex (curves, reference frame, positions between frames); of
-// connectivity for each corner.
+// Peak memory of what a file declares: per vertex of a mesh (curves, reference frame, positions between frames); per
+// corner of its connectivity.
 constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128;
 
-// Of a group and of an object that hold nothing: a row of the table with the place that the table grows into, what is kept
-// of a decoded group, and the numbers that Python makes of it; lists, a name and arrays, most of it Python's.
+// Per empty group and object: a row of the table with its spare room, the cached group, and Python's numbers; lists, a
+// name and arrays, most of it Python's.
 constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 
-// Of a byte of a name: the place that a text grows into, and Python's four bytes of each character.
+// Per byte of a name: the spare room of a text, and Python's four bytes per character.
 constexpr u64 bytes_per_name_byte = 6;
 
-constexpr u8 predictors = 8;  // of the reference frame
+constexpr u8 predictors = 8;  // kinds of predictors of the reference frame
 
-// Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
+// Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
 Polygons polygons_of(std::span<const Connectivity> parts) {
     Polygons mesh;
-    std::size_t corners = 0, polygons = 0;  // at most
+    std::size_t corners = 0, polygons = 0;  // upper bounds
     for (const Connectivity &part : parts) {
         corners += part.face_indices.size() + 2 * part.line_indices.size();
         polygons += part.face_sizes.size() + part.line_indices.size();
@@ -60,10 +60,10 @@ Polygons polygons_of(std::span<const Connectivity> parts) {
     return mesh;
 }
 
-// Peak memory of an element: its node and the one above, their functions, how the two go together, the reference frame.
+// Peak memory per element: its node and the one above, their functions, the two-scale matrix, the reference frame.
 constexpr u64 bytes_per_element = 2048;
 
-// Of the memory that is left, functions of space are kept where they take no more than one of so many shares.
+// Functions of space are kept if they take at most one over this of the memory that is left.
 constexpr u64 memory_shares = 8;
 
 }  // namespace
@@ -80,7 +80,7 @@ RunSections::RunSections(std::shared_ptr<const File> file, std::size_t run, int 
     model_ = Model::of_bytes(container_.read("MODL"));
 }
 
-// The head of section CONN.
+// Read the head of section CONN.
 void RunSections::read_vertex_counts(std::size_t run) {
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
@@ -208,7 +208,7 @@ std::unique_ptr<GroupsAhead> RunSections::begin_ahead(std::span<const std::size_
     return std::make_unique<GroupsAhead>(container_, *table_, groups);
 }
 
-// Whether section REST says which vertices coincide; some may where it does not.
+// Whether section REST states which vertices coincide; some may coincide even if it does not.
 bool RunSections::says_welds() const {
     constexpr u64 predictor_offset = 32;
     const SectionEntry &entry = container_.entry("REST");
@@ -221,7 +221,7 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of(std::shared_ptr<const 
     return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
 }
 
-// What they take, and the making of their functions by each thread.
+// Take the memory of elements, and of building their functions in each thread.
 TakenMemory RunSections::take_elements(const Patches &patches) {
     i64 largest = 0;
     for (i64 e = 0; e < patches.count(); ++e) largest = most(largest, patches.size(e));
@@ -229,17 +229,18 @@ TakenMemory RunSections::take_elements(const Patches &patches) {
     return TakenMemory(memory_, bytes_per_element * static_cast<u64>(patches.count()) + making, "patches of vertices");
 }
 
-// Patches as they are unless vertices coincide, made beside the reference frame; then go on with coefficients.
+// Patches under the assumption that no vertices coincide, made in parallel with the reference frame, followed by
+// coefficients.
 struct RunSections::EarlyPatches {
-    std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
+    std::shared_ptr<Patches> patches;  // null if a vertex has no neighbour
     TakenMemory taken;
     std::shared_ptr<const SpaceLayout> layout;
     std::exception_ptr failure;
     std::latch made{1};
-    std::jthread thread;  // where nothing else is decoded ahead
+    std::jthread thread;  // used if nothing else is decoded ahead
 };
 
-// Begin with them; nothing where they would not be the patches, or there is no thread for it.
+// Begin with them; null if they could not be the patches, or there is no thread for it.
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
     if (threads_ < 2 || reference_ || says_welds()) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
@@ -255,7 +256,7 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
                 coefficients = ahead->make_coefficients(own->layout, own->taken.another());
             }
         } catch (const CorruptError &) {
-            // They may not be the patches.
+            // They may turn out not to be the patches.
         } catch (...) {
             own->failure = std::current_exception();
         }
@@ -270,8 +271,8 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
     return early;
 }
 
-// Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is decoded, and
-// so are coefficients.
+// Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is decoded,
+// and so are coefficients.
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *ahead) {
     const std::vector<ConnectivityView> parts = views();
     const std::shared_ptr<EarlyPatches> early = begin_early_patches(ahead);
@@ -302,7 +303,7 @@ const SpaceBasis &RunSections::space(GroupsAhead *ahead) {
     const auto guard = turns_.take();
     if (!space_) {
         auto layout = model_.form.kind == SpaceKind::patch ? layout_of_patches(ahead) : layout_of_curves();
-        // Whoever waited for a thread that finds no processor would wait for those that are busy.
+        // A thread without a processor would make others wait for it.
         const int threads = most(threads_ - (ahead ? ahead->busy() : 0), 1);
         space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads);
         const u64 bytes = static_cast<u64>(space_->bytes_to_keep());

@@ -1,4 +1,4 @@
-// The sections of one run of frames, mostly all of a file's: each is decoded when it is first needed, and kept.
+// The sections of one run of frames, usually all of a file's: each is decoded on first use, and kept.
 #pragma once
 
 #include <atomic>
@@ -25,16 +25,16 @@ struct CancelledError : std::runtime_error {
 // Threads that call functions of one animation take turns, and may cancel each other's calls.
 class Turns {
 public:
-    // How often calls were cancelled; several animations may share it.
+    // Number of cancellations; several animations may share it.
     using Cancels = std::shared_ptr<std::atomic<u64>>;
 
-    // With a count of its own where there is none.
+    // Without a shared count, make one.
     explicit Turns(Cancels cancels) : cancels_(cancels ? std::move(cancels) : std::make_shared<std::atomic<u64>>(0)) {}
 
-    // Hold other callers off.
+    // Exclude other callers.
     std::unique_lock<std::recursive_mutex> take() { return std::unique_lock(lock_); }
 
-    // The same for a call that can be cancelled, from now on.
+    // The same for a call that can be cancelled from now on.
     std::unique_lock<std::recursive_mutex> begin_call() {
         const u64 before = *cancels_;
         std::unique_lock guard(lock_);
@@ -42,12 +42,12 @@ public:
         return guard;
     }
 
-    // CancelledError if the call that holds the lock was cancelled.
+    // Raise CancelledError if the call that holds the lock was cancelled.
     void check_cancelled() const {
         if (*cancels_ != cancels_before_) throw CancelledError();
     }
 
-    // Make calls that are under way end with a CancelledError; later ones go on as if nothing had been.
+    // Make running calls end with a CancelledError; later ones are not affected.
     void cancel() { ++*cancels_; }
 
 private:
@@ -64,12 +64,12 @@ struct Reference {
     std::vector<double> points;      // (vertices, 3) [scene units]
 };
 
-// From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity -> reference
-// frame -> space basis. Every function may be called from several threads; they take turns.
+// From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity ->
+// reference frame -> space basis. Every function may be called from several threads; they take turns.
 class RunSections {
 public:
-    // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
-    // threads: that decode beside each other. `turns` must outlive it.
+    // Read the headers of a run. CorruptError or LimitError if it is damaged, or asks for more than the file leaves.
+    // threads: that decode in parallel. `turns` must outlive it.
     RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns);
 
     const Container &container() const { return container_; }
@@ -83,7 +83,7 @@ public:
     i64 first_vertex(i64 object) const { return first_vertices_[object]; }
     int threads() const { return threads_; }
 
-    // What the file leaves for all that is decoded.
+    // Memory that the file leaves for everything that is decoded.
     MemoryLimit &memory() { return memory_; }
 
     // The last frame that is not after a time inside the clip.
@@ -93,17 +93,17 @@ public:
     std::span<const double> times_of(const Group &group) const;
     ClosedForm closed_form(std::size_t group) const;
 
-    // What is decoded when it is first asked for.
+    // Parts that are decoded on first use.
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
-    const std::vector<u8> &remarks();  // section META as it is
+    const std::vector<u8> &remarks();  // section META, unread
 
-    // The space basis. `ahead`: goes on with coefficients as soon as it is known where they belong.
+    // The space basis. `ahead` continues with coefficients as soon as their layout is known.
     const SpaceBasis &space(GroupsAhead *ahead = nullptr);
 
-    // Begin with groups beside the space basis, if it is not there yet and there is a thread for it.
+    // Begin to decode groups in parallel with the space basis, if it does not exist yet and there is a thread for it.
     std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
 
     // Shared ownership: stays valid after the animation is closed.
@@ -128,7 +128,7 @@ private:
     int threads_;
     Turns &turns_;
     SequenceDescription sequence_;
-    std::vector<u8> polygons_;            // section CONN behind its head
+    std::vector<u8> polygons_;            // section CONN after its head
     std::vector<i64> first_vertices_{0};  // of each object, and the number of all
     std::optional<GroupTable> table_;
     Model model_;

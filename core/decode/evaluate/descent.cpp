@@ -40,7 +40,7 @@ template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::
     }
 }
 
-// Put the halves of the last node in its place, the first one last; of those that are shared out, the share's alone.
+// Replace the last node by its halves, the first one on top; within a share of the tree, only by the half in the share.
 template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::halve() {
     constexpr int size = least(lanes<bytes, double>, columns);
     using Pack = Lanes<double, size>;
@@ -52,7 +52,8 @@ template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::
     const i64 own = layout_.affine_of_node(number), split = layout_.affine_of_node(half);
     const i64 total = split + layout_.affine_of_node(half + 1);
     const PartitionTree::Matrix &matrix = tree_.matrix(number);
-    // What the node's functions count, as far as they do, and the rows of the matrix for them.
+    // The coefficients of the node's functions at the frames, as far as they are used, and the matching rows of the
+    // matrix.
     double wavelets[most_functions][columns], ignored[columns];
     const double *rows[most_functions], *multiples[most_functions];
     double *to[most_functions];
@@ -79,7 +80,7 @@ template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::
         const i64 first = side == 0 ? 0 : split, end = side == 0 ? split : total;
         for (i64 i = first; i < end; ++i) to[i] = child.affine + (i - first) * columns;
     }
-    // A half may stand where the node does: each number of it is read before those at its place are written.
+    // A half may take the node's place: each number of the node is read before its place is overwritten.
     for (int p = 0; p < columns; p += size) {
         Pack sums[most_functions];
         make_zero(sums);

@@ -1,4 +1,4 @@
-// Coefficients at some frames: what each function of space counts, down the partition tree to the elements.
+// Coefficients at some frames: the value of each function of space, carried down the partition tree to the elements.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace pdeanim {
 
-// What is below is written for registers of so many bytes. Whether one loop does for all numbers of vertices: code for a
-// page is fetched, and its registers are few; and where there are variants for wider registers the narrowest ones serve
-// old processors alone, and would only take time to compile.
+// The loops below exist for several register widths. Here a single width serves all meshes: a page must fetch the code,
+// and has few registers; and where wider variants exist, narrow ones for larger meshes would serve old processors only
+// and cost compile time.
 #if defined(__wasm__)
 template <int bytes> constexpr bool is_small = true;
 #elif defined(PDEANIM_FOR)
@@ -23,13 +23,13 @@ template <int bytes> constexpr bool is_small = false;
 
 template <int bytes, class Real> constexpr int lanes = bytes / static_cast<int>(sizeof(Real));
 
-// The registers of the widest kind are twice as many as of the others.
+// Processors have twice as many registers of the widest kind.
 template <int bytes> constexpr bool has_many_registers = bytes == 64;
 
-// Numbers of some frames side by side: of each axis those of all frames; of one frame the three axes, and nothing.
+// Numbers of some frames side by side: for each axis those of all frames; for one frame the three axes and padding.
 template <int frames> constexpr int width = frames == 1 ? 4 : 3 * frames;
 
-// Of every function of time its values at some frames: `width` numbers, or one a frame where all axes share them.
+// Values of every function of time at some frames: `width` numbers, or one per frame if all axes share them.
 template <int frames, class Real> struct TimeRows {
     template <class Own> TimeRows(const Motion<Own> &motion, const double *time, i64 given)
         : is_shared(motion.axes == 3), stride(is_shared ? frames : width<frames>),
@@ -59,10 +59,10 @@ template <class Real> struct RowOf {
     i64 count;
 };
 
-// So many sums are added up beside each other and put together at the end: one number would wait for the one before it.
+// Number of sums that are added up independently and joined at the end; a single sum would wait for itself.
 constexpr int partial_sums = 2;
 
-// `packs` registers of a row of counts, from number `first` on.
+// Load `packs` registers of a row of values, from number `first` on.
 template <int packs, int size, class Real>
 PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
@@ -82,7 +82,7 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> 
     }
 }
 
-// `packs` registers of each axis, of coefficients that differ by axis.
+// Add `packs` registers per axis, with coefficients that differ by axis.
 template <int packs, int size, int frames, class Real>
 PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
@@ -109,7 +109,7 @@ template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, con
     put_lanes(row, sums);
 }
 
-// What one function of space counts at some frames: the sum over its coefficients of functions of time.
+// Value of one function of space at some frames: the sum of its coefficients times functions of time.
 template <int bytes, int frames, class Real>
 PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const SpaceRows<Real> &rows, i64 function, Real *row) {
     const i64 start = rows.starts[function], numbers = time.is_shared ? SpaceRows<Real>::padded_axes : 1;
@@ -143,14 +143,14 @@ template <int frames> struct Node {
     alignas(cache_line) double affine[affine_count * width<frames>];
 };
 
-// Nothing in it depends on the precision that elements are added up in.
+// Nothing in it depends on the precision in which elements are added up.
 template <int frames> class Descent {
 public:
     // The motion and the time must outlive it.
     template <class Real> Descent(const Motion<Real> &motion, const TimeRows<frames, double> &time, VertexShare share)
         : Descent(*motion.basis, motion.tree, motion.selection ? &*motion.selection : nullptr, time, share) {}
 
-    // The next element of the share; nothing after the last one. It is there until the next call.
+    // Return the next element of the share, null after the last. It is valid until the next call.
     const Node<frames> *next();
 
 private:
@@ -169,20 +169,20 @@ private:
     const SpaceLayout &layout_;
     const Patches &patches_;
     const SpaceRows<double> &rows_;
-    const SpaceSelection *selection_;  // nothing where all functions count
+    const SpaceSelection *selection_;  // null if all functions are used
     const TimeRows<frames, double> &time_;
     VertexShare share_;
-    std::vector<Node<frames>> waiting_;  // still to come, the next one last
+    std::vector<Node<frames>> waiting_;  // nodes to come, the next one last
     i64 waiting_count_ = 1;
 };
 
-// Functions or fields of an element, and what each counts at some frames.
+// Functions or fields of an element, and the value of each at some frames.
 template <class Real> struct Columns {
     const Real *values;  // from the element's first vertex on
     i64 count;
     const Real *counts;
     i64 count_stride;
-    bool is_shared;  // they have values for each axis, and count the same on all of them
+    bool is_shared;  // they have values for each axis, and the same value of time on all of them
 };
 
 // The elements of a motion at some frames, one after another.
@@ -192,13 +192,13 @@ public:
         : motion_(motion), exact_(motion, time, given), usual_(motion, time, given), descent_(motion, exact_, share) {}
     MovedElements(const MovedElements &) = delete;
 
-    // Go to the next one; false after the last one.
+    // Go to the next one; return false after the last.
     PDEANIM_INLINE bool next() {
         const Patches &patches = *motion_.basis->elements().patches;
         do {
             node_ = descent_.next();
             if (!node_) return false;
-            // Elements come in their order, as the halves of a node do, one after the other unless some are left out.
+            // Elements come in order, as the halves of a node do, one after the other unless some are left out.
             if (element_ < 0 || motion_.selection) {
                 const auto found =
                     std::lower_bound(patches.starts.begin(), patches.starts.end(), patches.begins[node_->number]);
@@ -213,12 +213,12 @@ public:
 
     PDEANIM_INLINE i64 element() const { return element_; }
 
-    // How far its mean is moved on an axis at a frame.
+    // Displacement of the element's mean on an axis at a frame.
     PDEANIM_INLINE double moved(int axis, int frame) const {
         return affine_ > 0 ? item().constant * node_->affine[axis * frames + frame] : 0.0;
     }
 
-    // What else moves it; there until `next` is called.
+    // The other functions that move it; valid until the next call of `next`.
     PDEANIM_INLINE Columns<Real> columns() {
         constexpr int numbers = width<frames>;
         const typename Motion<Real>::Element &own = item();

@@ -1,4 +1,4 @@
-// Positions at the vertices: the functions of each element, or the fields of functions of time, added up and written.
+// Positions at the vertices: add up the functions of each element, or the fields of functions of time, and write them.
 #include <cstdint>
 #include <cstring>
 #include <type_traits>
@@ -13,12 +13,12 @@ namespace {
 // An element's vertices at some frames.
 template <class Real> struct Target {
     Columns<Real> columns;
-    i64 stride;                 // from one function, field or axis of the reference frame to the next
-    const Real *away;           // reference frame; nothing where there is none
-    const Real *means, *rests;  // (axes, frames): of the means, and what these leave
+    i64 stride;                 // distance from one function, field or axis of the reference frame to the next
+    const Real *away;           // reference frame; null without one
+    const Real *means, *rests;  // (axes, frames): means, and their rounding errors
     const i32 *vertices;
-    i64 size;    // of the vertices, how many are written
-    i64 frames;  // of the frames likewise
+    i64 size;    // number of vertices written
+    i64 frames;  // number of frames written
 
     PDEANIM_INLINE void pass(i64 points) {
         columns.values += points;
@@ -31,19 +31,19 @@ template <class Real> struct Target {
 // Sums of some vertices at frames `first` to `first` + `together` - 1.
 template <class Pack, int packs, int together> using Sums = Pack[3][together][packs];
 
-// Bring the line of the cache that an address lies in near, to be written.
+// Fetch the cache line of an address for writing.
 PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
 #if defined(__GNUC__)
     __builtin_prefetch(address, 1);
 #endif
 }
 
-// In the place of `DistinctLines` where none are fetched.
+// Replaces `DistinctLines` where no lines are fetched.
 struct NoLines {
     PDEANIM_INLINE void fetch_one() {}
 };
 
-// Lines of the cache that hold an element's next vertices, `points` at most.
+// Cache lines of an element's next vertices, at most `points`.
 template <int points, int together, class Out> class DistinctLines {
 public:
     template <class Real> PDEANIM_INLINE DistinctLines(const Target<Real> &to, i64 vertices, const Out *out)
@@ -57,7 +57,7 @@ public:
         }
     }
 
-    // Those of frames `first` to `first` + `together` - 1, as far as there are, are fetched from now on.
+    // From now on fetch the lines of frames `first` to `first` + `together` - 1, as far as they exist.
     PDEANIM_INLINE void begin(i64 first) {
         next_ = waiting_;
         end_ = waiting_;
@@ -113,7 +113,7 @@ PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64
     }
 }
 
-// One coordinate of some vertices: what is added up so far, with the two parts of its mean, the lesser one first.
+// One coordinate of some vertices: the sum so far plus both parts of its mean, the smaller one first.
 template <int size, int points, class Real, class Out>
 PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     for (int i = 0; i < points; i += size) {
@@ -126,7 +126,7 @@ PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     }
 }
 
-// `packs` times as many vertices as a register holds, at frames `first` to `first` + `together` - 1.
+// `packs` registers of vertices, at frames `first` to `first` + `together` - 1.
 template <int bytes, int frames, int packs, int together, class Real, class Out, class Lines>
 PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Lines &lines, Out *out) {
     constexpr int size = lanes<bytes, Real>, points = packs * size;
@@ -175,7 +175,7 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
             add_columns<bytes, frames, packs, together>(to, t, vertices, lines, out);
         }
     } else {
-        // Vertices are scattered over the frames: where they go is fetched while others are added up.
+        // Vertices are scattered over the frames: fetch their places while others are added up.
         DistinctLines<points, together, Out> lines(to, vertices, out);
         lines.begin(0);
         lines.fetch_all();
@@ -188,7 +188,7 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
     to.pass(points);
 }
 
-// Twelve sums are kept in registers, or fewer; 24 where there are twice as many registers.
+// At most twelve sums are kept in registers; 24 if there are twice as many registers.
 template <int bytes, int frames, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
@@ -246,7 +246,7 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
         const double *own = time.data() + frame * row;
         Out *to = out.data() + frame * size;
         frame += given;
-        // Loops for one frame are for what is shown.
+        // Loops for one frame exist only for float output.
         if constexpr (std::is_same_v<Out, float>) {
             if (given == 1) {
                 evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
@@ -257,7 +257,7 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
     }
 }
 
-// Elements are filled up to the widest registers.
+// Elements are padded to the widest registers.
 template <int bytes, class Real> PDEANIM_INLINE void displace_all(const Motion<Real> &motion, const double *weights,
                                                                   AnchoredReference<Real> &moved, VertexShare share) {
     constexpr int size = lanes<bytes, Real>, packs = is_small<bytes> ? 1 : 64 / bytes;
@@ -310,7 +310,7 @@ template <class Real, class Out> struct Evaluate {
 
     static Function *widest() {
 #if defined(PDEANIM_FOR)
-        // Only what is shown has loops for the widest registers: they take as long to compile as all others.
+        // Only float output has loops for the widest registers: they take as long to compile as all others.
         if constexpr (std::is_same_v<Out, float>) {
             if (has_avx512f()) return by_64;
         }

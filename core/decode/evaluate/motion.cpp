@@ -10,19 +10,19 @@ namespace {
 
 constexpr const char *counted = "coefficients of a group of frames";
 
-// Of an element that has no coefficients, with what holds its arrays.
+// Bytes of an element without coefficients, with the objects that own its arrays.
 constexpr u64 bytes_per_element = sizeof(Motion<double>::Element) + 64;
 
 bool is_zero(std::span<const i64> row) {
     return std::all_of(row.begin(), row.end(), [](i64 number) { return number == 0; });
 }
 
-// Of a row the coefficients of one function of time, which begin at a channel.
+// Return the coefficients of one function of time in a row, which begin at a channel.
 std::span<const i64> entry_of(std::span<const i64> row, i64 channel, int axes) {
     return row.subspan(channel, least<i64>(axes, static_cast<i64>(row.size()) - channel));
 }
 
-// Functions of time that rows have coefficients of, over all rows.
+// Count, over all rows, the functions of time that they have coefficients of.
 i64 count_entries(QuantisedRows rows, int axes) {
     i64 entries = 0;
     for (const std::span<const i64> row : rows) {
@@ -93,7 +93,7 @@ template <class Real> i64 Motion<Real>::bytes() const {
     return static_cast<i64>(total);
 }
 
-// Append rows to those that there are.
+// Append rows to the existing ones.
 template <class Real> template <class Value> void Motion<Real>::append_rows(SpaceRows<Value> &to, QuantisedRows rows) {
     const i64 entries = count_entries(rows, axes), values = entries * (axes == 3 ? SpaceRows<Value>::padded_axes : 1);
     taken_.take(sizeof(i64) * (rows.size() + 1) + sizeof(u16) * entries + sizeof(Value) * values, counted);
@@ -143,19 +143,19 @@ template <class Real> void Motion<Real>::end() {
     affine_ = std::vector<double>();
 }
 
-// The coefficients of a row [scene units], written to as many numbers.
+// Multiply a row by the step: its coefficients [scene units].
 template <class Real> void Motion<Real>::multiply(std::span<const i64> row, double *to) const {
     for (const i64 number : row) *to++ = static_cast<double>(number) * step;
 }
 
-// Make room for so many functions or fields of an element.
+// Allocate functions or fields of an element.
 template <class Real> void Motion<Real>::take_values(Element &own, i64 columns, i64 size) {
     const i64 numbers = columns * padded<Real>(size);
     taken_.take(sizeof(Real) * static_cast<u64>(numbers), counted);
     own.values.resize(numbers);
 }
 
-// Keep what a function or a field is at an element's vertices in their order.
+// Store the values of a function or a field at an element's vertices, in their order.
 template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, const double *values) {
     const Patches &patches = *basis->elements().patches;
     const i64 size = patches.size(element);
@@ -164,7 +164,7 @@ template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, co
     for (i64 k = 0; k < size; ++k) to[k] = static_cast<Real>(values[places[k]]);
 }
 
-// Fields of some of an element's functions; values: of these functions.
+// Make fields from some of an element's functions; values: of these functions.
 template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, QuantisedRows rows,
                                                      std::span<const double *const> values) {
     Element &own = elements[element];
@@ -197,7 +197,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
 template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, QuantisedRows rows) {
     const Elements &all = basis->elements();
     ElementFunctions making(all);
-    std::vector<i64> used;  // of an element's functions but the constant one, those that count
+    std::vector<i64> used;  // the element's functions with coefficients, except the constant one
     std::vector<const double *> values;
     std::vector<std::span<const i64>> others;  // rows of those that are not affine
     for (i64 e = first; e < end; ++e) {
@@ -208,7 +208,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
         for (i64 k = affine > 0; k < basis->layout().rank(e); ++k) {
             if (k < affine || !is_zero(rows[own_row + k])) used.push_back(k);
         }
-        // Functions are made as far as there are coefficients for them: mostly a fraction.
+        // Functions are built only as far as they have coefficients: usually a fraction.
         const i64 rank = most(affine, used.empty() ? 0 : used.back() + 1);
         const SpaceBasis::FirstFunctions made = basis->first_functions(e, rank, making);
         const auto function = [&](i64 k) { return made.values.numbers + k * made.values.row; };

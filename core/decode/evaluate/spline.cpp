@@ -8,15 +8,15 @@ namespace pdeanim {
 
 namespace {
 
-// Frames on either side of a time: (2 - sqrt 3)^16 < 1e-9 is what lies beyond where times are even, a fiftieth of the least
-// that a float32 tells apart.
+// Frames on either side of a time. The rest weighs (2 - sqrt 3)^16 < 1e-9 at even times, a fiftieth of float32's
+// resolution.
 constexpr i64 half_window = 16;
-// The same for uneven times, where a frame further away may count half as much, and not less: 2^-30 < 1e-9.
+// The same for uneven times, where a frame further away may weigh half as much, but not more: 2^-30 < 1e-9.
 constexpr i64 half_window_uneven = 30;
-// Times are even if no two steps differ by more than this factor: then a frame further away counts 0.28 as much.
+// Times are even if no two steps differ by more than this factor: then a frame further away weighs 0.28 as much.
 constexpr double even = 1.1;
 
-// What values and slopes at both ends of a piece count at its share u, 0 to 1.
+// Weights of the values and slopes at both ends of a piece at its fraction u, 0 to 1.
 std::array<double, 4> hermite(double u, double step, int derivative) {
     if (derivative == 0) {
         const double back = 1.0 - u;
@@ -42,9 +42,9 @@ FrameSpline::FrameSpline(std::vector<double> times) : times_(std::move(times)) {
     if (frames() > 3) set_up_rows();
 }
 
-// The condition at the ends ties the slope of the end frame to the next two; it is put into the rows beside. Every row
-// is kept as its excess over what stands beside the diagonal, which leaves only sums, products and quotients of
-// positive numbers: nothing cancels, however uneven the steps.
+// The condition at the ends ties the slope of the end frame to the next two; it is substituted into the neighbouring
+// rows. Every diagonal is stored as its excess over the rest of its row, so there are only sums, products and quotients
+// of positive numbers: nothing cancels, however uneven the steps.
 void FrameSpline::set_up_rows() {
     const i64 last_row = frames() - 2;
     rows_.resize(frames());
@@ -61,7 +61,7 @@ void FrameSpline::set_up_rows() {
     rows_[last_row].excess = last_but_one;
     rows_[last_row].left = last * (2.0 * last + 3.0 * last_but_one) / (last + last_but_one);
     rows_[last_row].right = last_but_one * last_but_one / (last + last_but_one);
-    double remains = 0.0;  // 1 less the quotient that elimination leaves in the row before
+    double remains = 0.0;  // 1 minus the quotient that elimination leaves in the row before
     for (i64 i = 1; i <= last_row; ++i) {
         Row &row = rows_[i];
         row.centre = row.excess + row.below * remains;
@@ -90,7 +90,7 @@ void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double
         share *= -(h + k) / k;
         row = frame == 0 ? 1 : last - 1;
     }
-    double entry = share / rows_[row].centre;  // of the row of the inverse that gives the slope
+    double entry = share / rows_[row].centre;  // of the inverse's row for the slope
     for (i64 i = row; i < least(end, last); ++i) {
         if (i > row) entry *= -rows_[i - 1].above / rows_[i].up;
         slopes[i - 1 - first] += entry * rows_[i].left;
@@ -145,7 +145,7 @@ i64 FrameSpline::weights(double time, int derivative, std::span<double> weights)
 
 namespace {
 
-// What both ends of a straight line of `step` seconds count at its share u, 0 to 1.
+// Weights of both ends of a straight line of `step` seconds at its fraction u, 0 to 1.
 std::vector<double> straight(double u, double step, int derivative) {
     if (derivative == 0) return {1.0 - u, u};
     if (derivative == 1) return {-1.0 / step, 1.0 / step};

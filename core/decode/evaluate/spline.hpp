@@ -1,12 +1,11 @@
-// Between frames: the cubic spline through all frames of a clip, written as weights of the frames near a time.
+// Interpolation between frames: the cubic spline through all frames of a clip, as weights of the frames near a time.
 //
-// Eq. 12 of Fang et al. 2024 gives the four functions of time of one segment. In the form that stays well conditioned
-// they are, at alpha = 0, the polynomials 1, t, t^2/2, t^3/6: a cubic. From frame to frame the motion is one
-// combination of these four; where two pieces meet, at a frame, value and two derivatives agree. That is the cubic
-// spline. At its ends two pieces are one (not-a-knot). It is a parabola through 3 frames, a line through 2, constant
-// for 1.
+// Eq. 12 of Fang et al. 2024 gives the four functions of time of one segment. In their well-conditioned form they are,
+// at alpha = 0, the polynomials 1, t, t^2/2, t^3/6: a cubic. From frame to frame the motion is one combination of these
+// four; at a frame, where two pieces meet, the value and two derivatives agree. That is the cubic spline. At each end
+// two pieces are one cubic (not-a-knot). It is a parabola through 3 frames, a line through 2, constant for 1.
 //
-// The spline depends on every frame, but on a frame k further away by 0.27^k only. So a time needs the frames of a
+// The spline depends on every frame, but on a frame k further away only by 0.27^k. So a time needs the frames of a
 // window, and any frame can be decoded without the whole clip.
 #pragma once
 
@@ -20,22 +19,21 @@ namespace pdeanim {
 
 class FrameSpline {
 public:
-    // times: of the frames [s], at least one; increasing by 2^-53 or more, within 2^53 of 0.
+    // times: of the frames [s], at least one; increasing by at least 2^-53, within 2^53 of 0.
     explicit FrameSpline(std::vector<double> times);
 
-    // Frames in a window.
+    // Number of frames in a window.
     i64 width() const { return width_; }
 
-    // Weights of the frames of a window for the position (derivative 0), the velocity (1) [1/s] or the acceleration (2)
-    // [1/s^2] at a time; one outside the clip is taken as its nearest end. For the position at the time of a frame they
-    // are exactly 1 for it, and 0 for all others. weights: `width` numbers, written. The first frame of the window is
-    // returned.
+    // Write the weights of the frames of a window for the position (derivative 0), the velocity (1) [1/s] or the
+    // acceleration (2) [1/s^2] at a time, which is clamped to the clip; return the first frame of the window. For the
+    // position at the time of a frame, its weight is exactly 1, and all others are 0.
     i64 weights(double time, int derivative, std::span<double> weights) const;
 
 private:
-    // The equation for the slope s at a frame: below s[i - 1] + (below + above + excess) s[i] + above s[i + 1] =
-    // left d[i - 1] + right d[i], with d[i] the mean slope from frame i to frame i + 1. Those of the first and the last
-    // frame are not used.
+    // The equation for the slope s at a frame: below s[i - 1] + (below + above + excess) s[i] + above s[i + 1] = left
+    // d[i - 1] + right d[i], with d[i] the mean slope from frame i to frame i + 1. The first and the last frame have
+    // none.
     struct Row {
         double below = 0.0, above = 0.0, excess = 0.0, left = 0.0, right = 0.0;
         // Pivots of elimination: from the first row on, from the last row back, and where both meet.
@@ -55,9 +53,8 @@ private:
     i64 width_ = 0;
 };
 
-// Between frames of a clip that jumps: a spline through the frames of each stretch from jump to jump, a straight line
-// from stretch to stretch.
-// What frames from `first` on count.
+// Weights of consecutive frames from `first` on. In a clip with discontinuities, a spline goes through the frames of
+// each stretch between them, and a straight line from stretch to stretch.
 struct FrameShares {
     i64 first = 0;
     std::vector<double> values;
@@ -67,17 +64,17 @@ struct FrameShares {
 
 class BrokenSpline {
 public:
-    // times: of the frames [s], as of FrameSpline. jumps: first frames of stretches other than the first, increasing, each
-    // from 1 to the last frame.
+    // times: of the frames [s], as in FrameSpline. jumps: first frames of stretches other than the first, increasing,
+    // each from 1 to the last frame.
     BrokenSpline(std::vector<double> times, std::vector<i64> jumps);
 
-    // As FrameSpline::weights. The spline of the latest stretch is kept: times in order make each of them once.
+    // As FrameSpline::weights. The spline of the latest stretch is kept: increasing times build each spline once.
     FrameShares shares(double time, int derivative);
 
 private:
     std::vector<double> times_;
     std::vector<i64> starts_;  // of the stretches, and the number of frames
-    std::size_t stretch_ = 0;  // that the spline is of
+    std::size_t stretch_ = 0;  // stretch that the spline belongs to
     std::optional<FrameSpline> spline_;
 };
 
