@@ -11,43 +11,45 @@
 #include "linalg/products.hpp"
 #include "linalg/vectors.hpp"
 
-// Eigenvalues and eigenvectors of a symmetric matrix, in three steps: reflections leave three diagonals (Tridiagonal),
-// divide and conquer solves these (tridiagonal_eigen), and the eigenvectors are reflected back.
+// Eigenvalues and eigenvectors of a symmetric matrix, in three steps: reflections reduce it to three diagonals
+// (Tridiagonal), divide and conquer solves these (tridiagonal_eigen), and the eigenvectors are reflected back.
 
 namespace pdeanim {
 
 namespace {
 
-// A symmetric matrix as one with three diagonals, by reflections.
+// A symmetric matrix reduced to three diagonals by reflections.
 class Tridiagonal {
 public:
-    // Of a symmetric matrix (size x size), whose largest number is about one.
+    // Reduce a symmetric matrix (size x size) whose largest number is about one.
     Tridiagonal(const double *matrix, i64 size);
 
     std::vector<double> diagonal, beside;  // `beside` has a zero at its end
 
-    // Eigenvectors of the matrix, a row each, in the place of those of the three diagonals; rows are a stride apart.
+    // Replace eigenvectors of the three diagonals by those of the matrix, one per row; rows are a stride apart.
     void turn_back(double *rows, i64 stride, i64 count, int threads) const;
 
 private:
     i64 size_, stride_;
-    std::vector<double> vectors_;  // of the reflections, v of the reflection that clears row i in row i
+    std::vector<double> vectors_;  // of the reflections; v of the reflection that clears row i is in row i
     std::vector<double> factors_;
 };
 
-// Row after row, from the last one up, is cleared but for the number beside the diagonal. The reflection I - f v v^T from
-// both sides takes v w^T + w v^T from the rows above, with p = f A v and w = p - f/2 (p v) v. The next reflection needs only
-// its own row of what is left, so that one pass over the others takes that away and multiplies by the next v.
+// Row after row, from the last one up, is cleared except for the number beside the diagonal.
 //
-// Of each row the numbers up to the end of the diagonal's block of eight are kept; those before that block stand for their
-// mirror images, too.
+// The reflection I - f v v^T from both sides subtracts v w^T + w v^T from the rows above, with p = f A v and w = p -
+// f/2 (p v) v. The next reflection needs only its own row of the rest, so one pass over the other rows subtracts the
+// change and multiplies by the next v.
+//
+// Of each row the numbers up to the end of the diagonal's block of eight are stored; those before that block stand for
+// their mirror images, too.
 
-// What is taken away: v w^T + w v^T.
+// The change to subtract: v w^T + w v^T.
 struct Change {
     const double *v, *w;
 };
 
-// Change so many rows from `first` on, all in one block of eight, and add to p what they contribute to A v.
+// Change `count` rows from `first` on, all in one block of eight, and add their contribution to A v to p.
 template <int count, int bytes> PDEANIM_INLINE void change_rows(double *matrix, i64 stride, i64 first,
                                                                 const Change &change, const double *next, double *p) {
     using Eight = pdeanim::Eight<bytes>;
@@ -110,7 +112,7 @@ PDEANIM_INLINE void reduce(double *matrix, double *factors, double *diagonal, do
 }
 
 constexpr i64 reflections_at_once = 32;
-constexpr i64 rows_at_once = 48;  // of eigenvectors, which a thread works on together
+constexpr i64 rows_at_once = 48;  // eigenvectors that a thread works on together
 
 Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     : diagonal(size), beside(size), size_(size), stride_(whole_eights(size)), vectors_(size * stride_), factors_(size) {
@@ -120,12 +122,12 @@ Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     });
 }
 
-// H_1 H_2 ... of a few reflections is I + V T V^T, T an upper triangle (compact WY form).
+// The product H_1 H_2 ... of a few reflections is I + V T V^T with an upper triangle T (compact WY form).
 void Tridiagonal::turn_back(double *rows, i64 stride, i64 count, int threads) const {
     constexpr i64 most = reflections_at_once;
     std::vector<double> across(size_ * most), triangle(most * most);
     for (i64 begin = 1; begin < size_; begin += most) {
-        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // no v of these is longer
+        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // the longest v of these
         const double *v = vectors_.data() + begin * stride_;
         for (i64 k = 0; k < length; ++k) {
             for (i64 j = 0; j < some; ++j) across[k * some + j] = v[j * stride_ + k];
@@ -159,16 +161,16 @@ void Tridiagonal::turn_back(double *rows, i64 stride, i64 count, int threads) co
     }
 }
 
-// Divide and conquer (Cuppen 1981): the matrix is cut in two, and two halves again, down to a few rows, which the QL
-// algorithm does. Put together, the eigenvalues of two halves are a diagonal changed by one vector. Where that vector has
-// next to nothing of an eigenvector, or two eigenvalues are all but the same, the eigenvector stays: mostly they are many.
+// Divide and conquer (Cuppen 1981): the matrix is halved again and again, down to a few rows, which the QL algorithm
+// solves. The eigenvalues of two joined halves are a diagonal changed by one vector. Where that vector has almost
+// nothing of an eigenvector, or two eigenvalues are almost equal, the eigenvector stays; usually there are many such.
 
-constexpr i64 worth_threads = 160;  // rows from which on several threads are faster than one
+constexpr i64 worth_threads = 160;  // rows from which several threads are faster than one
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr i64 few_rows = 32;
-constexpr int most_turns = 80;  // of one eigenvalue; two or three are usual
+constexpr int most_turns = 80;  // per eigenvalue; two or three are usual
 
-// rows i and i + 1, of so many numbers, are turned.
+// Rotate rows i and i + 1, of `width` numbers.
 void turn(double *row, double *next, i64 width, double cosine, double sine) {
     for (i64 k = 0; k < width; ++k) {
         const double upper = row[k], lower = next[k];
@@ -177,7 +179,8 @@ void turn(double *row, double *next, i64 width, double cosine, double sine) {
     }
 }
 
-// The QL algorithm with implicit shifts (Wilkinson and Reinsch 1971, tql2); rows of `vectors`, if any, are turned along.
+// The QL algorithm with implicit shifts (Wilkinson and Reinsch 1971, tql2); rows of `vectors`, if any, are rotated
+// along.
 void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stride) {
     for (i64 first = 0; first < count; ++first) {
         for (int turns = 0; turns < most_turns; ++turns) {
@@ -215,10 +218,10 @@ void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stri
     }
 }
 
-// Two halves that have been done, of rows and columns `first` to `end` of the eigenvectors, cut before `middle`.
+// Two solved halves, rows and columns `first` to `end` of the eigenvectors, cut before `middle`.
 struct Cut {
     i64 first, middle, end;
-    double beside;  // the number that was taken out
+    double beside;  // the number beside the diagonal at the cut
 };
 
 class Halves {
@@ -245,7 +248,7 @@ private:
 
     double *row(i64 j) { return vectors_ + j * stride_; }
 
-    // Which eigenvectors change, by rising eigenvalue.
+    // Choose the eigenvectors that change, by increasing eigenvalue.
     void choose() {
         std::vector<i64> order(size_);
         std::iota(order.begin(), order.end(), i64{0});
@@ -262,7 +265,7 @@ private:
         if (before >= 0) changed_.push_back(before);
     }
 
-    // Whether two eigenvalues may be taken as one: then the first eigenvector is turned so that it does not change.
+    // Whether two eigenvalues count as equal: then the first eigenvector is rotated so that it does not change.
     bool are_alike(i64 one, i64 other, double enough) {
         const double length = std::sqrt(z_[one] * z_[one] + z_[other] * z_[other]);
         const double cosine = z_[other] / length, sine = z_[one] / length;
@@ -285,7 +288,7 @@ private:
             z[j] = z_[changed_[j]];
         }
         const Secular secular(d, std::move(z), weight_, threads_);
-        // By their kind, so that products leave out what is zero.
+        // Sort by kind, so that products leave out zeros.
         std::vector<i64> order(count);
         std::iota(order.begin(), order.end(), i64{0});
         std::stable_sort(order.begin(), order.end(),
@@ -330,8 +333,8 @@ private:
     std::vector<i64> changed_;
 };
 
-// Eigenvectors of a matrix with three diagonals, a row each: (size x size). Eigenvalues, in no order, take the place of the
-// diagonal; `beside` has a zero at its end, and is used up. Numbers are about one at most.
+// Return eigenvectors of a matrix with three diagonals, one per row: (size x size). Unsorted eigenvalues replace the
+// diagonal; `beside` has a zero at its end and is overwritten. Numbers are at most about one.
 std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector<double> &beside, int threads) {
     const i64 size = static_cast<i64>(diagonal.size());
     i64 parts = 1;
@@ -357,7 +360,7 @@ std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector
     });
     for (i64 joined = 2; joined <= parts; joined *= 2) {
         const i64 pairs = parts / joined;
-        const bool is_many = pairs >= 2 * several;  // then each thread puts its own halves together
+        const bool is_many = pairs >= 2 * several;  // then each thread joins its own halves
         in_shares(pairs, is_many ? several : 1, [&](i64 pair, i64 end) {
             for (; pair < end; ++pair) {
                 const i64 middle = pair * joined + joined / 2;

@@ -15,9 +15,9 @@ namespace {
 
 using Exact = std::array<double, 3>;
 
-// Tiles of frames of a group that are looked at together: as many frames as are evaluated at once at most, and half of few
-// where they have so many positions that it pays: what is added up once for all frames is added up twice then. The sums of
-// errors are added up tile by tile, so that tiles do not depend on the number of threads.
+// Tiles of frames of a group that are processed together: at most as many frames as are evaluated at once, and half of
+// a few frames if they have enough positions, since sums common to all frames are then added twice. Errors are summed
+// tile by tile, so tiles do not depend on the number of threads.
 class Tiles {
 public:
     Tiles(i64 frames, i64 vertices)
@@ -26,7 +26,7 @@ public:
 
     i64 count() const { return count_; }
 
-    // The first frame of a tile, and of the last one's successor.
+    // The first frame of a tile; also defined behind the last tile.
     i64 begin(i64 tile) const { return frames_ * tile / count_; }
 
 private:
@@ -35,7 +35,7 @@ private:
     i64 frames_, count_;
 };
 
-// Positions of some frames before residuals, before they are rounded.
+// Positions of some frames before residuals and before rounding.
 template <class Real>
 void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeArray<double> &positions) {
     const i64 row = model.motion.time_axes() * model.motion.functions;
@@ -61,7 +61,7 @@ void find_excess(std::span<const Position> points, std::span<const Exact> base, 
     }
 }
 
-// Errors of a frame whose residuals are known, the given one of these; `decoded` is room for its positions.
+// Add the errors of a frame with known residuals; `decoded` is a buffer for its positions.
 void add_errors(std::span<const Position> points, std::span<const Exact> base, const Residuals &residuals, i64 frame,
                 const ResidualScale &scale, std::vector<Position> &decoded, Errors &found) {
     decoded.resize(points.size());

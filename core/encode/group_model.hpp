@@ -1,5 +1,5 @@
-// A group of frames as its motion gives it, held against the input: residuals, what is beyond the
-// bound, errors. Positions are evaluated a few frames at a time and never kept.
+// Compare a group of frames, as its motion gives it, with the input: residuals, excess beyond the bound, errors.
+// Positions are evaluated a few frames at a time and never stored.
 #pragma once
 
 #include <span>
@@ -17,25 +17,26 @@ template <class Real> struct GroupModel {
     i64 frames;
 };
 
-// What positions are held against.
+// The input positions to compare with.
 struct Wanted {
     std::span<const Position> points;  // (frames, vertices)
     std::span<const i32> order;        // the vertex at each place
     double bound, step;                // largest distance; size of a residual's step
 };
 
-// By how much vertices are off beyond what is aimed at.
+// How far vertices are off beyond the target.
 struct Excess {
     std::vector<i32> frames, vertices;
     std::vector<Position> excess;
 
-    // Add, `push` times, what it comes to in functions of time to values on vertices. functions: (frames, 3, functions)
-    // and values (vertices, functions) on one axis; (frames, functions) and (vertices, functions, 3) on three.
+    // Add `push` times the excess, as coefficients of functions of time, to values on vertices. functions: (frames, 3,
+    // functions) and values (vertices, functions) on one axis; (frames, functions) and (vertices, functions, 3) on
+    // three.
     template <class Real>
     void add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const;
 };
 
-// Vertices that are off by `from` bounds are to be brought to `to`, by `farthest` bounds at most.
+// Move vertices that are off by more than `from` bounds to `to` bounds, by at most `farthest` bounds.
 struct Aim {
     double to, from, farthest;
 };
@@ -44,13 +45,13 @@ struct Errors {
     double largest_square = 0.0, sum_of_squares = 0.0;
 };
 
-// Residuals; margins: of each frame, see `quantise_residuals`. `excess` and the errors of the float32 positions that a
-// decoder gives with the residuals, where they are given, are added to.
+// Return residuals. margins: of each frame, see `quantise_residuals`. If given, `excess` and the errors of the float32
+// positions that a decoder returns with the residuals are added to.
 template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
                                         std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
                                         int threads);
 
-// How far two ways to add up the same sums are apart at most, in a coordinate.
+// Return the largest difference, in a coordinate, between two ways to add up the same sums.
 template <class One, class Other>
 double farthest_apart(const GroupModel<One> &one, const GroupModel<Other> &other, int threads);
 

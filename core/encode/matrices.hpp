@@ -8,24 +8,24 @@
 
 namespace pdeanim {
 
-// out = left * right, with rows of `right` and of `out` one after the other.
+// out = left * right, with contiguous rows of `right` and of `out`.
 void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads);
 
-// out (rows x columns x axes) = rows (rows x depth x axes) * factors (depth x columns) on each axis, in the precision of
-// the rows.
+// out (rows x columns x axes) = rows (rows x depth x axes) * factors (depth x columns) on each axis, in the precision
+// of the rows.
 template <class Real> void multiply_rows(Real *out, const Real *rows, const double *factors, const ProductSizes &sizes,
                                          i64 axes, int threads);
 
-// out (columns x columns) = rows^T * rows, of a number of rows, added up in a precision block by block.
+// out (columns x columns) = rows^T * rows, summed block by block in the given precision.
 template <class Real, class Row>
 void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads);
 
-// The same of other rows, out (columns x other_columns) = rows^T * others, in their precision.
+// The same with other rows: out (columns x other_columns) = rows^T * others, in their precision.
 template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
                                             i64 other_columns, int threads);
 
-// QR decomposition. Of a matrix A (rows x columns), as many rows as columns or more, A = Q R with orthonormal columns of Q; these are
-// orthonormal where those of A depend on each other, too.
+// QR decomposition of a matrix A (rows x columns) with at least as many rows as columns: A = Q R with orthonormal
+// columns of Q, even if those of A depend on each other.
 struct OrthonormalColumns {
     std::vector<double> vectors;   // Q^T, columns x rows
     std::vector<double> triangle;  // R, columns x columns, upper
@@ -34,17 +34,18 @@ struct OrthonormalColumns {
 OrthonormalColumns orthonormal_columns(const double *matrix, i64 rows, i64 columns);
 
 struct Eigen {
-    std::vector<double> values;   // falling
-    std::vector<double> vectors;  // a row each, of unit length; none where they were not asked for
+    std::vector<double> values;   // decreasing
+    std::vector<double> vectors;  // one per row, of unit length; empty if not requested
 };
 
-// Eigenvalues and eigenvectors of a symmetric matrix (size x size) of finite numbers; what is below its diagonal counts.
+// Return eigenvalues and eigenvectors of a symmetric matrix (size x size) of finite numbers; only the part below its
+// diagonal is read.
 Eigen symmetric_eigen(const double *matrix, i64 size, bool with_vectors, int threads);
 
 // The eigenproblem of a diagonal matrix that is changed by one vector, diag(d) + weight z z^T.
 //
-// Of d that rise, z without zeros, and a positive weight: each eigenvalue lies between two of d, or beyond the last one.
-// What is kept is how far it is from one of those two, so that its distance from any of d is known to the last digits.
+// With increasing d, z without zeros, and a positive weight, each eigenvalue lies between two of d, or beyond the last
+// one. Each is stored as its distance from one of those two, so its distance from any d is exact to the last digits.
 class Secular {
 public:
     Secular(std::vector<double> d, std::vector<double> z, double weight, int threads);
@@ -52,11 +53,11 @@ public:
     i64 count() const { return count_; }
     double value(i64 i) const { return d_[origins_[i]] + offsets_[i]; }
 
-    // Eigenvector i of unit length, its numbers in another order: number j is that of d[order[j]]. `at` has d in that order,
-    // and `weights` z() in it.
+    // Write eigenvector i of unit length, with reordered numbers: number j is that of d[order[j]]. `at` has d in that
+    // order, and `weights` z() in it.
     void vector(double *out, i64 i, const double *at, const double *weights) const;
 
-    // The z that makes the eigenvalues found exact: eigenvectors made with it are orthogonal.
+    // The z for which the eigenvalues found are exact: eigenvectors made with it are orthogonal.
     const std::vector<double> &z() const { return exact_z_; }
 
 private:

@@ -13,11 +13,11 @@ namespace pdeanim {
 
 namespace {
 
-// Rows of a product that are computed at once, and products of numbers from which on threads are worth starting.
+// Rows of a product that are computed together, and number of products from which threads pay off.
 constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
 
-// Sums of squares are added up in so many spans of rows, and of so many columns at once. The sums of a span are in double,
-// of blocks of rows that are added up in float or double: so many bytes of each column.
+// Sums of squares are added up in this many spans of rows, for this many columns together. The sums of a span are
+// double, made of blocks of rows that are added up in float or double.
 constexpr i64 spans = 4, columns_at_once = 32;
 template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
 
@@ -29,7 +29,7 @@ struct SumSizes {
     i64 count, columns, other_columns;
 };
 
-// Sums of products of all columns of rows and of others; where these are the same, the upper triangle is enough.
+// Sums of products of all columns of rows and of others; if these are the same, only the upper triangle is computed.
 template <class Real, class Row, bool is_triangle>
 void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
     const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;
@@ -125,8 +125,8 @@ template void sums_of_products(double *, const double *, const double *, i64, i6
 
 namespace {
 
-// Columns stand as rows, `length` apart. A column's reflection acts on its numbers from the diagonal on; what stands before
-// is set aside in the triangle, and zero.
+// Columns are stored as rows, `length` apart. A column's reflection acts on its numbers from the diagonal on; those
+// before are moved to the triangle, and zeroed.
 template <int bytes>
 PDEANIM_INLINE void reduce(double *columns, double *factors, double *triangle, i64 length, i64 count) {
     for (i64 j = 0; j < count; ++j) {

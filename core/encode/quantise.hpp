@@ -1,4 +1,4 @@
-// What the encoder makes of positions before anything is coded: displacements, quantised coefficients, residuals.
+// Encoder steps before coding: displacements, quantised coefficients, residuals.
 #pragma once
 
 #include <span>
@@ -10,18 +10,18 @@
 
 namespace pdeanim {
 
-// Take one shape away from positions, which leaves what functions of time and space are fitted to.
+// Subtract one shape from positions; functions of time and space are fitted to the rest.
 //
 // Write, for each vertex, its displacements: x, y, z of one frame after another. points: (frames, vertices, 3); shape:
-// (vertices, 3); rows: (vertices, 3 frames). What is larger than `farthest` is no motion to be fitted, and becomes 0.
-// Returns the largest magnitude that is left.
+// (vertices, 3); rows: (vertices, 3 frames). Displacements larger than `farthest` are not motion to be fitted, and
+// become 0. Return the largest remaining magnitude.
 template <class Real> double take_displacements(std::span<const float> points, std::span<const double> shape,
                                                 double farthest, std::span<Real> rows, int threads);
 
-// Dead zone of the quantiser of coefficients, which is wider among zeros.
+// Dead zone of the quantiser of coefficients, wider among zeros.
 struct DeadZone {
-    double round_up_at;        // a number this far (in steps) beyond a whole one goes to the next
-    double round_up_alone_at;  // the same of a coefficient whose neighbours are all zero
+    double round_up_at;        // numbers beyond a whole one by more than this (in steps) are rounded up
+    double round_up_alone_at;  // the same for a coefficient whose neighbours are all zero
 };
 
 struct Quantised {
@@ -29,21 +29,21 @@ struct Quantised {
     std::vector<i64> largest;  // magnitude in each channel
 };
 
-// Coefficients, rows of `channels` each, in steps. Neighbours are the rows before and after, and the functions of time
-// before and after, which are `axes` channels away. Of float or double.
+// Quantise coefficients in steps, rows of `channels` each. Neighbours are the rows before and after, and the functions
+// of time before and after, which are `axes` channels away. Of float or double.
 template <class Real> Quantised quantise_sparsely(std::span<const Real> values, i64 channels, int axes, double step,
                                                   const DeadZone &zone, int threads);
 
-// Residuals of the vertices that some decoder might give beyond the bound; raw vertices where a rounded residual would
-// not keep it.
+// Return residuals of the vertices that some decoder might place beyond the bound, and raw vertices where a rounded
+// residual would not keep it.
 //
-// points, base: (frames, vertices), the input, and what the model alone decodes to before it is rounded to float32.
-// order: the vertex at each place, each once. margins: of each frame, how far from `base` another decoder's coordinates
-// may be before it rounds them. bound: largest Euclidean distance. step: see pdecodec/codec/sections/residuals.py.
+// points, base: (frames, vertices), the input, and the model's positions before they are rounded to float32. order: the
+// vertex at each place, each once. margins: per frame, how far from `base` another decoder's coordinates may be before
+// it rounds them. bound: largest Euclidean distance. step: see pdecodec/codec/sections/residuals.py.
 Residuals quantise_residuals(std::span<const Position> points, std::span<const std::array<double, 3>> base,
                              std::span<const i32> order, std::span<const double> margins, double bound, double step);
 
-// Residuals of consecutive runs of frames as those of all these frames.
+// Join residuals of consecutive runs of frames.
 Residuals join_residuals(std::span<const Residuals *const> parts);
 
 template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {

@@ -9,11 +9,11 @@
 #include "base/parallel.hpp"
 #include "linalg/vectors.hpp"
 
-// Eigenvalues are the zeros of  f(x) = 1/weight + sum of z_j^2 / (d_j - x),  which rises between two of d. Each is looked
-// for by the function with two poles that f is next to (Li 1993, "Solving secular equations stably and efficiently"),
-// within an interval that closes around it. UsualEight zeros are looked for at once; what one does depends on no other one.
-// Eigenvectors are those of Gu and Eisenstat 1994, "A stable and efficient algorithm for the rank-one modification of the
-// symmetric eigenproblem".
+// Eigenvalues are the zeros of f(x) = 1/weight + sum of z_j^2 / (d_j - x), which increases between two of d. Each is
+// found by approximating f with a function of two poles (Li 1993, "Solving secular equations stably and efficiently"),
+// within an interval that shrinks around it. Eight zeros are searched at once, independently of each other.
+// Eigenvectors are those of Gu and Eisenstat 1994, "A stable and efficient algorithm for the rank-one modification of
+// the symmetric eigenproblem".
 
 namespace pdeanim {
 
@@ -21,12 +21,13 @@ namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
-// So many steps usually do; of more, every second one halves the interval. Then enough to halve it to its last digit.
+// Usual number of steps; after it, every second step halves the interval. The larger number suffices to halve it to its
+// last digit.
 constexpr int usual_steps = 12, most_steps = 400;
 
 using UsualEight = Eight<usual_bytes>;
 
-// Sums over the poles up to a zero's own and over those beyond it, and of their derivatives.
+// Sums over the poles up to a zero's own, over those beyond it, and their derivatives.
 struct Sums {
     UsualEight before{}, beyond{}, slope_before{}, slope_beyond{};
 };
@@ -37,7 +38,7 @@ struct Equation {
     i64 count;
 };
 
-// At places so far from origins, of eight zeros from `first` on.
+// At the given distances from the origins of eight zeros from `first` on.
 Sums sums_at(const Equation &of, i64 first, const double *from, const double *at) {
     const UsualEight origins = UsualEight::at(from), offsets = UsualEight::at(at);
     Sums found;
@@ -67,10 +68,10 @@ Sums sums_at(const Equation &of, i64 first, const double *from, const double *at
     return found;
 }
 
-// One zero that is looked for: it lies between `low` and `high` from its origin.
+// The search for one zero, which lies between `low` and `high` from its origin.
 struct Search {
     double low, high, offset;
-    i64 origin, left, right;  // the two poles next to it; of the last zero the last two
+    i64 origin, left, right;  // the two poles next to it; for the last zero the last two
     bool is_last = false, found = false;
 
     void begin(const Equation &of, i64 i, double value_between) {
@@ -123,7 +124,7 @@ struct Search {
         }
         double next = offset + move;
         if (!(next > low && next < high) || (steps > usual_steps && steps % 2 == 0)) next = low + (high - low) / 2.0;
-        // No number lies between the two ends.
+        // There is no number between the two ends.
         if (!(next > low && next < high)) {
             found = true;
             return;
@@ -188,7 +189,7 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
             find_eight(equation, block * abreast, origins_.data() + block * abreast, offsets_.data() + block * abreast);
         }
     });
-    // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), each factor next to one of about its size.
+    // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), pairing factors of about the same size.
     for (i64 i = 0; i + 1 < count_; ++i) {
         const double origin = d_[origins_[i]], offset = offsets_[i];
         multiply_ratios(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);

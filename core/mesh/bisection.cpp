@@ -10,9 +10,9 @@ namespace pdeanim {
 
 namespace {
 
-// Chains through the vertices at equal places: from each but the last of a place to the one after it.
+// Edges between vertices at the same place: from each vertex of a place to the next one there.
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
-    // Equal places are in one bucket, and few others are. Where many are, sorting makes good for it: no mesh makes it slow.
+    // Equal places share a bucket with few others. If many collide, the bucket is sorted: no mesh makes it slow.
     constexpr u64 factor = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio (Knuth, volume 3, section 6.4)
     const int shift = 64 - bit_length(static_cast<i64>(grid.size()));
     std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << (64 - shift)) + 1), order(grid.size());
@@ -28,7 +28,7 @@ std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
     for (std::size_t bucket = 0; bucket + 1 < starts.size(); ++bucket) {
         const auto begin = order.begin() + starts[bucket], end = order.begin() + starts[bucket + 1];
         if (end - begin < 2) continue;
-        // All of it, by a heap: the code is short.
+        // All of it, by a heap, because that is little code.
         std::partial_sort(begin, end, end, [&](i32 a, i32 b) {
             for (int axis = 0; axis < 3; ++axis) {
                 if (grid[a][axis] != grid[b][axis]) return grid[a][axis] < grid[b][axis];
@@ -49,7 +49,7 @@ public:
           visited_(order_.size() + 1), members_(order_.size()) {}
 
     Patches halve(i64 points) {
-        // A half is halved on before the other one is: it is in the processor's caches.
+        // A half is halved further before the other one: it is in the processor's caches.
         std::vector<Set> sets = {{.begin = 0, .end = static_cast<i64>(order_.size())}};
         std::vector<i64> waiting = {0};
         while (!waiting.empty()) {
@@ -90,12 +90,12 @@ public:
 private:
     struct Set {
         i64 begin, end;     // vertices order_[begin] to order_[end - 1]
-        i64 halves = -1;    // the first of its halves, which the second follows; -1: a patch
-        i32 farthest = -1;  // the vertex that is farthest from the first one, where that is known
+        i64 halves = -1;    // the first of its halves, which the second follows; -1 for a patch
+        i32 farthest = -1;  // the vertex farthest from the first one, if known
     };
 
     // Visit all members of one set breadth first, component after component, from `first`; each other component begins
-    // with its first member in the order of `members`. What is outside has distances that are not negative.
+    // with its first member in the order of `members`. Vertices outside have distances that are not negative.
     void visit(i32 first, std::span<const i32> members, std::vector<i32> &distance) {
         for (const i32 member : members) distance[member] = -1;
         components_.clear();
@@ -115,7 +115,7 @@ private:
                 const i32 farther = distance[vertex] + 1;
                 for (const i32 other : graph_.of(vertex)) {
                     const i32 known = distance[other];
-                    // No branch: which neighbours are new is what a processor guesses worst.
+                    // Without a branch: processors predict worst which neighbours are new.
                     visited_[tail] = other;
                     tail += known < 0;
                     distance[other] = known < 0 ? farther : known;
@@ -124,8 +124,8 @@ private:
         }
     }
 
-    // Order the vertices of one set anew, and say how many belong to its first half. `farthest`: the vertex that is farthest
-    // from its first vertex, or -1; then that of its first half.
+    // Reorder the vertices of one set, and return the size of its first half. `farthest`: the vertex farthest from its
+    // first vertex, or -1; on return that of its first half.
     i64 cut(i64 begin, i64 size, i32 &farthest) {
         const std::span<i32> members(members_.data(), static_cast<std::size_t>(size));
         const auto own = order_.begin() + begin;
@@ -147,13 +147,13 @@ private:
         const i32 end_b = visited_[size - 1], span = near_[end_b];
         std::copy_n(visited_.begin(), size, members.begin());
         visit(end_b, members, far_);
-        // A counting sort by near - far, -span to span; `members` holds the order of the visit from a.
+        // A counting sort by near - far, from -span to span; `members` holds the order of the visit from a.
         places_.assign(2 * static_cast<std::size_t>(span) + 2, 0);
         for (const i32 member : members) ++places_[near_[member] - far_[member] + span + 1];
         std::partial_sum(places_.begin(), places_.end(), places_.begin());
-        // The first half begins with a. It holds the shortest ways from a to its vertices: on the way to a vertex none is
-        // less near to a than to b, nor visited later. So a visit of the half from a takes it in the order of this one, as
-        // one component, and ends with its last vertex.
+        // The first half begins with a. It contains the shortest paths from a to its vertices: no vertex on such a path
+        // is closer to b, or visited later. So a visit of the half from a takes it in the same order, as one component,
+        // and ends with its last vertex.
         const i64 half = size / 2;
         for (const i32 member : members) {
             const i64 place = places_[near_[member] - far_[member] + span]++;
@@ -166,9 +166,9 @@ private:
     const Graph &graph_;
     std::vector<i32> order_;
     std::vector<i32> near_, far_;  // edges from a and from b
-    std::vector<i32> visited_;     // in the order of the visit; what comes after its end may be overwritten
+    std::vector<i32> visited_;     // in the order of the visit; entries after its end may be overwritten
     std::vector<i32> members_;
-    std::vector<i64> components_;  // where among the visited each component begins
+    std::vector<i64> components_;  // index of each component's first visited vertex
     std::vector<i64> places_;
 };
 

@@ -1,7 +1,7 @@
-// How the corners of a mesh's polygons hang together, and in which order vertices are best predicted.
+// Adjacency of the corners of a mesh's polygons, and the order in which vertices are best predicted.
 //
-// A mesh is a list of polygons, lines being cut into polygons of two corners; a corner is a place in that list. All of it
-// takes time in proportion to the corners, whatever the mesh, and none of it looks at positions.
+// A mesh is a list of polygons, with lines cut into polygons of two corners; a corner is a place in that list.
+// Everything takes time proportional to the corners, whatever the mesh, and nothing looks at positions.
 #pragma once
 
 #include <span>
@@ -17,13 +17,13 @@ struct Connectivity {
     std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
 };
 
-// The same, in arrays of the caller's.
+// The same, in the caller's arrays.
 struct ConnectivityView {
     i64 vertices;
     std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
 };
 
-// Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
+// Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1
     std::vector<i32> vertex;        // of each corner
@@ -37,35 +37,35 @@ struct CornerTable {
     i32 vertex(i32 corner) const { return polygons.vertex[corner]; }
 
     Polygons polygons;
-    std::vector<i32> polygon, size;   // of each corner: its polygon, and how many corners that has
+    std::vector<i32> polygon, size;   // of each corner: its polygon, and the polygon's number of corners
     std::vector<i32> next, previous;  // corner of the same polygon
-    // The corner whose edge lies on the edge of each corner, -1 for none; a corner's edge goes to the next corner. Corners
-    // of faces on one edge form a ring, in the order in which they are met at the edge's smaller vertex: corner by corner,
-    // first the edge from it, then the edge to it. In a piece of a line, it is the corner of the other piece at the same
-    // vertex, if there are two at it and no more.
+    // The corner whose edge lies on the edge of each corner, -1 for none; a corner's edge goes to the next corner.
+    // Corners of faces on one edge form a ring, in the order in which the edge's smaller vertex meets them: corner by
+    // corner, first the edge from it, then the edge to it. In a piece of a line, it is the corner of the other piece at
+    // the same vertex, if exactly two pieces meet there.
     std::vector<i32> opposite;
     std::vector<i64>
         fan_starts;  // the corners at vertex v are fan[fan_starts[v]] to fan[fan_starts[v + 1] - 1], ascending
     std::vector<i32> fan;
 };
 
-// The vertices that a vertex can be predicted from at one of its corners; vertices or -1.
+// The vertices that can predict a vertex at one of its corners; vertices or -1.
 struct Neighbourhood {
     i32 after = -1, before = -1;
-    i32 opposite = -1;  // in a quad its diagonal corner, in a triangle the far corner of the triangle beside
-    i32 straight_after = -1, straight_before = -1;  // straight on, over the vertex after and over the one before
+    i32 opposite = -1;  // in a quad its diagonal corner, in a triangle the far corner of the neighbouring triangle
+    i32 straight_after = -1, straight_before = -1;  // straight on, beyond the vertex after and beyond the one before
     bool is_triangle = false;
-    // Whether the vertex before counts as a neighbour here: inside a surface it counts once already, as the vertex after of
+    // Whether the vertex before counts as a neighbour here: inside a surface it already counts as the vertex after of
     // another corner.
     bool before_counts = false;
 };
 
 Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner);
 
-// An order of the vertices in which each has as many complete faces around it as can be.
+// Return an order of the vertices in which each has as many complete faces around it as possible.
 //
-// The next vertex is the one of highest rank, of several the one that reached that rank first. Where no vertex has a rank,
-// it is the next vertex of any polygon; vertices of none come last.
+// The next vertex is that of highest rank, of several the first to reach that rank. If no vertex has a rank, it is the
+// next vertex of any polygon; vertices without polygons come last.
 std::vector<i32> prediction_order(const CornerTable &corners);
 
 }  // namespace pdeanim

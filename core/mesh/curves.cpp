@@ -15,10 +15,10 @@ namespace {
 
 // Edge loops: edges that go straight on through vertices where four quads meet.
 //
-// An edge is named by the smaller of its corners. Pairs of triangles count as quads, and their diagonals as no edges.
+// An edge is named by the smaller of its corners. Pairs of triangles count as quads, and their diagonals are no edges.
 class EdgeLoops {
 public:
-    // corners: of faces alone; twin: as `twins` gives it; diagonal: as `pair_triangles` gives it.
+    // corners: of faces only; twin: from `twins`; diagonal: from `pair_triangles`.
     EdgeLoops(const CornerTable &corners, std::span<const i32> twin, std::span<const i32> diagonal);
 
     i32 count() const { return static_cast<i32>(edge_starts_.size()) - 1; }
@@ -28,7 +28,7 @@ public:
         return {path_.data() + path_starts_[loop], path_.data() + path_starts_[loop + 1]};
     }
 
-    // Call `visit` with each loop that lies across a quad from an edge of this one, once for each such edge.
+    // Call `visit` with each loop on the opposite side of a quad from an edge of this loop, once per such edge.
     template <class Visit> void for_each_beside(i32 loop, Visit visit) const {
         for (i64 k = edge_starts_[loop]; k < edge_starts_[loop + 1]; ++k) {
             for (const i32 side : {edges_[k], twin_[edges_[k]]}) {
@@ -93,7 +93,7 @@ i32 EdgeLoops::other_end(i32 edge, i32 vertex) const {
     return tail != vertex ? tail : mesh_.vertex(mesh_.next[edge]);
 }
 
-// The corner of the other edge at a vertex of the corner's face; the triangles of a pair are one face.
+// The corner of the other edge at a vertex of the corner's face; a pair of triangles is one face.
 i32 EdgeLoops::turn(i32 corner, i32 vertex) const {
     for (int step = 0; step < 2; ++step) {
         corner = mesh_.vertex(corner) == vertex ? mesh_.previous[corner] : mesh_.next[corner];
@@ -103,7 +103,7 @@ i32 EdgeLoops::turn(i32 corner, i32 vertex) const {
     return corner;
 }
 
-// The edge straight on over a vertex: two faces away on either side, on the border on the one; -1 for none.
+// The edge straight on beyond a vertex: two faces away on either side, or along the border; -1 for none.
 i32 EdgeLoops::straight_on(i32 corner, i32 vertex) const {
     i32 here = turn(corner, vertex);
     if (twin_[here] < 0) return -1;
@@ -132,8 +132,8 @@ i32 EdgeLoops::opposite_edge(i32 corner) const {
     return edge_of(is_there ? mesh_.previous[twin_[across]] : other);
 }
 
-// Free runs of an edge loop of fewer vertices than 2 to this power are left to the path cover, which makes longer
-// curves of them; and the same in an object that has no longer loops.
+// Free runs of an edge loop shorter than 2 to this power are left to the path cover, which makes longer curves of them;
+// and the same limit for an object without longer loops.
 constexpr int least_bits_of_run = 3, least_bits_of_loop = 2;
 
 void add_polylines(const ConnectivityView &object, CurveCover &cover) {
@@ -144,7 +144,7 @@ void add_polylines(const ConnectivityView &object, CurveCover &cover) {
     }
 }
 
-// Take edge loops with free runs of some length: the longest first, then those beside it, side by side, then the next
+// Take edge loops with free runs of some length: the longest first, then its neighbours, side by side, then the next
 // longest.
 void sweep_loops(const EdgeLoops &loops, const std::vector<i32> &by_length, i64 shortest, CurveCover &cover) {
     std::vector<bool> is_queued(loops.count());

@@ -1,17 +1,17 @@
 // Curves: every vertex in exactly one curve, as a function of connectivity and reference frame.
 //
-// The paper extracts its curves by hand. Here, in this order and for each object on its own:
+// The paper extracts its curves by hand. Here, in this order and for each object separately:
 //
-// 1. polylines of three points or more, as they are;
-// 2. edge loops: edges that go straight on through vertices where four quads meet, the longest loops first and with
-//    them the loops beside them, so that curves lie side by side and long. Pairs of triangles that make the quads of a
-//    grid count as quads (triangle_pairs.cpp);
-// 3. a path cover of what remains, of irregular and triangle meshes, chains of two-point lines, polygons: paths that go
-//    as straight as they can and end where they would come back beside themselves (graph.cpp);
-// 4. isolated vertices: all those of an object are one curve, along a space-filling curve through the reference frame.
+// 1. polylines of three points or more, unchanged;
+// 2. edge loops: edges that go straight on through vertices where four quads meet, the longest loops first and with them
+//    their neighbours, so that curves lie side by side and are long. Pairs of triangles that form the quads of a grid count as
+//    quads (triangle_pairs.cpp);
+// 3. a path cover of the rest, of irregular and triangle meshes, chains of two-point lines, polygons: paths that go as
+//    straight as they can and end before they touch themselves (graph.cpp);
+// 4. isolated vertices: those of an object form one curve, along a space-filling curve through the reference frame.
 //
-// Positions only decide between grids that connectivity cannot tell apart, and the order of isolated vertices. Encoder
-// and decoder run the same code, so curves cost no bytes. All of it is integer arithmetic.
+// Positions only decide between grids that connectivity cannot distinguish, and the order of isolated vertices. Encoder
+// and decoder run the same code, so curves cost no bytes. Everything is integer arithmetic.
 #pragma once
 
 #include <span>
@@ -27,23 +27,24 @@ struct Curves {
     std::vector<i64> starts = {0};  // curve c is order[starts[c]] to order[starts[c + 1] - 1]
 };
 
-// Curves of all objects, one object after the other. reference: the reference frame's grid coordinates, of the vertices
-// of all objects.
+// Extract the curves of all objects, one object after the other. reference: the reference frame's grid coordinates, of
+// the vertices of all objects.
 Curves extract_curves(std::span<const ConnectivityView> objects, std::span<const GridPoint> reference);
 
-// The grid in a triangulated grid: pairs of triangles that make its quads.
+// The grid in a triangulated grid: pairs of triangles that form its quads.
 //
-// Inside a grid of quads four quads meet at a vertex, at its border two. In a vertex's triangles this says how many
-// pairs there are to be: where as many triangles are left as pairs are lacking, each belongs to another pair; where
-// twice as many are left, they pair with each other. From a few pairs most others follow, whatever way the diagonals
-// go. Where nothing follows, as in a grid whose diagonals all go one way, a neighbouring pair is copied, and positions
-// decide between directions that connectivity cannot tell apart: the two diagonals of a rectangle are equally long.
+// Inside a grid of quads four quads meet at a vertex, at its border two. For a vertex with triangles this gives the
+// number of pairs: if as many triangles are left as pairs are lacking, each belongs to another pair; if twice as many
+// are left, they pair with each other. Most pairs follow from a few, whatever the direction of the diagonals. Where
+// nothing follows, as in a grid whose diagonals all have one direction, a neighbouring pair is copied, and positions
+// decide between directions that connectivity cannot distinguish: the two diagonals of a rectangle are equally long.
 //
-// Of each corner of a mesh of faces, the corner of another face on the same edge; -1 unless exactly two faces have it.
+// Return, for each corner of a mesh of faces, the corner of another face on the same edge; -1 unless exactly two faces
+// have it.
 std::vector<i32> twins(const CornerTable &corners);
 
-// Of each face that is one of a pair, the corner whose edge is the pair's diagonal; -1 of other faces. cells: of each
-// vertex, as `cells_in_box` gives them.
+// Return, for each face of a pair, the corner whose edge is the pair's diagonal; -1 for other faces. cells: of each
+// vertex, from `cells_in_box`.
 std::vector<i32> pair_triangles(const CornerTable &corners, std::span<const i32> twin,
                                 std::span<const GridPoint> cells);
 

@@ -16,7 +16,7 @@ Graph::Graph(std::span<const Edge> edges, i64 vertices) : starts(vertices + 1), 
         listed[fill[edge.tail]++] = edge.head;
         listed[fill[edge.head]++] = edge.tail;
     }
-    // Which vertex listed another last: a second entry is passed over, whatever the number of neighbours.
+    // The vertex that listed another last: a second entry is skipped, whatever the number of neighbours.
     std::vector<i32> seen(vertices, -1);
     i64 used = 0;
     for (i32 v = 0; v < vertices; ++v) {
@@ -58,8 +58,8 @@ std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
 
 namespace {
 
-constexpr i64 look_back = 16;  // vertices at the end of a path beside which the next path may begin
-// Up to so many neighbours of a vertex are compared; one with more is the least straight way on.
+constexpr i64 look_back = 16;  // vertices at the end of a path next to which the next path may begin
+// Number of neighbours that are compared; a vertex with more is the least straight continuation.
 constexpr i64 few_neighbours = 16;
 
 class PathCover {
@@ -88,7 +88,7 @@ private:
         i64 near_before = -1;  // and of the vertex before the last
     };
 
-    // The next vertex of a path, or -1, and whether the path is closed by it.
+    // The next vertex of a path, or -1, and whether it closes the path.
     struct Step {
         i32 vertex = -1;
         bool closes = false;
@@ -122,8 +122,8 @@ private:
         ++path_;
     }
 
-    // Append vertices to a path in one direction: `before` is the vertex before its last, `end` its other end. Whether
-    // the path is closed then.
+    // Append vertices to a path in one direction: `before` is the vertex before its last, `end` its other end. Return
+    // whether the path is then closed.
     bool grow(std::vector<i32> &side, i32 before, i32 end) {
         const i64 end_mark = ++steps_;
         for (const i32 other : graph_.of(end)) vertices_[other].near_end = end_mark;
@@ -184,7 +184,7 @@ private:
     const Graph &graph_;
     CurveCover &cover_;
     std::vector<Vertex> vertices_;
-    std::vector<i32> ahead_, behind_;  // of the path that grows, from its seed on
+    std::vector<i32> ahead_, behind_;  // of the growing path, from its seed on
     i64 path_ = 0, steps_ = 0;
 };
 

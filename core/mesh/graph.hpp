@@ -14,7 +14,7 @@ struct Edge {
 
 // Neighbours of the vertices of a mesh.
 struct Graph {
-    // Neighbours along undirected edges, each once, in the order of the edges. An edge may be there several times; those
+    // Neighbours along undirected edges, each once, in the order of the edges. An edge may occur several times; edges
     // from a vertex to itself are left out.
     Graph(std::span<const Edge> edges, i64 vertices);
 
@@ -28,28 +28,28 @@ struct Graph {
     std::vector<i32> listed;
 };
 
-// Edges of all objects, whose vertices are numbered through: of faces, corner by corner, then of lines.
+// Edges of all objects, with vertices numbered in one row: of faces, corner by corner, then of lines.
 std::vector<Edge> edges_of(std::span<const ConnectivityView> objects);
 
-// Vertex-disjoint curves found so far, and which vertices are in one: pieces of given paths, and paths through a graph that
-// go straight.
+// Vertex-disjoint curves found so far, and the vertices in them: pieces of given paths, and straight paths through a
+// graph.
 struct CurveCover {
     explicit CurveCover(i64 vertices) : is_taken(vertices) { order.reserve(vertices); }
 
-    // Make curves of the maximal runs of free vertices along a path, each `shortest` vertices or longer. Whether there
-    // were any.
+    // Make curves of the maximal runs of free vertices along a path, each of at least `shortest` vertices. Return
+    // whether there were any.
     bool add_free_runs(std::span<const i32> path, i64 shortest);
 
-    // Cover the free vertices that have a neighbour by paths that go straight and never come back beside themselves.
+    // Cover the free vertices that have a neighbour by paths that go straight and never touch themselves.
     //
     // A path grows from its seed in both directions, at each step to the free neighbour of its last vertex that
-    // * has no other neighbour on the path, but for the vertex before the last (a sharp turn) and the path's other end
-    //   (then the path is closed, and ends);
-    // * makes no sharp turn if it can be helped; shares the fewest neighbours with the vertex before the last, hence
-    //   goes straightest; has the fewest free neighbours, hence runs beside what is covered; has the smallest index.
+    // * has no other neighbour on the path, except the vertex before the last (a sharp turn) and the path's other end (the path
+    //   is then closed, and ends);
+    // * avoids a sharp turn if possible; shares the fewest neighbours with the vertex before the last, so it goes straightest;
+    //   has the fewest free neighbours, so it runs along covered vertices; has the smallest index.
     //
-    // The next seed is a free neighbour of the latest vertices, the one with the fewest free neighbours; else the first
-    // free vertex, those with one free neighbour first, so that chains come out whole.
+    // The next seed is a free neighbour of the latest vertices, the one with the fewest free neighbours; otherwise the
+    // first free vertex, those with one free neighbour first, so that chains come out whole.
     void add_paths(const Graph &graph);
 
     std::vector<i32> order;         // the vertices of all curves

@@ -10,14 +10,14 @@ namespace {
 constexpr i32 inner_quads = 4, border_quads = 2;  // quads at a vertex of a grid, inside and at the border
 constexpr i32 most_faces = 2 * inner_quads;       // faces at a vertex of a triangulated grid
 constexpr i32 flat_inside = 6, flat_border = 3;   // triangles at a vertex where all diagonals go one way
-// Lacking pairs of a vertex that need not have as many as in a grid: no number of triangles ever equals it.
+// Lacking pairs of a vertex without a rule; no number of triangles equals it.
 constexpr i32 no_rule = -(1 << 24);
-constexpr std::size_t trial_pairs = 64;  // pairs to judge one of several possibilities by
-constexpr i64 clearer = 2;               // how many times less skew the pairs must be that do not copy their neighbours
-// Share of a component's vertices that must be those of a grid, else its triangles stay triangles.
+constexpr std::size_t trial_pairs = 64;  // pairs by which one of several possibilities is judged
+constexpr i64 clearer = 2;  // how many times less skew pairs must be to be preferred to copies of their neighbours
+// Fraction of a component's vertices that must belong to a grid; otherwise its triangles stay triangles.
 constexpr i64 least_regular = 7, of_all = 8;
 
-// Diagonals of pairs in the order in which they are made, and room for how many there is.
+// Diagonals of pairs in the order in which they are made, and the limit on their number.
 struct Log {
     explicit Log(std::size_t most_pairs) : room(most_pairs) {}
     bool is_full() const { return diagonals.size() == room; }
@@ -26,7 +26,7 @@ struct Log {
     std::size_t room;
 };
 
-// How often pairs contradict the rules of their vertices, how unequal their diagonals are, and how many they are.
+// Number of contradictions to the rules of vertices, skew of the diagonals, and number of pairs.
 struct Judgement {
     i64 faults = 0, skew = 0, count = 0;
 };
@@ -47,9 +47,9 @@ public:
 
 private:
     struct Vertex {
-        i32 lacking = 0;        // quads that it lacks, or about no_rule
-        i32 left = 0;           // triangles at it that are in no pair
-        bool is_flat = false;   // whether it could be one where all diagonals go one way
+        i32 lacking = 0;        // number of quads that it lacks, or about no_rule
+        i32 left = 0;           // number of its triangles in no pair
+        bool is_flat = false;   // whether it could be in a grid whose diagonals all have one direction
         bool has_rule = false;  // whether it must have as many quads as in a grid
     };
 
@@ -90,7 +90,7 @@ private:
     }
 
     void find_pairs() {
-        // Triangles at corners of the border have but one possibility, those along it two.
+        // Triangles at corners of the border have one possibility, those along it two.
         for (int borders = 2; borders >= 0; --borders) {
             for (i64 face = 0; face < faces_; ++face) {
                 if (!is_triangle_[face] || diagonal_[face] >= 0) continue;
@@ -110,7 +110,7 @@ private:
                 mesh_.vertex(mesh_.previous[twin_[diagonal]])};
     }
 
-    // Whether the edge of this corner of a triangle without a partner can be the diagonal of a pair.
+    // Whether the edge of this corner of an unpaired triangle can be the diagonal of a pair.
     bool may_pair(i32 corner) const {
         const i32 other = twin_[corner];
         if (other < 0 || !is_triangle_[mesh_.polygon[other]] || diagonal_[mesh_.polygon[other]] >= 0) return false;
@@ -181,7 +181,7 @@ private:
         while (waiting_ > 0) dequeue();
     }
 
-    // The corner of a triangle whose edge alone can be its pair's diagonal; -1 where there are more, or none.
+    // The corner of a triangle whose edge is the only possible diagonal; -1 if there are several, or none.
     i32 only_diagonal(i32 face) const {
         if (diagonal_[face] >= 0) return -1;
         i32 found = -1;
@@ -193,7 +193,7 @@ private:
         return found;
     }
 
-    // Make a pair, all that follow, and copies of them beside them, while the log has room.
+    // Make a pair, all that follow, and copies of them next to them, while the log has room.
     void grow(i32 seed, Log &log, bool is_careful) {
         settle(seed, log);
         for (std::size_t done = 0; done < log.diagonals.size() && !log.is_full(); ++done) {
@@ -209,7 +209,7 @@ private:
         }
     }
 
-    // Diagonals of the pair beside a side of a pair: one parallel to that pair's, and the other; -1 for none.
+    // Diagonals of the pair next to a side of a pair: one parallel to that pair's, and the other; -1 for none.
     std::pair<i32, i32> copies(i32 side) const {
         const i32 beside = twin_[side];
         if (beside < 0) return {-1, -1};
@@ -228,7 +228,7 @@ private:
         return {parallel, instead};
     }
 
-    // Judge the pairs that are tried, and undo them.
+    // Judge the trial pairs, and undo them.
     Judgement judge_trial() {
         Judgement found;
         for (const i32 diagonal : trial_.diagonals) {
@@ -251,7 +251,7 @@ private:
         return found;
     }
 
-    // Whether what follows from one diagonal is clearly more of a grid than what follows from another.
+    // Whether the pairs that follow from one diagonal form a grid more clearly than those from another.
     bool is_clearer(i32 corner, i32 other) {
         settle(corner, trial_);
         const Judgement one = judge_trial();
@@ -260,7 +260,7 @@ private:
         return one.faults <= two.faults && clearer * one.skew * two.count < two.skew * one.count;
     }
 
-    // The diagonal of a triangle, given by its first corner, that grows best; -1 where there can be none.
+    // The diagonal of a triangle, given by its first corner, that grows best; -1 if there is none.
     i32 best_seed(i32 first) {
         std::array<i32, 3> ways;
         int count = 0;
@@ -283,7 +283,7 @@ private:
         return seed;
     }
 
-    // Undo the pairs of components too few of whose vertices have become those of a grid.
+    // Undo the pairs of components in which too few vertices belong to a grid.
     void drop_what_is_no_grid() {
         const i64 vertices = mesh_.vertices();
         std::vector<i32> root(vertices);
@@ -297,7 +297,8 @@ private:
             root[most(one, other)] = least(one, other);
         }
         std::vector<i32> every(vertices), regular(vertices);
-        for (i32 v = 0; v < vertices; ++v) {  // a root is the smallest of its component: it comes before the others
+        for (i32 v = 0; v < vertices;
+             ++v) {  // a root is the smallest vertex of its component and comes before the others
             root[v] = root[root[v]];
             const i64 faces = mesh_.fan_starts[v + 1] - mesh_.fan_starts[v];
             if (faces == 0) continue;
@@ -324,7 +325,7 @@ private:
     std::vector<i32> queue_;         // triangles to look at again, in a ring
     std::size_t head_ = 0, tail_ = 0, waiting_ = 0;
     std::vector<Vertex> vertices_;
-    Log log_, trial_;  // pairs that are made, and those that are only tried
+    Log log_, trial_;  // pairs that are made, and trial pairs
 };
 
 }  // namespace
