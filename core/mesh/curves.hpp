@@ -3,9 +3,9 @@
 // The paper extracts its curves by hand. Here, in this order and for each object separately:
 //
 // 1. polylines of three points or more, unchanged;
-// 2. edge loops: edges that go straight on through vertices where four quads meet, the longest loops first and with them
-//    their neighbours, so that curves lie side by side and are long. Pairs of triangles that form the quads of a grid count as
-//    quads (triangle_pairs.cpp);
+// 2. edge loops: edges that go straight on through vertices where four quads meet, the longest loops first and with
+//    them their neighbours, so that curves lie side by side and are long. Pairs of triangles that form the quads of a
+//    grid count as quads (triangle_pairs.cpp);
 // 3. a path cover of the rest, of irregular and triangle meshes, chains of two-point lines, polygons: paths that go as
 //    straight as they can and end before they touch themselves (graph.cpp);
 // 4. isolated vertices: those of an object form one curve, along a space-filling curve through the reference frame.

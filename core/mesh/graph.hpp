@@ -43,10 +43,10 @@ struct CurveCover {
     // Cover the free vertices that have a neighbour by paths that go straight and never touch themselves.
     //
     // A path grows from its seed in both directions, at each step to the free neighbour of its last vertex that
-    // * has no other neighbour on the path, except the vertex before the last (a sharp turn) and the path's other end (the path
-    //   is then closed, and ends);
-    // * avoids a sharp turn if possible; shares the fewest neighbours with the vertex before the last, so it goes straightest;
-    //   has the fewest free neighbours, so it runs along covered vertices; has the smallest index.
+    // * has no other neighbour on the path, except the vertex before the last (a sharp turn) and the path's other end
+    //   (the path is then closed, and ends);
+    // * avoids a sharp turn if possible; shares the fewest neighbours with the vertex before the last, so it goes
+    //   straightest; has the fewest free neighbours, so it runs along covered vertices; has the smallest index.
     //
     // The next seed is a free neighbour of the latest vertices, the one with the fewest free neighbours; otherwise the
     // first free vertex, those with one free neighbour first, so that chains come out whole.
