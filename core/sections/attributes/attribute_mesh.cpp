@@ -9,7 +9,7 @@ namespace pdeanim {
 
 namespace {
 
-// Of the largest component of a face's normal, and of the edges that it is the sum of cross products of.
+// Bits of the largest component of a face's normal, and of the edges whose cross products it sums.
 constexpr int normal_bits = 12, edge_bits = 16;
 
 GridPoint normal_of(std::span<const i32> vertices, std::span<const GridPoint> grid) {
@@ -135,7 +135,7 @@ std::vector<Key> keys_of(std::span<const i32> codes, int channels) {
     return keys;
 }
 
-// Corners of faces, each face from its last one.
+// Corners of faces, each face from its last corner.
 std::vector<i32> backward_corners(const Polygons &polygons) {
     std::vector<i32> sequence;
     for (i64 face = 0; face < polygons.faces; ++face) {

@@ -1,4 +1,4 @@
-// What the attributes of one object are attached to: its polygons, and what they say of each other.
+// The mesh that the attributes of one object are attached to, and the knowledge that attributes share.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ using GridPoint = std::array<i64, 3>;  // grid coordinates of a vertex of the re
 enum class Domain : u8 { vertex, face, corner, object };
 constexpr i64 domain_count = 4;
 
-// What has values, and where: a corner, a vertex, a face, or a row that is named apart.
+// Elements that have values, and their corners: a corner, a vertex, a face, or a row that is listed separately.
 struct AttributeElements {
     // of_corner: element of each corner, -1 for none.
     AttributeElements(std::vector<i32> of_corner, i64 count);
@@ -30,7 +30,7 @@ struct AttributeElements {
 
     std::vector<i32> of_corner;
     std::vector<i64> starts;   // element e has the corners corners[starts[e]] to corners[starts[e + 1] - 1], ascending
-    std::vector<i32> corners;  // those that are of an element
+    std::vector<i32> corners;  // corners of an element
 };
 
 class AttributeMesh {
@@ -48,23 +48,23 @@ public:
         return {polygons_.vertex.data(), static_cast<std::size_t>(polygons_.starts[polygons_.faces])};
     }
 
-    // The polygons over their vertices, and over their points: vertices that lie on one point of the grid are one.
+    // The polygons over vertices, and over points: vertices at the same grid point are one.
     const CornerTable &by_vertex();
     const CornerTable &by_point();
 
-    // Of polygons, their largest component of 12 bits at most.
+    // Normals of polygons, with at most 12 bits in the largest component.
     const std::vector<GridPoint> &normals();
 
-    // The elements of a domain, of which there are `count`.
+    // The elements of a domain; `count` is their number.
     AttributeElements elements_of(Domain domain, i64 count) const;
 
-    // How many elements a domain has; 0 of objects, whose rows are counted apart.
+    // Number of elements of a domain; 0 for objects, whose rows are counted separately.
     i64 count_of(Domain domain) const;
 
-    // Of each corner, its wedge in the attribute before; empty where there is none.
+    // Wedge of each corner in the previous attribute; empty without one.
     std::vector<i32> earlier;
 
-    // The values of the attribute before that measures, if there is one.
+    // Values of the previous measured attribute, if any.
     std::unique_ptr<WedgeField> measured;
 
 private:
@@ -75,13 +75,13 @@ private:
     bool has_points_ = false;
 };
 
-// Things numbered from 0, equal ones alike, as they come first.
+// Items numbered from 0 in order of first occurrence; equal items share a number.
 struct Numbered {
     std::vector<i32> of;     // each thing's number
-    std::vector<i32> first;  // the first thing of each number
+    std::vector<i32> first;  // the first item of each number
 };
 
-// By sorting: nobody can choose keys for which that takes long.
+// By sorting, so that no choice of keys makes it slow.
 template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     std::vector<std::pair<Key, i32>> sorted;
     sorted.reserve(keys.size());
@@ -89,7 +89,7 @@ template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     std::sort(sorted.begin(), sorted.end());
     Numbered found;
     found.of.resize(keys.size());
-    // At first, the first thing that each one is equal to.
+    // Initially, the first item that each one equals.
     i32 first = 0;
     for (std::size_t k = 0; k < sorted.size(); ++k) {
         if (k == 0 || sorted[k].first != sorted[k - 1].first) first = sorted[k].second;
@@ -107,7 +107,7 @@ template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     return found;
 }
 
-// Some rows of an array of so many channels.
+// Some rows of an array with `channels` numbers per row.
 template <class T> std::vector<T> rows_of(const std::vector<T> &values, i64 channels, std::span<const i32> rows) {
     std::vector<T> found;
     found.reserve(rows.size() * channels);
@@ -118,18 +118,18 @@ template <class T> std::vector<T> rows_of(const std::vector<T> &values, i64 chan
     return found;
 }
 
-// Rows of up to four numbers, in an array of so many channels each.
+// Number rows of up to four numbers, in an array of `channels` per row.
 Numbered number_rows(std::span<const i32> codes, int channels);
 
-// Of each corner, the number of its key among those of its vertex, as they come first.
+// For each corner, number its key among those of its vertex, in order of first occurrence.
 std::vector<i32> fan_numbers(std::span<const i32> vertices, std::span<const i32> keys);
 
-// Rules of rows: one for each element; one for each vertex, of corners; as listed; and from `first_used` on, numbered as
-// elements use them for the first time: two rules for each order of elements, rows being shared by equal values at a
-// vertex, or by all equal values. The orders are: as they are; backward in each face; corners by their vertex.
+// Rules of rows: one per element; one per vertex, for corners; listed; and from `first_used` on, numbered by first use:
+// two rules for each order of elements, with rows shared by equal values at a vertex, or by all equal values. The
+// orders are: forward; backward in each face; corners by vertex.
 enum RowRule : i64 { not_indexed, by_vertex, listed, first_used, last_rule = first_used + 5 };
 
-// Rows numbered as elements use them first: the row of each element, and an element of each row.
+// Number rows by first use: return the row of each element, and an element of each row.
 //
 // rule: `first_used` or more; codes: those of every element.
 Numbered number_by_use(const AttributeMesh &mesh, Domain domain, i64 rule, std::span<const i32> codes, int channels);

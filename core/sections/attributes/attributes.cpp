@@ -18,27 +18,27 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "bytes of values are read and written as they lie in memory");
 
-// Peak memory of an object with attributes, per corner: how corners hang together, thrice, the walk, normals; of an
-// attribute, per element or row: its wedge, that one's fan, its place in the walk and in the rows; and per number: codes,
-// linear values, lengths, predictions, the result.
+// Peak memory of an object with attributes, per corner: three corner tables, the walk, normals; of an attribute, per
+// element or row: its wedge, the wedge's fan, its place in the walk and in the rows; and per number: codes, linear
+// values, lengths, predictions, the result.
 constexpr i64 bytes_per_corner = 320, bytes_per_element = 200, bytes_per_number = 64;
 
-// Memory of an attribute without values, and of a short text, as Python holds them.
+// Memory of an attribute without values, and of a short text, in Python.
 constexpr i64 bytes_per_attribute = 1024, bytes_per_label = 128;
 
 constexpr i64 most_rows = (i64{1} << 31) - 1;  // they are numbered by int32
 
-// A value is common that so many are equal to, and this share of all: an entry of a table costs four bytes.
+// A value is common if at least this many equal it, and this fraction of all: an entry of a table costs four bytes.
 constexpr double least_common = 4, common_share = 0.02;
 constexpr std::size_t most_common = 16;
 
-constexpr double most_tabled = 0.95;  // share of different values beyond which a table of all does not pay
+constexpr double most_tabled = 0.95;  // fraction of different values beyond which a table of all does not pay
 
-// Products and sums of sizes that a file declares stay within 64 bits: those beyond this are alike.
+// Sizes that a file declares are clamped to this, so that their products and sums stay within 64 bits.
 constexpr i64 immense = i64{1} << 60;
 constexpr i64 product(i64 a, i64 b) { return b && a > immense / b ? immense : a * b; }
 
-// Codes with tables of all values, or of the common ones.
+// Replace codes by tables of all values, or of the common ones.
 Codes tabled(const std::vector<i32> &full, int channels, bool all_in) {
     Codes found{full, {}};
     const std::size_t rows = full.size() / channels;
@@ -78,7 +78,7 @@ double cost_of(WedgeField &field, Codes &codes) {
     return coder.bits();
 }
 
-// Codes with tables of common values, or of all of them, whichever costs less.
+// Choose tables of common values, or of all of them, whichever costs less.
 Codes best_tables(WedgeField &field, const std::vector<i32> &full) {
     Codes found = tabled(full, field.channels(), false), complete = tabled(full, field.channels(), true);
     std::size_t entries = 0;
@@ -87,7 +87,7 @@ Codes best_tables(WedgeField &field, const std::vector<i32> &full) {
     return cost_of(field, complete) < cost_of(field, found) ? complete : found;
 }
 
-// What an attribute has been decoded to.
+// Decoded parts of an attribute.
 struct Decoded {
     i64 rows = 0;
     std::optional<std::vector<i32>> indices;
@@ -95,16 +95,16 @@ struct Decoded {
     std::vector<u8> bytes;  // of raw values
 };
 
-// Codes attributes one after the other; what it learns from one helps it with the next.
+// Codes attributes one after the other; statistics of one help with the next.
 template <Mode mode> class AttributeCoder {
 public:
-    // Memory of what is decoded is counted in `taken`.
+    // Memory of decoded data is counted in `taken`.
     AttributeCoder(RangeCoder<mode> &coder, TakenMemory &taken)
         : coder_(coder), taken_(taken), for_a_while_(taken.another()) {}
 
     i64 code_count(i64 attributes) { return number(of_part, attributes); }
 
-    // The attribute that is planned when encoding; hands back what a decoder gets, when decoding.
+    // Code one attribute: the planned one when encoding; return the decoder's result when decoding.
     Attribute code(AttributeMesh &mesh, const AttributePlan &plan) {
         const AttributeHead head = code_head(plan.head);
         const Domain domain = static_cast<Domain>(head.domain);
@@ -194,7 +194,7 @@ private:
         coder_.check_not_ended();
     }
 
-    // Values of all elements.
+    // Code the values of all elements.
     void code_values(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements,
                      const AttributePlan &plan, Decoded &decoded) {
         const i64 count = elements.count();
@@ -213,7 +213,7 @@ private:
         }
     }
 
-    // First bytes of all values, then second bytes: like compresses with like.
+    // First bytes of all values, then second bytes: similar bytes compress together.
     std::vector<u8> code_raw(std::span<const u8> values, i64 count, i64 size) {
         std::vector<u8> planes(count * size);
         const auto place = [&](i64 at) { return at % size * count + at / size; };
@@ -240,7 +240,7 @@ private:
         return wedges;
     }
 
-    // Numbers that count, of all elements; CorruptError where one is not from `lowest` to `highest`.
+    // Code integers of all elements; CorruptError if one is outside `lowest` to `highest`.
     std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const AttributeElements &elements,
                                    std::span<const i32> wanted, i64 lowest, i64 highest, const char *what) {
         const Wedges wedges = code_wedges(use, mesh, mesh.by_point(), elements, true, wanted);
@@ -368,7 +368,7 @@ private:
     std::optional<TextModel> bytes_;
     std::array<WedgeModel, uses> wedges_;
     AscendingModel tables_;
-    // Made where they are first needed: they are large.
+    // Made on first use: they are large.
     std::map<Use, StepModel> lists_;
     std::map<std::pair<i64, int>, ValueModel> values_;  // by the kind and the number of channels
 };

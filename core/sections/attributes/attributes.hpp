@@ -1,12 +1,12 @@
-// Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder has by then.
+// Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder already has.
 //
 // Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
-// are: measured values (UVs, colours) are predicted over the surface, labels are coded as steps. Rows that are
-// numbered as they are first used cost nothing to number.
+// are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows numbered by first
+// use cost nothing to number.
 //
-// This folder codes section ATTR (17 of the specification). Begin here: attributes.cpp has the stream, plan the head of an
-// attribute and the model of its values, wedges which values are equal around a point and what they are predicted from,
-// scales the quantised values of a channel, attribute_mesh what attributes are attached to.
+// This folder codes section ATTR (17 of the specification). Begin here: attributes.cpp has the stream, plan the head of
+// an attribute and the model of its values, wedges the equal values around a point and their prediction, scales the
+// quantised values of a channel, attribute_mesh the mesh that attributes are attached to.
 #pragma once
 
 #include <optional>
@@ -19,7 +19,7 @@
 
 namespace pdeanim {
 
-// By their number in the stream; bytes of values are in the order of the machine, which is little-endian.
+// Types by their number in the stream; bytes of values are in the machine's order, which is little-endian.
 enum class ValueType : i64 { float32, float64, int32, uint8, int64 };
 constexpr i64 value_types = 5;
 
@@ -30,18 +30,18 @@ constexpr i64 bytes_of(ValueType type) {
 
 // Constant data that travels with an object.
 struct Attribute {
-    i64 numbers() const { return columns ? columns - 1 : 1; }  // in a row
+    i64 numbers() const { return columns ? columns - 1 : 1; }  // per row
 
-    std::string name;  // UTF-8, and so are the labels
+    std::string name;  // UTF-8, as the labels
     Domain domain = Domain::vertex;
     ValueType type = ValueType::float32;
-    i64 rows = 0, columns = 0;  // columns: 0 for values of one dimension, else 1 more than there are
+    i64 rows = 0, columns = 0;  // columns: 0 for values of one dimension, else 1 more than the number of columns
     std::vector<u8> values;
     std::optional<std::vector<i32>> indices;  // row of each element of the domain, -1 for none
     std::vector<std::string> labels;
 };
 
-// The same, in arrays of the caller's.
+// The same, in the caller's arrays.
 struct AttributeView {
     std::string name;
     Domain domain;
@@ -52,23 +52,23 @@ struct AttributeView {
     std::vector<std::string> labels;
 };
 
-// One object, and its attributes to be encoded.
+// One object, and its attributes to encode.
 struct AttributedPart {
     ConnectivityView connectivity;
     std::vector<AttributeView> attributes;
 };
 
 struct AttributeSettings {
-    std::optional<double> uv_tolerance;  // how far texture coordinates may be off on each axis; none: to the last bit
-    bool keeps_rows = true;  // whether rows of indexed values come back under the numbers they have, or under free ones
+    std::optional<double> uv_tolerance;  // largest error of texture coordinates on each axis; none: exact
+    bool keeps_rows = true;              // whether rows of indexed values keep their numbers
 };
 
 // grid: of the vertices of all parts, one part after the other. Indices are -1 or rows of the values.
 std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::span<const GridPoint> grid,
                                   const AttributeSettings &settings);
 
-// The attributes of each part. CorruptError where the section is damaged, LimitError where all attributes together need
-// more than is left; what they take in the end is counted in `taken`.
+// Return the attributes of each part. CorruptError if the section is damaged, LimitError if all attributes together
+// need more than is left; the memory of the result is counted in `taken`.
 std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, std::span<const ConnectivityView> parts,
                                                       std::span<const GridPoint> grid, TakenMemory &taken);
 

@@ -10,10 +10,10 @@ namespace pdeanim {
 
 namespace {
 
-// Texture coordinates are attributes of this name, and those whose name begins with it and a colon.
+// Texture coordinates have this name, or this name followed by a colon and a name.
 constexpr std::string_view uv = "uv";
 
-// Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, as its corners come.
+// Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, in the order of its corners.
 constexpr std::string_view normal_group = "normal_group";
 
 template <class T> std::vector<T> values_as(const AttributeView &attribute) {
@@ -22,7 +22,7 @@ template <class T> std::vector<T> values_as(const AttributeView &attribute) {
     return values;
 }
 
-// Whether numbers are those of fans, and the coder can find these: of many corners at a vertex only some are looked at.
+// Whether numbers are those of fans that the coder can find: at a vertex of many corners it looks only at some.
 bool are_fans(const AttributeView &attribute, const std::vector<i32> &numbers, const AttributeMesh &mesh) {
     if (attribute.name != normal_group || attribute.domain != Domain::corner || attribute.indices) return false;
     const std::span<const i32> vertices = mesh.face_corners();
@@ -58,7 +58,7 @@ i64 plain_rule(const AttributeView &attribute, const AttributeMesh &mesh) {
     return std::ranges::equal(*attribute.indices, mesh.face_corners()) ? by_vertex : listed;
 }
 
-// A rule that numbers rows as they are; where they are free, any that has no list.
+// Return a rule that reproduces the numbers of rows; if they are free, any rule without a list.
 i64 rule_of(const AttributeView &attribute, const AttributeMesh &mesh, std::span<const i32> codes, int channels,
             bool is_free) {
     for (i64 rule = first_used; rule <= last_rule; ++rule) {
@@ -133,7 +133,7 @@ namespace {
 
 constexpr int is_common = 34;  // stands for the length of the residual of a common value, plus 1
 
-// Place of the entry that is nearest to a code, the lower of two; there is at least one.
+// Return the place of the entry nearest to a code, the lower of two; the table is not empty.
 i64 nearest_place(const std::vector<i64> &table, i64 code) {
     const auto above = std::lower_bound(table.begin(), table.end(), code);
     const i64 place = above - table.begin();
@@ -158,7 +158,7 @@ ValueModel::ValueModel()
     : by_channel_(rows * sizes * most_channels), by_prediction_(rows * predictions * sizes),
       by_spread_(rows * sizes * sizes) {}
 
-// Its length, the digits below the first, the sign.
+// Code the length, the digits below the first, and the sign.
 template <Mode mode>
 i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outlook &of, i64 residual) {
     const i64 size = size_of(residual);
@@ -194,7 +194,7 @@ i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outl
     return coder.bit(sign, residual < 0) ? -value : value;
 }
 
-// Whether a value is in the table of its channel, and where: its place, or -1.
+// Code whether a value is in the table of its channel, and its place, or -1.
 template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
                                                  int distance, const Outlook &of, i64 code) {
     const bool is_in = mode != Mode::decode && std::binary_search(table.begin(), table.end(), code);
@@ -205,7 +205,7 @@ template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const 
         common_weights_.data(), is_in);
     history_ = (2 * history_ + is_there) & 15;
     if (!is_there) return -1;
-    // The nearest first, then the others in order; the last one is it if no other is.
+    // The nearest first, then the others in order; the last one is implied.
     i64 place = nearest;
     const i64 others = static_cast<i64>(table.size()) - 1;
     for (i64 turn = 0; turn < others; ++turn) {

@@ -1,4 +1,4 @@
-// How one attribute is coded: its head in the stream, the plan that the encoder makes, and the model of its values.
+// Coding of one attribute: its head in the stream, the encoder's plan, and the model of its values.
 #pragma once
 
 #include <vector>
@@ -11,17 +11,20 @@
 
 namespace pdeanim {
 
-// How an attribute is coded: what stands before its values in the stream, and what the encoder makes of it.
+// The head and the encoder's plan of an attribute.
+//
+// Kinds of values: float32 and uint8 that are measured, 1 to 4 per row; int32 and uint8 that are labels; numbers of the
+// fans of a vertex's corners; and from `raw` on bytes of each ValueType.
 
 // Kinds of values: float32 and uint8 that measure, 1 to 4 a row; int32 and uint8 that count; numbers of the fans that a
 // vertex's corners fall into; and from `raw` on bytes of each ValueType.
 enum Kind : i64 { floats, colours, integers, flags, fans, raw, kind_end = raw + value_types };
 
-// What is coded before an attribute's values.
+// The fields coded before an attribute's values.
 struct AttributeHead {
-    i64 channels() const { return columns ? columns - 1 : 1; }  // numbers in a row
+    i64 channels() const { return columns ? columns - 1 : 1; }  // numbers per row
     ValueType type() const;
-    bool is_possible() const;  // whether there are attributes of this kind
+    bool is_possible() const;  // whether attributes of this kind exist
 
     std::string name;
     i64 domain = 0, kind = 0, columns = 0, rule = 0;
@@ -33,22 +36,22 @@ struct AttributeHead {
 struct AttributePlan {
     AttributeHead head;
     std::span<const i32> indices;  // where there are any
-    // Of rows of values, of elements from rule `first_used` on: what measures or counts, and the bytes of what is raw.
+    // Rows of values, or of elements from rule `first_used` on: measured values or labels, and the bytes of raw ones.
     Channels channels;
     std::span<const u8> bytes;
 };
 
 AttributePlan plan_of(const AttributeView &attribute, const AttributeMesh &mesh, const AttributeSettings &settings);
 
-// The values of wedges: predicted, with the residual exact.
+// The values of wedges: predicted, with exact residuals.
 //
-// Values of a channel have integer codes. Where they take few different values, these stand in a table and are coded by
-// their place in it; where a few of many are common (0 and 1, where a map is cut off), it is coded first whether a value is
-// one of those.
+// Values of a channel have integer codes. If there are few different values, they form a table and are coded by their
+// place in it. If a few of many are common (0 and 1, where a map is clipped), a flag first says whether a value is one
+// of those.
 
 // Codes of wedges in rows, and the tables that they refer to.
 struct Codes {
-    // Values that stand in a table, ascending; all that there are, if it is complete: then codes are places in it.
+    // Values of a table, ascending; if it is complete it has all values, and codes are places in it.
     struct Table {
         std::vector<i64> entries;
         bool is_complete = false;
@@ -57,7 +60,7 @@ struct Codes {
     std::vector<i32> codes;
     std::vector<Table> tables;  // of each channel
 
-    // Codes that are no places.
+    // Codes that are not places.
     std::vector<i32> full() const;
 };
 
@@ -65,19 +68,19 @@ class ValueModel {
 public:
     ValueModel();
 
-    // Code the values of all wedges, read when encoding and written when decoding; CorruptError where one is out of range.
+    // Code the values of all wedges, read when encoding and written when decoding; CorruptError if one is out of range.
     template <Mode mode> void code(RangeCoder<mode> &coder, WedgeField &field, Codes &codes);
 
 private:
-    // What a residual is expected to be.
+    // The context of a residual.
     struct Outlook {
         int channel;
         int expected;  // length of the neighbours' residuals
         int before;    // length of the residual in the channel before, plus 1; 0 in the first
-        int spread;    // length of the difference of the two best predictions, plus 1; 0 if there is but one
-        int lean;      // which way the second best is off: 0 below, 1 neither, 2 above
-        int best;      // the way of prediction, plus 1; 0 for none
-        int count;     // how many of its kind there are
+        int spread;    // length of the difference of the two best predictions, plus 1; 0 with a single prediction
+        int lean;      // direction of the second best prediction: 0 below, 1 equal, 2 above
+        int best;      // the kind of prediction, plus 1; 0 for none
+        int count;     // number of predictions of its kind
     };
 
     template <Mode mode>
@@ -89,23 +92,24 @@ private:
     enum Step { first, up, down, steps };  // decisions on the length: the first one, and those up and down from there
 
     static constexpr int longest = 32;         // binary digits of the largest residual
-    static constexpr int sizes = longest + 3;  // lengths that are told apart
+    static constexpr int sizes = longest + 3;  // lengths that are distinguished
     static constexpr int predictions = 4 * (WedgeField::ways + 1);
     static constexpr int rows = (longest + 1) * steps;
 
     std::vector<BitModel> by_channel_, by_prediction_, by_spread_;  // inputs of a decision on a length
     std::array<std::array<BitModel, 4>, longest + 1> digits_;
     std::array<BitModel, 3 * 4 * (WedgeField::ways + 1)> signs_;
-    // Inputs of the decision whether a value is in the table; which one it is then.
+    // Inputs of the decision whether a value is in the table, and of its place.
     std::array<BitModel, 16 * 16> common_near_;
     std::array<BitModel, predictions * sizes> common_by_prediction_;
     std::array<BitModel, 16 * most_channels * sizes> common_expected_;
     std::array<BitModel, 4 * sizes> which_;
-    std::array<BitModel, most_channels> alike_;  // whether a channel equals the one before
-    // Of lengths of residuals of values and of places in a table, by the step and the way; of whether a value is common.
+    std::array<BitModel, most_channels> alike_;  // whether a channel equals the previous one
+    // Weights of lengths of residuals, of values and of places in a table, by step and kind of prediction; of whether a
+    // value is common.
     std::array<std::array<std::array<Weights<3>, WedgeField::ways + 1>, steps>, 2> length_weights_;
     Weights<3> common_weights_;
-    int history_ = 0;  // of the last 4 values, which were common
+    int history_ = 0;  // which of the last 4 values were common
 };
 
 }  // namespace pdeanim

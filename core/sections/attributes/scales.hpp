@@ -1,8 +1,8 @@
-// What numbers of attributes that measure are: codes on a grid that holds them exactly, or places among all float32.
+// Codes of measured attributes: points on a grid that holds them exactly, or places among all float32 numbers.
 //
-// Texture coordinates and colours are seldom any float32: most are fractions of 255, of a power of two or of ten, or were
-// turned upside down (1 - v) after they were; and many take few values. All of it is found here, and nothing is lost: a
-// code gives the float32 back to the last bit, the sign of a zero and the payload of what is no number included.
+// Texture coordinates and colours are seldom arbitrary float32 numbers: most are fractions of 255, of a power of two or
+// of ten, or such fractions mirrored (1 - v); and many take few values. All of this is detected, without loss: a code
+// restores the float32 to the last bit, including the sign of a zero and the payload of a NaN.
 #pragma once
 
 #include <span>
@@ -12,13 +12,13 @@
 
 namespace pdeanim {
 
-constexpr int linear_bits = 30;  // of a value, in whatever unit makes the largest fit
+constexpr int linear_bits = 30;  // bits of a linear value, in the unit in which the largest fits
 constexpr i64 largest_linear = i64{1} << linear_bits;
-constexpr i64 largest_code = (i64{1} << 31) - 1;  // codes are numbers of 32 bits, one of them the sign
-constexpr i64 largest_shift = 127;  // values below 2^-97 are so near to 0 that how near does not help to predict them
+constexpr i64 largest_code = (i64{1} << 31) - 1;  // codes have 32 bits, one of them the sign
+constexpr i64 largest_shift = 127;  // values below 2^-97 are so near to 0 that their size does not help to predict them
 constexpr int most_channels = 4;
 
-// What the codes of a channel stand for: code / divisor; 1 - code / divisor; the float32 of that place in their order.
+// Meaning of a channel's codes: code / divisor; 1 - code / divisor; the float32 at that place in their order.
 struct Scale {
     enum Kind : i64 { fraction, complement, place };
 
@@ -27,10 +27,10 @@ struct Scale {
 
     float value_of(i32 code) const;
 
-    // The value of a code times 2^shift; 0 for what is no number or too small, and within `largest_linear`.
+    // Return the value of a code times 2^shift; 0 for a NaN or a tiny value, clamped to `largest_linear`.
     i64 linear_of(i64 code, int shift) const;
 
-    // A code whose value is close to linear / 2^shift, or as close as codes come.
+    // Return a code whose value is close to linear / 2^shift, or as close as codes come.
     i64 code_near(i64 linear, int shift) const;
 };
 
@@ -41,20 +41,20 @@ struct Scales {
     int channels() const { return static_cast<int>(of_channel.size()); }
 };
 
-// Values as codes, in rows of so many channels.
+// Values as codes, in rows of `channels` numbers.
 struct Channels {
     std::vector<i32> codes;
     Scales scales;
 };
 
-// Of uint8 values, which are their own codes.
+// Scales of uint8 values, which are their own codes.
 Scales byte_scales(int channels);
 
-// Codes of float32 values in rows; divisor: of a grid that is tried beside the usual ones.
+// Return codes of float32 values in rows; divisor: of a grid to try besides the usual ones.
 Channels codes_of_floats(std::span<const float> values, int channels, i64 divisor);
 
-// Move values to the nearest points of a grid no farther than `tolerance` from any of them; the grid's divisor. Where there
-// is no such grid of 32-bit codes, or values are on a coarser one, they stay as they are.
+// Move values to the nearest points of a grid at most `tolerance` away from any of them; return the grid's divisor. If
+// there is no such grid of 32-bit codes, or values are on a coarser one, leave them.
 i64 round_within(std::span<float> values, int channels, double tolerance);
 
 }  // namespace pdeanim

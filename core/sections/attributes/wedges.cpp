@@ -6,7 +6,7 @@ namespace pdeanim {
 
 namespace {
 
-// The corner at `vertex` in the polygon across `edge`, and the one at its other end; -1, -1 where there is none.
+// Return the corner at `vertex` in the polygon across `edge`, and the one at its other end; -1, -1 if there is none.
 std::pair<i32, i32> across(const CornerTable &corners, i32 edge, i32 vertex) {
     const i32 opposite = corners.opposite[edge];
     if (opposite < 0) return {-1, -1};
@@ -52,7 +52,7 @@ template <Mode mode> Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeM
     const i64 count = elements.count();
     Wedges wedges;
     wedges.of_element.assign(count, -1);
-    std::vector<i32> compared;  // the element that was compared with each wedge last
+    std::vector<i32> compared;  // the element compared last with each wedge
     const auto wedge_at = [&](i32 corner) {
         const i32 element = corner < 0 ? -1 : elements.of_corner[corner];
         return element < 0 ? -1 : wedges.of_element[element];
@@ -119,16 +119,16 @@ template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, co
 
 namespace {
 
-constexpr i64 most_corners = 16;  // corners at a wedge that are looked at
-constexpr int ratio_bits = 16;    // fraction bits of a length over another
-constexpr int vector_bits = 14;   // of the largest component of three edges, whose squares are multiplied
-// Farthest off a point lies along an edge, in its length, and aside of it, in the distance of the third known point (8 and
-// 4): beyond, a prediction only amplifies noise.
+constexpr i64 most_corners = 16;  // corners of a wedge that are examined
+constexpr int ratio_bits = 16;    // fraction bits of a ratio of lengths
+constexpr int vector_bits = 14;   // bits of the largest component of three edges, whose squares are multiplied
+// Largest distance of a point along an edge, in edge lengths, and across it, in distances of the third known point (8
+// and 4); beyond it a prediction only amplifies noise.
 constexpr int along_bits = 3, aside_bits = 2;
-constexpr int thinnest_bits = 10;  // of a triangle, as its height over its edge, squared: thinner ones say nothing
+constexpr int thinnest_bits = 10;  // smallest height of a triangle over its edge, squared; thinner ones do not predict
 constexpr int score_bits = 10, score_rate = 3;
 
-// Rounded down, of a number below 2^62.
+// Rounded down, for numbers below 2^62.
 i64 square_root(i64 number) {
     if (number <= 0) return 0;
     i64 root = i64{1} << ((bit_length(number) + 1) >> 1);
@@ -139,7 +139,7 @@ i64 square_root(i64 number) {
     }
 }
 
-// The polygons of a mesh over wedges; over one more for corners that are of none.
+// Make the polygons of a mesh over wedges, with one more wedge for corners without one.
 CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, const Wedges &wedges) {
     const i32 none = static_cast<i32>(wedges.count());
     Polygons polygons;
@@ -154,14 +154,14 @@ CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, 
     return CornerTable(std::move(polygons));
 }
 
-// A value in another unit.
+// Convert a value to another unit.
 i32 shifted(i64 linear, int up) {
     if (up < 0) return static_cast<i32>(linear >> least(-up, linear_bits + 1));
     const i64 value = linear * (i64{1} << least(up, linear_bits + 1));
     return static_cast<i32>(clamp(value, -largest_linear, largest_linear));
 }
 
-// A mean, rounded.
+// Return a rounded mean.
 i64 mean(i64 sum, i64 count) { return floor_divide(2 * sum + count, 2 * count); }
 
 }  // namespace
@@ -194,8 +194,8 @@ void WedgeField::restart() {
     scores_.fill(0);
 }
 
-// Predict x from the triangle a, b, c of the map, across its edge from a to b or in its plane; from a and b alone where c is
-// negative.
+// Predict x from the triangle a, b, c of the map, across its edge from a to b or in its plane; from a and b alone if c
+// is negative.
 void WedgeField::continue_map(i32 a, i32 b, i32 c, i32 x, bool is_across) {
     const GridPoint &from = positions_[a], &third = positions_[c >= 0 ? c : a];
     GridPoint to_b, to_x, to_c;
@@ -264,14 +264,14 @@ void WedgeField::add_parallelogram(i32 a, i32 b, i32 c) {
     ++findings_.counts[parallelogram];
 }
 
-// The wedge of a corner if it is known and another one than x, else -1.
+// Return the wedge of a corner if it is known and not x, else -1.
 i32 WedgeField::known_at(i32 corner, i32 x) const {
     const i32 wedge = corners_.vertex(corner);
     return is_known_[wedge] && wedge != x ? wedge : -1;
 }
 
-// Predict x at a corner from a side of its polygon: the one after the next corner, or before the previous. Whether the map
-// was continued from the ends of a side alone, which is done once.
+// Predict x at a corner from a side of its polygon: the one after the next corner, or before the previous. Return
+// whether the map was continued from the ends of a side alone, which happens once.
 bool WedgeField::look_across(i32 x, i32 corner, bool is_before, bool has_turned) {
     const std::vector<i32> &next = corners_.next, &previous = corners_.previous;
     const i32 edge = is_before ? previous[previous[corner]] : next[corner], end = next[edge];
@@ -312,7 +312,7 @@ const WedgeField::Findings &WedgeField::look_around(i32 x) {
                 expected[k] += length(neighbour, k);
             }
         }
-        // In a triangle both sides are one.
+        // In a triangle both sides are the same.
         if (size < 3) continue;
         const bool has_turned = look_across(x, corner, false, false);
         if (size > 3) look_across(x, corner, true, has_turned);

@@ -11,16 +11,16 @@ namespace pdeanim {
 
 namespace {
 
-// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials of two variables.
+// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials in two variables.
 constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 15, 21, 28, 36, 48, 64, i64{1} << 62};
 
-// Functions of time that make a block where all axes share their coefficients; else one function does, with its axes.
+// Functions of time that form a block if all axes share their coefficients; otherwise one function does, with its axes.
 constexpr i64 ranks_together = 4;
 
-// Numbers that a block takes in a row.
+// Numbers of a block in a row.
 i64 block_size(const CoefficientLayout &layout) { return layout.axes == 1 ? ranks_together : layout.axes; }
 
-// The coefficients that are given to encode, all rows as long as there are channels.
+// The coefficients to encode, in rows as long as there are channels.
 class GivenRows {
 public:
     GivenRows(const CoefficientLayout &layout, std::span<const i64> coefficients)
@@ -32,7 +32,7 @@ public:
     const i64 *add(i64 first, i64, i64) const { return coefficients_ + first * channels_; }
     i64 width(i64) const { return channels_; }
 
-    // In the place of a row that is not there.
+    // Replaces a missing row.
     std::span<const i64> none() const { return none_; }
 
 private:
@@ -52,26 +52,26 @@ public:
     CoefficientCoder(const CoefficientLayout &layout, AllRows &rows, RangeCoder<mode> coder = {})
         : coder(std::move(coder)), layout(layout), rows_(rows) {}
 
-    // Those up to `end` - 1 that have not been coded yet.
+    // Code the subbands up to `end` - 1 that have not been coded yet.
     void code(i64 end) {
         for (; next_ < end; ++next_) code_subband(next_);
     }
 
-    // Go on with a subband that has been coded before, with models that have learned.
+    // Continue with a subband that was coded before, with models that have learned.
     void go_back(i64 subband) { next_ = subband; }
 
     RangeCoder<mode> coder;
     const CoefficientLayout layout;
 
 private:
-    // A row of a subband, which is known.
+    // Return a known row of a subband.
     std::span<const i64> row_of(i64 subband, i64 place) const {
         const std::span<const i64> starts = layout.subbands.starts;
         if (subband < 0 || place < 0 || place >= starts[subband + 1] - starts[subband]) return rows_.none();
         return rows_[starts[subband] + place];
     }
 
-    // Where a block of a row that is known begins; zeros beyond its end.
+    // Return the start of a block of a known row; zeros beyond its end.
     const i64 *block_of(std::span<const i64> row, i64 first) const {
         if constexpr (decodes) {
             if (first >= static_cast<i64>(row.size())) return nothing_.data();
@@ -107,7 +107,7 @@ private:
         beside = subband;
     }
 
-    // Channels up to the last that is not zero in some rows.
+    // Count the channels up to the last that is not zero in some rows.
     i64 channels_needed(i64 first, i64 end) const {
         i64 needed = 0;
         if constexpr (!decodes) {
@@ -121,17 +121,17 @@ private:
         return needed;
     }
 
-    // Rows that are known.
+    // Known neighbouring rows.
     struct Neighbours {
         std::span<const i64> one, two, beside, above;
     };
 
-    // The same places of these as of a block.
+    // The parts of these rows at a block.
     struct BlockNeighbours {
         const i64 *one, *two, *beside, *above;
     };
 
-    // Sizes of some coefficients, added up.
+    // Sum the sizes of some coefficients.
     static i64 sizes_of(const i64 *numbers, i64 count) {
         i64 sum = 0;
         for (i64 k = 0; k < count; ++k) sum += size_of(numbers[k]);
@@ -142,7 +142,7 @@ private:
     void code_row(int band, i64 row, std::span<Number> own, const Neighbours &around) {
         const bool is_shared = layout.axes == 1;
         const i64 size = block_size(layout), count = static_cast<i64>(own.size());
-        i64 one = 0, two = 0;  // sizes of the blocks before
+        i64 one = 0, two = 0;  // sizes of the previous blocks
         for (i64 first = 0, rank = 0; first < count; first += size, rank += is_shared ? ranks_together : 1) {
             const i64 channels = least(size, count - first);
             const BlockNeighbours near = {block_of(around.one, first), block_of(around.two, first),
@@ -163,7 +163,7 @@ private:
         }
     }
 
-    // Code a block, of which not all are zero, of the row `own`; sizes added up.
+    // Code a block of the row `own` that is not all zero; return the sum of sizes.
     i64 code_block(int band, i64 rank, Number *own, i64 first, i64 channels, const BlockNeighbours &near) {
         const int axes = layout.axes;
         i64 sizes = 0, other_axes = 0;
@@ -194,7 +194,7 @@ private:
     AllRows &rows_;
     const std::array<i64, ranks_together> nothing_{};  // a block beyond the end of a row
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
-    std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
+    std::array<i64, 2> latest_ = {-1, -1};  // the latest subband of a node, and of an element
     i64 next_ = 0;
 };
 

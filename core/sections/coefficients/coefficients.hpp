@@ -1,12 +1,12 @@
 // Quantised coefficients of a group of frames (a chunk of section COEF).
 //
-// They stand in rows, one for each function of space, of as many numbers as there are channels: functions of time, or
-// three times as many where each axis has its own. Functions of time stand by falling importance and so do those of
-// space within a subband, so that what is not zero gathers in a corner. Rows are coded subband by subband: the whole's
-// affine functions, the wavelets of each node of the partition tree, the other functions of each element.
+// They form rows, one per function of space, with a number per channel: one per function of time, or three if each axis
+// has its own. Functions of time are ordered by falling importance, and so are those of space within a subband, so that
+// nonzero values gather in a corner. Rows are coded subband by subband: the affine functions of the whole, the wavelets
+// of each node of the partition tree, the other functions of each element.
 //
-// This folder codes section COEF (14 of the specification). Begin here: coefficients.cpp walks the rows and knows their
-// neighbours, coefficient_model.hpp codes what it finds there.
+// This folder codes section COEF (14 of the specification). Begin here: coefficients.cpp walks the rows and finds their
+// neighbours, coefficient_model.hpp codes the values.
 #pragma once
 
 #include <memory>
@@ -19,14 +19,14 @@
 
 namespace pdeanim {
 
-// Of each function of space its channels up to the last that may not be zero.
+// For each function of space its channels up to the last that may not be zero.
 using QuantisedRows = std::span<const std::span<const i64>>;
 
-// Rows, each as long as it was coded: most are short. A row stays where it is when others are added, so that another thread
-// may read those that are there.
+// Rows, each as long as it was coded: most are short. A row keeps its address when others are added, so that another
+// thread may read existing rows.
 class CoefficientRows {
 public:
-    // Rows of no numbers; a row takes memory for a multiple of `block` numbers, and zeros follow its own there.
+    // Make empty rows; a row takes memory for a multiple of `block` numbers, and is padded with zeros.
     CoefficientRows(i64 rows, i64 block, TakenMemory taken) : taken_(std::move(taken)), block_(block) {
         taken_.take(sizeof(rows_[0]) * static_cast<u64>(rows), what);
         rows_.resize(rows);
@@ -35,13 +35,13 @@ public:
     QuantisedRows all() const { return rows_; }
     std::span<const i64> operator[](i64 row) const { return rows_[row]; }
 
-    // In the place of a row that is not there.
+    // Replaces a missing row.
     std::span<const i64> none() const { return {}; }
 
-    // From one row that `add` has made room for to the next.
+    // Distance between the rows that one call of `add` allocates.
     i64 width(i64 count) const { return (count + block_ - 1) / block_ * block_; }
 
-    // Make room for so many numbers in each of the rows `first` to `end` - 1; returns where the first one's begin, zeros.
+    // Allocate `count` numbers, zeros, in each of the rows `first` to `end` - 1; return the start of the first one's.
     i64 *add(i64 first, i64 end, i64 count) {
         if (count == 0) return nullptr;
         const i64 wide = width(count), needed = (end - first) * wide;
@@ -60,7 +60,7 @@ public:
     }
 
 private:
-    static constexpr i64 piece = 1 << 13;  // numbers that memory is taken for at once: they fit into the nearest caches
+    static constexpr i64 piece = 1 << 13;  // numbers that are allocated together: they fit into the nearest cache
     static constexpr const char *what = "coefficients of a group of frames";
 
     TakenMemory taken_;
@@ -73,9 +73,10 @@ private:
 // Rows that are coded together: subband s is rows starts[s] to starts[s + 1] - 1.
 struct Subbands {
     std::span<const i64> starts;
-    // The depth of a node, 0 for the whole's affine functions; or -1 less the affine functions of an element.
+    // The depth of a node, 0 for the affine functions of the whole; or -1 minus the number of affine functions of an
+    // element.
     std::span<const i64> kinds;
-    std::span<const i64> parents;  // subband of the node above; of no meaning for subband 0
+    std::span<const i64> parents;  // subband of the node above; unused for subband 0
 
     i64 count() const { return static_cast<i64>(kinds.size()); }
 };
@@ -83,43 +84,43 @@ struct Subbands {
 struct CoefficientLayout {
     Subbands subbands;
     i64 rows = 0, channels = 0;
-    int axes = 1;  // 3 where channels come three by three, one for each axis
+    int axes = 1;  // 3 if channels come in threes, one per axis
 
-    // std::invalid_argument unless its parts agree with each other.
+    // std::invalid_argument unless its parts agree.
     void check() const;
 };
 
-// The coefficients as bytes; none where all are zero. Magnitudes are 2^40 at most.
+// Encode the coefficients; empty if all are zero. Magnitudes are at most 2^40.
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients);
 
-// Bits that `encode_coefficients` would take. `copies`, where it is not empty: of each subband, how many there are that are
-// like it, of which only the first teaches the models.
+// Measure the bits of `encode_coefficients`. `copies`, unless empty: for each subband the number of subbands like it,
+// of which only the first trains the models.
 double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
                             std::span<const double> copies = {});
 
-// Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
+// Undoes `encode_coefficients` some subbands at a time, so that other threads may use those while the next are decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays and the data must outlive it; it stays where it is. LimitError, here or later, where rows take
-    // more than is left.
+    // The layout's arrays and the data must outlive it; it cannot be moved. LimitError, here or later, if rows take
+    // more memory than is left.
     CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, TakenMemory taken = {});
     ~CoefficientDecoder();
 
-    // Decode the rows of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold a number
-    // that cannot be.
+    // Decode the rows of the subbands up to `end` - 1 that are missing; CorruptError if the bytes hold an impossible
+    // number.
     void decode(i64 end);
 
-    // All rows; those that are not there yet have no numbers.
+    // All rows; those not decoded yet have no numbers.
     QuantisedRows rows() const { return rows_.all(); }
 
-    // CorruptError unless the bytes end where the coefficients do.
+    // CorruptError unless the bytes end with the coefficients.
     void finish() const;
 
 private:
     class State;
 
     CoefficientRows rows_;
-    std::unique_ptr<State> state_;  // none where there are no bytes: all coefficients are zero
+    std::unique_ptr<State> state_;  // null without bytes: all coefficients are zero
 };
 
 }  // namespace pdeanim

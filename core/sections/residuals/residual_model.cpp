@@ -95,7 +95,7 @@ template <Mode mode> i64 ResidualModel<mode>::code_distance(i64 frame, i64 dista
     return found;
 }
 
-// Where the residuals of a frame are, as if it had just been coded.
+// Load the places of a frame's residuals, as if it had just been coded.
 template <Mode mode> void ResidualModel<mode>::recall(i64 frame) {
     i64 residual = residuals_.frame_starts[frame];
     const i64 end = residuals_.frame_starts[frame + 1];
@@ -131,7 +131,7 @@ template <Mode mode> void ResidualModel<mode>::code_patch(std::size_t patch) {
         if (coder_.beyond() > RangeCoder<mode>::first_bytes) throw CorruptError("the stream ends too early");
     }
     const i64 begin = patches_[patch], end = patches_[patch + 1];
-    // Of the two patches before in this frame, of this one and the next in the reference.
+    // Of the two previous patches in this frame, and of this patch and the next in the reference.
     const int second = count_class(counts_[patch]), before = count_class(counts_[patch + 1]);
     const int own = count_class(counts_[patch + 2]), ahead = count_class(counts_[patch + 3]);
     i64 so_far = 0;
@@ -161,7 +161,7 @@ template <Mode mode> void ResidualModel<mode>::code_patch(std::size_t patch) {
     counts_[patch + 2] = so_far;
 }
 
-// How many of its places have a residual.
+// Return how many places of the span have a residual.
 template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int own) {
     const i64 first = at_;
     for (i64 place = begin; place < end; ++place) {
@@ -188,7 +188,7 @@ template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int 
     return at_ - first;
 }
 
-// near, before, second: residuals of this place in the reference, and of the two places before in this frame, or -1.
+// near, before, second: residuals of this place in the reference, and of the two previous places in this frame, or -1.
 template <Mode mode> void ResidualModel<mode>::code_residual(i64 place, i64 near, i64 before, i64 second) {
     if constexpr (mode == Mode::decode) {
         if (at_ == count_) throw CorruptError("there are more residuals than declared");

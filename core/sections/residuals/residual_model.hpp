@@ -1,8 +1,8 @@
-// Misses: how far residuals are from what was predicted for them, or from nothing.
+// Prediction errors of residuals: their difference from the prediction, or from zero.
 //
-// What size is expected follows from the misses at the same place in the frame's reference, at the place before and on
-// the axes before. Where it is small the size is counted up, each count a mixed bit; where it is large, some of the
-// lower digits are left out of the counting: they follow after the sign.
+// The expected size follows from the errors at the same place in the frame's reference, at the previous place, and on
+// the previous axes. A small expected size is counted up in unary, each step a mixed bit; for a large one, some lower
+// digits are left out of the counting: they follow after the sign.
 #pragma once
 
 #include <array>
@@ -16,34 +16,37 @@
 
 namespace pdeanim {
 
-// Misses are remembered within 32 bits: they only say what size is expected.
+// Errors are remembered within 32 bits: they only predict sizes.
 constexpr i64 largest_remembered_miss = (i64{1} << 31) - 1;
 
-// What is known of a miss before it is coded.
+// Context of a prediction error.
 struct MissContext {
     int axis = 0;
-    bool has_reference = false, has_before = false;  // whether the place has a residual in the reference; that before
-    bool is_not_zero = false;                        // where the other two axes are zero, the last one is not
-    i64 mean_size = 0;                               // of the place [1/16 of three axes]
-    i64 in_time = 0, in_space = 0;                   // remembered misses in the reference, and at the place before
-    i64 one_before = 0, two_before = 0;              // sizes of the misses one and two axes before
-    int agreed_in_time = 0, agreed_in_space = 0;     // axes before that had the other miss's sign, less those without
+    bool has_reference = false,
+         has_before = false;   // whether the place has a residual in the reference; whether the previous place has one
+    bool is_not_zero = false;  // if the other two axes are zero, the last one is not
+    i64 mean_size = 0;         // of the place [1/16 of three axes]
+    i64 in_time = 0, in_space = 0;       // remembered errors in the reference, and at the previous place
+    i64 one_before = 0, two_before = 0;  // sizes of the errors one and two axes before
+    int agreed_in_time = 0,
+        agreed_in_space = 0;  // previous axes with the same sign as the other error, minus those without
 };
 
 constexpr int sign_of(i64 number) { return (number > 0) - (number < 0); }
 
 class MissModel {
 public:
-    // CorruptError where the bytes hold what is out of range.
+    // CorruptError if the bytes hold a value out of range.
     template <Mode mode> i64 code(RangeCoder<mode> &coder, const MissContext &known, i64 miss);
 
 private:
-    static constexpr int expected_classes = 24;  // 20 of small sizes, then the fourths of an octave, whichever octave
-    static constexpr int near_classes = 8;       // of a neighbour's size: 0 to 5, from 6 on, no neighbour
-    static constexpr int beside_classes = 8;     // of the size on an axis before: 0 to 6, from 7 on
-    static constexpr int most_counted = 18;      // sizes up to which one is counted up; the rest is a number
-    static constexpr int fine_digits = 5;        // digits of `expected` up to which nothing is left out of the counting
-    static constexpr int modelled_digits = 2;    // of the digits left out, the uppermost, which have bit models
+    static constexpr int expected_classes =
+        24;  // 20 classes of small sizes, then the quarters of an octave, for all octaves
+    static constexpr int near_classes = 8;     // of a neighbour's size: 0 to 5, 6 and more, no neighbour
+    static constexpr int beside_classes = 8;   // of the size on a previous axis: 0 to 6, 7 and more
+    static constexpr int most_counted = 18;    // largest size that is counted up; the rest is a number
+    static constexpr int fine_digits = 5;      // digits of `expected` up to which nothing is left out of the counting
+    static constexpr int modelled_digits = 2;  // the uppermost of the digits left out, which have bit models
 
     BitModel by_expected_[expected_classes][3][most_counted];
     BitModel by_near_[near_classes][near_classes][2][most_counted];
@@ -54,16 +57,17 @@ private:
     Weights<3> count_weights_[most_counted][2], sign_weights_[2];
 };
 
-// Prediction of residuals on one axis: that of the reference, and a sum of changes nearby with weights that learn.
+// Prediction of residuals on one axis: the residual of the reference, and a sum of nearby changes with weights that
+// learn.
 //
-// Where nearly every vertex of every frame has a residual, residuals go on as they went at the same place in the frames
-// before, and as at the places just before. Weights follow by normalised least mean squares, in integers.
+// Where nearly every vertex of every frame has a residual, residuals continue as at the same place in earlier frames,
+// and as at the previous places. Weights follow by normalised least mean squares, in integers.
 class StepPredictor {
 public:
     static constexpr int inputs = 5;
     using Changes = std::array<i64, inputs>;
 
-    // The residual that is expected where the reference has `reference`.
+    // Return the predicted residual, given that of the reference.
     i64 predict(i64 reference, const Changes &changes) const {
         i64 total = (reference << fraction_bits) + (1 << (fraction_bits - 1));
         for (int i = 0; i < inputs; ++i) total += weights_[i] * changes[i];
@@ -89,8 +93,9 @@ public:
 private:
     static constexpr int fraction_bits = 16;
     static constexpr i64 largest_weight = 4 << fraction_bits;  // the sum for residuals of 2^40 stays within 63 bits
-    static constexpr int input_digits = 12;   // changes are brought to so many before weights learn: squares stay small
-    static constexpr i64 power_floor = 16;    // added to the sum of squares: nothing is learnt from noise
+    static constexpr int input_digits =
+        12;  // changes are shifted to this many digits before weights learn: squares stay small
+    static constexpr i64 power_floor = 16;    // added to the sum of squares, so that nothing is learned from noise
     static constexpr int learning_shift = 8;  // corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) for the same changes
 
     Changes weights_{};
@@ -99,12 +104,12 @@ private:
 // Which vertices of which frames have a residual, and the residuals.
 //
 // Frame after frame, patch after patch: whether any vertex of the patch has one, whether any of a span of eight places
-// has, which, then the three numbers of each. Where few vertices have residuals, the patches say almost all. Where
-// nearly all have, these bits cost next to nothing, and the numbers count: they may be predicted. What a frame is
-// expected to be like follows from its reference, mostly the frame before, in a cycle the frame one turn before.
+// has, which, then the three numbers of each. Where few vertices have residuals, the patches say almost everything.
+// Where nearly all have, these bits cost next to nothing, and the numbers matter: they may be predicted. A frame is
+// predicted from its reference, usually the frame before, in a cycle the frame one turn before.
 template <Mode mode> class ResidualModel {
 public:
-    // Residuals are read, or appended when decoding; `count` is how many there are.
+    // Residuals are read, or appended when decoding; `count` is their number.
     using Values = std::conditional_t<mode == Mode::decode, Residuals, const Residuals>;
     ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches, bool is_predicted, Values &residuals,
                   i64 count);

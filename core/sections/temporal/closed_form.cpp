@@ -30,14 +30,15 @@ ClosedForm::ClosedForm(std::span<const double> times, double alpha, i64 function
     : times_(times), alpha_(alpha), centre_((times.front() + times.back()) / 2.0),
       half_length_(times.size() > 1 ? (times.back() - times.front()) / 2.0 : 1.0),
       functions_(static_cast<int>(functions)) {
-    // Householder reflections; of distinct times the functions are independent (a Chebyshev system).
+    // Householder reflections; at distinct times the functions are independent (a Chebyshev system).
     std::vector<Weights> rows;
     for (const double time : times) rows.push_back(series(time, 0));
     const int count = static_cast<int>(rows.size());
     for (int j = 0; j < functions_; ++j) {
         double norm = 0.0;
         for (int i = j; i < count; ++i) norm = std::hypot(norm, rows[i][j]);
-        // Frames so close together that float64 hardly tells them apart leave rounding alone; it must not blow up.
+        // Frames so close together that float64 can hardly resolve them leave only rounding, which must not be
+        // amplified.
         triangle_[j][j] = std::max(norm, std::numeric_limits<double>::epsilon());
         if (norm == 0.0) continue;
         const double pivot = rows[j][j], sign = pivot < 0.0 ? -1.0 : 1.0;

@@ -1,8 +1,8 @@
 // The closed form in time: the functions of Eq. 12 of Fang et al. 2024 over a group of frames, at any time.
 //
-// Inside a group the functions are evaluated as they are. Between the last frame of one group and the first of the next,
-// positions follow the cubic that meets both in value and first derivative (Hermite), so that the motion is continuous in
-// both everywhere.
+// Inside a group the functions are evaluated directly. Between the last frame of one group and the first of the next,
+// positions follow the cubic that matches both in value and first derivative (Hermite), so that the motion is
+// continuous in both everywhere.
 #pragma once
 
 #include <array>
@@ -20,11 +20,11 @@ public:
 
     using Weights = std::array<double, most_functions>;
 
-    // times: of the frames [s]; alpha: rate of Eq. 12 over half the group; the first so many functions, at most 4 and at
-    // most as many as there are frames.
+    // times: of the frames [s]; alpha: rate of Eq. 12 over half the group; functions: the first ones, at most 4 and at
+    // most as many as frames.
     ClosedForm(std::span<const double> times, double alpha, i64 functions);
 
-    // The functions at a time, or their first or second derivative [1 / s^derivative].
+    // Return the functions at a time, or their first or second derivative [1 / s^derivative].
     Weights weights(double time, int derivative = 0) const;
 
     double first() const { return times_.front(); }
@@ -40,13 +40,14 @@ private:
         triangle_{};  // upper triangle R with series = functions R, its diagonal positive
 };
 
-// What the functions of one group count at a time.
+// Weights of the functions of one group at a time.
 struct GroupWeights {
     std::size_t group = 0;
     ClosedForm::Weights weights{};
 };
 
-// Of consecutive groups, at a time between the first and the last frame of all: one group inside it, two between groups.
+// Return the weights of consecutive groups at a time between the first and the last frame: one group inside it, two
+// between groups.
 std::vector<GroupWeights> closed_form_weights(std::span<const ClosedForm> groups, double time, int derivative);
 
 }  // namespace pdeanim

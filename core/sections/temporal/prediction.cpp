@@ -7,15 +7,15 @@ namespace pdeanim {
 
 namespace {
 
-// Frames that predict: eight gain 3 % at a bit a number and nothing from two bits on.
+// Number of previous frames that predict: eight would gain 3 % at one bit per number and nothing from two bits on.
 constexpr int order = 4;
-// Growth of the uncertainty of what was learnt, at each number: about 170 frames of three axes are remembered.
+// Growth of the uncertainty of the weights with each number: about 170 frames of three axes are remembered.
 constexpr double forgetting = 1.0 + 1.0 / 512.0;
-// Least variance that a prediction is trusted with, in squared steps: what rounding to steps leaves.
+// Smallest variance that a prediction is trusted with, in squared steps: the rounding to steps.
 constexpr double least_spread = 0.1;
-// Largest magnitude of a prediction, in steps: with any number added it stays exact to 1/4096 of a step.
+// Largest magnitude of a prediction, in steps: plus any number it stays exact to 1/4096 of a step.
 constexpr double farthest = 0x1p39;
-// Predicted variance at which learning starts again: no sound file comes near it.
+// Predicted variance at which learning restarts: no sound file comes near it.
 constexpr double most_uncertain = 0x1p120;
 
 using Past = std::array<double, order>;
@@ -24,7 +24,7 @@ class Prediction {
 public:
     Prediction() { start(); }
 
-    // Predict what was last, and be ready to learn.
+    // Predict the last value, and be ready to learn.
     void start() {
         weights_ = {1.0};
         for (int i = 0; i < order; ++i) {
@@ -38,7 +38,7 @@ public:
         return prediction;
     }
 
-    // Adapt the weights to what a prediction missed by.
+    // Adapt the weights to a prediction error.
     void learn(const Past &past, double miss, double variance) {
         Past gains;
         double uncertainty = 0.0;
@@ -67,7 +67,7 @@ private:
     std::array<Past, order> covariance_;
 };
 
-// Where the numbers are, or what they are made of.
+// The numbers, or the values to quantise.
 class GivenNumbers {
 public:
     explicit GivenNumbers(const i64 *quantised) : quantised_(quantised) {}
