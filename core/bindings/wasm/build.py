@@ -94,11 +94,16 @@ def sources() -> list[Path]:
     return sorted(found + [path for path in bindings if path.is_file() and "__pycache__" not in path.parts])
 
 
+COMMENTS = re.compile(r"""//[^\n]*|/\*.*?\*/|("(?:\\.|[^"\\])*"|'(?:\\[^\n']+|[^'\\\n])')""", re.DOTALL)
+"""Comments of C++, or (group 1) texts and characters, in which comments do not begin."""
+
+
 def digest() -> str:
-    """SHA-256 of the sources, by name and content."""
+    """Return the SHA-256 of the sources, by name and content without comments and layout: these change no module."""
     found = hashlib.sha256()
     for path in sources():
-        content = path.read_bytes()
+        code = COMMENTS.sub(lambda match: match[1] or " ", path.read_text("utf-8"))
+        content = " ".join(code.split()).encode()
         found.update(f"{path.relative_to(CORE).as_posix()} {len(content)}\n".encode() + content)
     return found.hexdigest()
 
