@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test test-all long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
+.PHONY: demo test test-all long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -31,7 +31,7 @@ test:
 	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -n auto --dist loadfile --durations=20
 
 # All of it: other builds of the core give the same results, more damaged files, and the tests that take minutes.
-test-all: test exactness
+test-all: test exactness races
 	$(MAKE) --no-print-directory MUTANTS=20000 sanitize
 	$(MAKE) --no-print-directory long
 
@@ -50,8 +50,17 @@ sanitize: .venv/tools
 	build/sanitize/misuse spec/vectors/accept/polygons_attributes.pdeanim spec/vectors/accept/runs.pdeanim
 	$(BIN)/python -m spec.vector_files build/refused
 	build/sanitize/mutants $(MUTANTS) spec/vectors/accept/*.pdeanim build/refused/*.pdeanim
+
+# Threads that share animations through the C interface, under ThreadSanitizer.
+CALLS ?= 6000
+races: .venv/tools
+	$(SANITIZE) -S core -B build/races -DPDEANIM_SANITIZE=ON -DPDEANIM_SANITIZERS=thread -DPDEANIM_LIBRARY=OFF \
+		-DCMAKE_BUILD_TYPE=Debug
+	$(SANITIZE) --build build/races --parallel 2 --target races
+	build/races/races $(CALLS) $(addprefix spec/vectors/accept/,groups.pdeanim polygons_attributes.pdeanim \
+		raw_vertices.pdeanim runs.pdeanim many_patches.pdeanim)
 else
-sanitize:
+sanitize races:
 	@echo 'no sanitizers: there is no C++ compiler but that of a package'
 endif
 

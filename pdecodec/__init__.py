@@ -12,9 +12,27 @@ light. Begin with `codec/encoding.py` (from a sequence to a file) and `codec/ope
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import Any
 
 __version__ = "0.1.0"
+
+
+def _check_interpreter() -> None:
+    """Raise ImportError where the core, whose objects rely on one lock in the process, would not be safe."""
+    if not getattr(sys, "_is_gil_enabled", lambda: True)():
+        raise ImportError("pdecodec needs Python's global interpreter lock; set PYTHON_GIL=1, or use the usual build")
+    for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, before it
+        try:
+            interpreters = importlib.import_module(name)
+        except ImportError:
+            continue
+        if interpreters.get_current() != interpreters.get_main():
+            raise ImportError("pdecodec does not run in a subinterpreter; use threads or processes")
+        return
+
+
+_check_interpreter()
 
 with open(f"{__file__.removesuffix('.py')}.pyi", encoding="utf-8") as _list:
     # "from MODULE import NAME_THERE as NAME"
