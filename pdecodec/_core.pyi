@@ -385,7 +385,6 @@ class Motion:
         subbands: Int64Array | None,
         threads: int,
     ) -> None: ...
-    def evaluate(self, time: Float64Array, reference: Float64Array | None, out: FloatArray, threads: int) -> None: ...
 
 def take_displacements(
     points: NDArray[np.float32], shape: Float64Array, farthest: float, rows: FloatArray, threads: int

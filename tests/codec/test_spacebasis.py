@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.elements import build_patches, early_patches
-from pdecodec.codec.sections.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
@@ -38,35 +36,9 @@ def points_only(rest: Int64Array) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
-STEP = 2.0**-40
-
-
-def entry_of(frames: int, functions: int, basis: TimeBasis, *, single: bool) -> GroupEntry:
-    return GroupEntry(frames=frames, functions=functions, basis=basis, single=single, step=STEP)
-
-
-def evaluate_group(
-    group: GroupFunctions, frames: slice, reference: Float64Array | None, out: NDArray[np.floating]
-) -> None:
-    """Positions at some of its frames, before residuals; displacements without a reference frame."""
-    group.motion.evaluate(np.ascontiguousarray(group.time[frames]), reference, out, 2)
-
-
-def displaced(
-    basis: SpaceBasis, coefficients: Float64Array, time: Float64Array, *, single: bool = False
-) -> Float64Array:
-    """What coefficients (functions of space, channels) and functions of time (frames, 3 or 1, functions) move."""
-    entry = entry_of(len(time), time.shape[2], "trajectories" if time.shape[1] == 3 else "shapes", single=single)
-    functions = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
-    out = np.empty((len(time), basis.order.size, 3))
-    evaluate_group(functions, slice(None), None, out)
-    return out
-
-
 def expanded(basis: SpaceBasis, coefficients: Float64Array) -> Float64Array:
-    """(vertices, channels) in mesh order: each channel alone at a frame of its own."""
-    channels = coefficients.shape[1]
-    return displaced(basis, coefficients, np.repeat(np.eye(channels)[:, None], 3, axis=1))[:, :, 0].T
+    """What coefficients (functions, channels) of orthonormal functions are on the vertices, (vertices, channels)."""
+    return basis.project(np.eye(basis.order.size)).T @ coefficients
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -137,63 +109,3 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
     assert not np.array_equal(welded.order, early.order)
     assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
     assert early_patches([points_only(rest)], 16) is None
-
-
-def bits(points: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
-    return points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
-
-
-@pytest.mark.parametrize("single", [False, True])
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("functions", [0, 1, 5, 40, 70])
-@pytest.mark.parametrize("kind", ["patch", "curve"])
-def test_positions_are_the_sum_over_functions_of_time_and_space(
-    kind: SpaceKind, functions: int, axes: int, single: bool
-) -> None:
-    """With fewer functions of time than of space and with more, with one frame and with many, to the bit alike."""
-    item, rest = grid(23, 17)
-    basis = build_space_basis(kind, [item], rest, points=64, functions=24)
-    rng = np.random.default_rng(RNG_SEED)
-    time = rng.normal(size=(11, 4 - axes, functions))
-    coefficients = rng.normal(size=(basis.functions, functions * axes)) * (rng.random((basis.functions, 1)) < 0.6)
-    coefficients[basis.functions // 2 :, 1:] = 0.0
-    reference = rng.normal(size=(len(rest), 3)) + 1000.0
-    entry = entry_of(len(time), functions, "trajectories" if axes == 1 else "shapes", single=single)
-    motion = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
-    found, rounded = np.empty((11, len(rest), 3)), np.empty((11, len(rest), 3), np.float32)
-    evaluate_group(motion, slice(None), reference, found)
-    evaluate_group(motion, slice(None), reference, rounded)
-    fields = expanded(basis, coefficients).reshape(len(rest), functions, axes)
-    shape = len(time), 3, functions
-    on_all_axes = np.broadcast_to(time, shape), np.broadcast_to(fields, (len(rest), functions, 3))
-    expected = reference + np.einsum("fxa,vax->fvx", *on_all_axes)
-    size = np.abs(expected - reference).max(initial=1.0)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=(2e-6 if single else 1e-12) * size + 1e-12 * 1000)
-    assert np.array_equal(rounded, found.astype(np.float32))
-    subbands = basis.subbands_of(np.array([1, basis.element_count - 2]), least_depth=2)
-    rows = basis.functions_in(subbands)
-    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in (1, basis.element_count - 2)])
-    some = group_functions(entry, time, np.rint(coefficients[rows] / STEP).astype(np.int64), basis, subbands)
-    of_some = np.empty((11, vertices.size, 3))
-    evaluate_group(some, slice(None), reference, of_some)
-    np.testing.assert_allclose(of_some, found[:, vertices], rtol=0, atol=(1e-6 if single else 1e-12) * size)
-    for frame in (0, 7, 10):
-        alone = np.empty((1, len(rest), 3), np.float32)
-        evaluate_group(motion, slice(frame, frame + 1), reference, alone)
-        assert np.array_equal(bits(alone[0]), bits(rounded[frame]))
-
-
-@pytest.mark.parametrize("kind", ["patch", "curve"])
-@pytest.mark.parametrize("functions", [3, 24, 128])
-def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: SpaceKind, functions: int) -> None:
-    item, rest = grid(23, 17)
-    needed = build_space_basis(kind, [item], rest, points=64, functions=functions)
-    whole = build_space_basis(kind, [item], rest, points=64, functions=functions)
-    whole.project(np.zeros((len(rest), 1)))  # makes all of its functions
-    coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.functions, 2))
-    for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
-        coefficients[begin + (end - begin) // 3 : end] = 0.0
-    time = np.random.default_rng(RNG_SEED).normal(size=(9, 3, 2))
-    for single in (False, True):
-        made, given = (displaced(basis, coefficients, time, single=single) for basis in (needed, whole))
-        assert np.array_equal(made, given)

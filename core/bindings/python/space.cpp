@@ -139,38 +139,6 @@ nb::object py_functions_of(nb::handle self, i64 element) {
                                                                 {found.size() / points, points}, self));
 }
 
-template <class T> using Cube = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-
-template <class Out> void py_evaluate(const PyMotion &self, const Cube<const double> &time,
-                                      const std::optional<Rows<double, 3>> &reference, const Cube<Out> &out,
-                                      int threads) {
-    std::visit(
-        [&]<class Real>(const Motion<Real> &own) {
-            const i64 frames = static_cast<i64>(time.shape(0)), row = own.time_axes() * own.functions;
-            require(
-                static_cast<i64>(time.shape(1)) == own.time_axes() && static_cast<i64>(time.shape(2)) == own.functions,
-                "functions of time are those of the motion");
-            require(static_cast<i64>(out.shape(0)) == frames && static_cast<i64>(out.shape(1)) == own.vertices() &&
-                        out.shape(2) == 3 &&
-                        (!reference || static_cast<i64>(reference->shape(0)) == own.basis->vertices()),
-                    "positions have another shape than the frames and the reference frame give");
-            nb::gil_scoped_release release;
-            std::optional<AnchoredReference<Real>> anchored;
-            if (reference) {
-                anchored.emplace(*own.basis->elements().patches,
-                                 std::span<const double>(reference->data(), reference->size()));
-            }
-            in_shares((frames + frames_at_once - 1) / frames_at_once, threads, [&](i64 first, i64 end) {
-                const i64 begin = first * frames_at_once, count = least(end * frames_at_once, frames) - begin;
-                const i64 size = 3 * own.vertices();
-                pdeanim::evaluate(own, std::span(time.data() + begin * row, count * row),
-                                  anchored ? &*anchored : nullptr,
-                                  std::span<Out>(out.data() + begin * size, count * size));
-            });
-        },
-        self.motion);
-}
-
 template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised &quantised, int axes, double step,
                                         std::optional<SpaceSelection> selection, int threads) {
     nb::gil_scoped_release release;
@@ -270,11 +238,8 @@ void bind_space(nb::module_ &module) {
     bind_projections<double>(of_space);
     nb::class_<PyMotion>(module, "Motion")
         .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
-             nb::arg("step"), nb::arg("single"), nb::arg("subbands").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
-        .def("evaluate", &py_evaluate<float>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
-             nb::arg("threads"))
-        .def("evaluate", &py_evaluate<double>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
-             nb::arg("threads"));
+             nb::arg("step"), nb::arg("single"), nb::arg("subbands").none(), nb::arg("threads"),
+             nb::keep_alive<1, 2>());
     module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
     module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
 }
