@@ -537,11 +537,12 @@ class DecodedAttribute(NamedTuple):
     labels: tuple[str, ...]
 
 class Reference(NamedTuple):
-    """The reference frame: grid coordinates, origin and step."""
+    """The reference frame: grid coordinates, origin and step; whether it is smoothed."""
 
     grid: Int64Array
     origin: tuple[float, float, float]
     step: float
+    is_smoothed: bool
 
 class Corrections(NamedTuple):
     """Frame, vertex and offset of each correction of a group."""

@@ -169,7 +169,8 @@ const Reference &RunSections::reference() {
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError(Section("REST"), "has a quantisation step or an origin out of range");
         found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
-        if (predictor & smooths_points) found.step = std::ldexp(found.step, -smooth_bits);
+        found.is_smoothed = predictor & smooths_points;
+        if (found.is_smoothed) found.step = std::ldexp(found.step, -smooth_bits);
         found.points.reserve(3 * found.grid.size());
         for (const GridPoint &point : found.grid) {
             for (int axis = 0; axis < 3; ++axis) {

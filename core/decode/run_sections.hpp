@@ -60,7 +60,8 @@ private:
 struct Reference {
     std::vector<GridPoint> grid;
     std::array<double, 3> origin{};  // [scene units]
-    double step = 0.0;               // [scene units]
+    double step = 0.0;               // of the grid [scene units]
+    bool is_smoothed = false;
     std::vector<double> points;      // (vertices, 3) [scene units]
 };
 

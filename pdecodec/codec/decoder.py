@@ -344,7 +344,7 @@ class Animation(MeshSequence):
                 SPACE_KINDS[model.kind], model.points, model.functions, model.threshold, model.rate, model.is_affine
             )
             space = decode_space_basis(form, model.layout, self.meshes, frame.grid)
-            return ReferenceFrame(frame.grid, np.array(frame.origin), frame.step), space
+            return ReferenceFrame(frame.grid, np.array(frame.origin), frame.step, frame.is_smoothed), space
 
     @property
     def sections(self) -> dict[str, int]:

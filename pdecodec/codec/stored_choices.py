@@ -25,17 +25,18 @@ def bound_of(animation: Animation) -> float | None:
     below some have the same, what the file's remarks say; without them it may have been the least one there is.
     """
     reference, _ = animation.reference_and_space()
-    # The frame that the encoder saw is up to half a step away on each axis.
-    points, half = reference.points, reference.step / 2.0
+    points, farthest = reference.points, reference.farthest
     largest = float(np.abs(points).max())
-    near, far = (float(np.spacing(np.float32(min(max(0.0, largest + more), LAST_BINADE)))) for more in (-half, half))
+    near, far = (
+        float(np.spacing(np.float32(min(max(0.0, largest + more), LAST_BINADE)))) for more in (-farthest, farthest)
+    )
     # Undoes pdecodec.codec.sections.residuals.residual_step.
     of_step = math.sqrt(3.0) / 2.0 * (animation.residual_step / SAFETY + near)
     settings, is_alone = _recorded(animation), animation.residual_step > far / 4.0
     if settings is None:
         return of_step if is_alone else SMALLEST_BOUND
     diagonal = math.hypot(*np.ptp(points, axis=0).tolist())
-    said = settings.bound(max(0.0, diagonal - 2.0 * math.sqrt(3.0) * half))
+    said = settings.bound(max(0.0, diagonal - 2.0 * math.sqrt(3.0) * farthest))
     if said is None:
         return None
     # A tolerance is of a diagonal that is only about known here.

@@ -22,12 +22,12 @@ FAR = 1e7
 """Where float32 lie 1 apart."""
 
 
-def waves(frames: int, *, start: float = 0.0, at: float = 0.0, size: float = 40.0) -> ArraySequence:
-    x, z = np.meshgrid(np.linspace(0, 1, 8), np.linspace(0, 2, 8), indexing="ij")
+def waves(frames: int, *, start: float = 0.0, at: float = 0.0, size: float = 40.0, columns: int = 8) -> ArraySequence:
+    x, z = np.meshgrid(np.linspace(0, 1, 8), np.linspace(0, 2, columns), indexing="ij")
     moment = (start + np.arange(frames))[:, None, None]
     height = 0.2 * np.sin(3 * x + 0.31 * moment) + 0.1 * np.sin(5 * z + 0.13 * moment)
     points = (at + size * np.stack(np.broadcast_arrays(x, height, z), axis=-1)).reshape(frames, -1, 3)
-    return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(8, 8))], fps=24)
+    return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(8, columns))], fps=24)
 
 
 def farthest(path: Path, expected: np.ndarray, first: int = 0) -> float:
@@ -85,6 +85,23 @@ def test_the_bound_of_a_file_is_never_more_than_it_was_and_hardly_less(
     assert found <= report.bound * (1 + 1e-12)
     spacing = float(np.spacing(np.abs(clip.points[0]).max()))
     assert found >= report.bound * (1 - 2 * max(report.bound, spacing) / frame_scale(clip.points[0]))
+
+
+@pytest.mark.parametrize("has_remarks", [True, False])
+def test_frames_are_appended_to_a_smoothed_reference_frame_within_its_bound(tmp_path: Path, has_remarks: bool) -> None:
+    clip, more = waves(8, columns=40), waves(8, columns=40, start=8)
+    source = tmp_path / "x.pdeanim"
+    report = pdecodec.encode(clip, source, tolerance=0.02)
+    assert report.bound is not None
+    if not has_remarks:
+        source = without_remarks(source, tmp_path / "bare.pdeanim")
+    with pdecodec.open(source) as animation:
+        assert animation.reference_and_space()[0].is_smoothed
+        found = bound_of(animation)
+    assert found is not None
+    assert 0.9 * report.bound < found <= report.bound * (1 + 1e-6)
+    join_animations(source, [more], tmp_path / "y.pdeanim", shift=True)
+    assert farthest(tmp_path / "y.pdeanim", more.points, 8) <= report.bound
 
 
 def test_without_remarks_it_is_what_the_step_tells_at_least(tmp_path: Path) -> None:

@@ -172,7 +172,8 @@ nb::object reference(PyAnimation &self) {
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
     return named("Reference", to_rows(std::move(grid), 3),
-                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step);
+                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step,
+                 found.is_smoothed);
 }
 
 nb::object model(PyAnimation &self) {
@@ -322,7 +323,7 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "Model", "kind points functions threshold rate is_affine residual_step layout");
     add_tuple(module, "FacesAndLines", "face_counts face_indices line_counts line_indices");
     add_tuple(module, "DecodedAttribute", "name domain values indices labels");
-    add_tuple(module, "Reference", "grid origin step");
+    add_tuple(module, "Reference", "grid origin step is_smoothed");
     add_tuple(module, "Corrections", "frames vertices offsets");
     module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")

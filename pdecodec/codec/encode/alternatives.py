@@ -163,10 +163,11 @@ class GroupAlternatives:
         found = []
         for step in steps[max(0, at - REFERENCES_BESIDE) : at + REFERENCES_BESIDE + 1]:
             is_own = step == own
-            reference = self._reference if is_own else quantise_smoothly(self._points[0], step, self._objects)
+            quantised = quantise_smoothly(self._points[0], step, self._objects)
+            reference = self._reference if is_own else quantised
             basis = self._basis if is_own else self._basis_of(self._basis.form.kind, self._basis.form.points, reference)
             bits = self._together(self._whole if is_own else self._fitter_of(reference), basis)
-            bits += share * 8.0 * len(encode_reference(reference, self._objects))
+            bits += share * 8.0 * len(encode_reference(quantised, self._objects))
             found.append((f"{step / self._bound:.3g} bounds", bits, is_own))
         return found
 

@@ -68,19 +68,26 @@ class ReferenceFrame:
         Coordinates in steps from the origin, in the mesh's vertex order; not negative.
     origin : (3,) float64 [scene units]
     step : float [scene units]
+    is_smoothed : bool
     coded : CodedGrid, optional
-        What is coded where the frame is smoothed: `grid` is what comes of it then.
+        What is coded where the frame is smoothed, if that is known: `grid` is what comes of it.
     """
 
     grid: Int64Array
     origin: Float64Array
     step: float
+    is_smoothed: bool = False
     coded: CodedGrid | None = None
 
     @property
     def coded_step(self) -> float:
         """Step that coordinates are coded in [scene units]."""
-        return self.step * SMOOTH_DIVISIONS if self.coded else self.step
+        return self.step * SMOOTH_DIVISIONS if self.is_smoothed else self.step
+
+    @property
+    def farthest(self) -> float:
+        """How far a coordinate may be from that of the source [scene units]."""
+        return self.coded_step if self.is_smoothed else self.step / 2.0
 
     @property
     def points(self) -> Float64Array:
@@ -121,7 +128,7 @@ def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshO
     if found is None:
         return frame
     coded = CodedGrid(frame.grid, found.weights, found.points, found.error_ratio)
-    return ReferenceFrame(found.grid, frame.origin, frame.step / SMOOTH_DIVISIONS, coded)
+    return ReferenceFrame(found.grid, frame.origin, frame.step / SMOOTH_DIVISIONS, True, coded)
 
 
 def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
@@ -160,7 +167,8 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
         raise section_fault("REST", "has a quantisation step or an origin out of range")
     mesh = polygons_of(objects)
     grid = _core.decode_reference(mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:])
-    return ReferenceFrame(grid, np.array(origin), step / SMOOTH_DIVISIONS if predictor & SMOOTHED else step)
+    is_smoothed = bool(predictor & SMOOTHED)
+    return ReferenceFrame(grid, np.array(origin), step / SMOOTH_DIVISIONS if is_smoothed else step, is_smoothed)
 
 
 class Polygons(NamedTuple):
