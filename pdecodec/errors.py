@@ -100,6 +100,10 @@ FIELDS = (
 """What an error carries: its arguments and attributes."""
 
 
+LONGEST_MESSAGE = 2000
+"""Characters of a message; of longer ones the middle is left out."""
+
+
 def _remedy(setting: str, value: object) -> str:
     return f"set {setting}" if value is None else f"set {setting}={value}"
 
@@ -152,6 +156,9 @@ class PdecodecError(Exception):
         value: str | float | None = None,
         purpose: str | None = None,
     ) -> None:
+        if len(message) > LONGEST_MESSAGE:
+            # What a damaged file says of itself may be of any length.
+            message = f"{message[: LONGEST_MESSAGE // 2]} ... {message[-LONGEST_MESSAGE // 2 :]}"
         super().__init__(message)
         self.message = message
         self.code = self.default_code if code is None else ErrorCode(code)

@@ -59,11 +59,15 @@ class Hdf5Sequence(LaidOutSequence):
             self._file = h5py.File(path if isinstance(path, Path) else path.open(), "r")
         try:
             with _file_errors(path):
-                names = _dataset_names(self._file, scope)
-                check_has_points(names, "dataset")
-                self._points = linked_item(self._file, "points", scope)
+                linked = _dataset_names(self._file, scope)
+                check_has_points(list(linked), "dataset")
+
+                def item(name: str) -> Any:
+                    return linked_item(self._file, name, scope) if linked[name] else _found(self._file[name])
+
+                self._points = item("points")
                 check_stored(self._points, scope)
-                self._take(names, lambda name: _read(linked_item(self._file, name, scope), scope), fps, "dataset")
+                self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset")
                 lost = _attribute_names(self._file)
             if lost:
                 self.notices = (*self.notices, f"attributes not kept: {', '.join(lost)}")
@@ -153,8 +157,8 @@ def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:
     return min(frames, max(1, CHUNK_BYTES // (12 * vertices))), vertices_of_chunk, 3
 
 
-def _dataset_names(file: Any, scope: FileScope) -> list[str]:
-    """Return the names of all datasets, those that are links too; InputError where a link leads nowhere."""
+def _dataset_names(file: Any, scope: FileScope) -> dict[str, bool]:
+    """Return the names of all datasets, and whether each is a link; InputError where a link leads nowhere."""
     names: list[str] = []
     links: list[str] = []
 
@@ -169,7 +173,7 @@ def _dataset_names(file: Any, scope: FileScope) -> list[str]:
     file.visititems(note)
     file.visititems_links(note_link)
     linked = [name for name in links if isinstance(linked_item(file, name, scope), h5py.Dataset)]
-    return list(dict.fromkeys([*names, *linked]))
+    return dict.fromkeys(linked, True) | dict.fromkeys(names, False)
 
 
 def _attribute_names(file: Any) -> list[str]:
@@ -188,14 +192,7 @@ def linked_item(file: Any, name: str, scope: FileScope) -> Any:
         If it is a link to what is not there, or one of the links on the way leads to a file outside the scope.
     """
     _check_links(file, name, scope, 0)
-    item = file.get(name)
-    if isinstance(item, h5py.Dataset) and item.external is not None:
-        # HDF5 would look for the raw data in the current folder. A dataset that is open keeps the way it was opened.
-        home, name = item.file, item.name
-        del item
-        access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
-        access.set_efile_prefix(b"${ORIGIN}")
-        return h5py.Dataset(h5py.h5d.open(home.id, name.encode(), access))
+    item = _found(file.get(name))
     link = file.get(name, getlink=True) if item is None and name in file else None
     if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
         place = repr(link.filename) if isinstance(link, h5py.ExternalLink) else "the file itself"
@@ -205,6 +202,20 @@ def linked_item(file: Any, name: str, scope: FileScope) -> Any:
             path=scope.path,
         )
     return item
+
+
+def _found(item: Any) -> Any:
+    """Return what is found in a file; a dataset looks for its raw data in the folder of the file.
+
+    HDF5 would look in the current folder.
+    """
+    if not isinstance(item, h5py.Dataset) or item.external is None:
+        return item
+    home, name = item.file, item.name
+    item.id.close()  # one that is open keeps the way in which it was opened
+    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+    access.set_efile_prefix(b"${ORIGIN}")
+    return h5py.Dataset(h5py.h5d.open(home.id, name.encode(), access))
 
 
 def _check_links(file: Any, name: str, scope: FileScope, depth: int) -> None:

@@ -29,6 +29,7 @@ from pdecodec.mesh.sequence import (
     Unsupported,
     check_frame_range,
 )
+from pdecodec.mesh.times import check_times
 
 MOST_NAMES = 8
 """Objects that a notice names; it counts the others."""
@@ -235,7 +236,13 @@ def runs_of_scene(
         Gives the run from a frame on, given its timing.
     vertices_from : callable, optional
         Gives how many vertices the run from a frame on has. Default: the run is opened.
+
+    Raises
+    ------
+    InputError
+        If times are not finite, do not increase, or are too far from 0.
     """
+    check_times(times.size, times, None)
     edges = np.unique(np.concatenate([np.zeros(0), *map(np.asarray, changes)]))
     numbers = np.searchsorted(edges, times + SAME_TIME, side="right")
     firsts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1)).tolist()

@@ -221,7 +221,8 @@ def _first_that_lasts(file: GltfFile, count: int) -> int:
 def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
     """Nodes with a mesh of the scene that shows first, in the order of the file; of all where there is no scene."""
     meshes: dict[tuple[int, bytes], GltfMesh] = {}
-    parts = []
+    parts: list[_Part] = []
+    vertices = 0
     for number, node in enumerate(nodes.entries):
         if "mesh" not in node or not nodes.is_shown(number):
             continue
@@ -258,8 +259,9 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
                 # Joints say where it is, and once.
                 part.left_out = [*part.left_out, "instances of skinned meshes"]
                 instances = None
-            parts += [part] if instances is None else _instances_of(file, part, instances)
-            vertices = sum(one.connectivity.vertex_count for one in parts)
+            more = [part] if instances is None else _instances_of(file, part, instances)
+            parts += more
+            vertices += sum(one.connectivity.vertex_count for one in more)
             if vertices > MOST_INSTANCED:
                 raise InputError(
                     f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out",

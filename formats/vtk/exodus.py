@@ -7,6 +7,7 @@ nodal variables that Exodus' own programs take for displacements, see :func:`dis
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -275,9 +276,9 @@ def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
         for (lower, _), (base, parts) in found.items()
         if set(range(axes)) <= set(parts) or lower in _ONE_AXIS
     ]
-    bases = [base for base, _ in vectors]
+    bases = Counter(base for base, _ in vectors)
     # Two sets of one name, ``disp_x`` and ``dispx``, are told apart by their first variable.
-    return {base if bases.count(base) == 1 else names[min(parts.values()) - 1]: parts for base, parts in vectors}
+    return {base if bases[base] == 1 else names[min(parts.values()) - 1]: parts for base, parts in vectors}
 
 
 def displacements(vectors: Mapping[str, Mapping[int, int]], axes: int) -> list[str]:

@@ -102,7 +102,7 @@ def read_series(path: Path, scope: FileScope) -> tuple[list[float] | None, list[
     try:
         files = json.loads(read_regular(path))["files"]
         found = [(str(one["name"]), None if one.get("time") is None else float(one["time"])) for one in files]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ArithmeticError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise damaged(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
     times = [time for _, time in found if time is not None]
     if not found or 0 < len(times) < len(found) or not all(map(math.isfinite, times)):
@@ -125,8 +125,10 @@ def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[li
         at.setdefault(entry.time, []).append(entry)
     unequal = len({len(found) for found in at.values()}) > 1
     for time, found in at.items():
-        for part in dict.fromkeys(entry.part for entry in found):
-            same = [entry for entry in found if entry.part == part]
+        parts: dict[str | None, list[Entry]] = {}
+        for entry in found:
+            parts.setdefault(entry.part, []).append(entry)
+        for part, same in parts.items():
             if len(same) > 1 and (part is not None or unequal):
                 names = quoted(entry.file.name for entry in same[:4])
                 more = "" if len(same) <= 4 else ", ..."

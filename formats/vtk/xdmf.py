@@ -113,7 +113,8 @@ class XdmfSequence(MeshSequence):
             )
         if names == wanted or sorted(names) != sorted(wanted) or len(set(names)) < len(names):
             return step
-        return Step(step.time, tuple(step.parts[names.index(name)] for name in wanted))
+        places = dict(zip(names, step.parts, strict=True))
+        return Step(step.time, tuple(places[name] for name in wanted))
 
     def _geometry(self, part: Part) -> NDArray[np.floating]:
         """Return the points (nodes, 3) of a part, without displacement."""
@@ -247,8 +248,11 @@ def _object_names(parts: Sequence[Part]) -> list[str]:
     """Return a name for each part, all different; the only one is a mesh."""
     if len(parts) == 1:
         return ["mesh"]
-    names: list[str] = []
+    names: dict[str, None] = {}
     for number, part in enumerate(parts):
         name = part.name or f"part{number}"
-        names.append(name if name not in names else f"{name}_{number}")
-    return names
+        # A name may be that of one that was made so.
+        while name in names:
+            name = f"{name}_{number}"
+        names[name] = None
+    return list(names)
