@@ -59,7 +59,7 @@ class Hdf5Sequence(LaidOutSequence):
             self._file = h5py.File(path if isinstance(path, Path) else path.open(), "r")
         try:
             with _file_errors(path):
-                linked = _dataset_names(self._file, scope)
+                linked, lost = _dataset_names(self._file, scope), _attribute_names(self._file)
                 check_has_points(list(linked), "dataset")
 
                 def item(name: str) -> Any:
@@ -68,7 +68,6 @@ class Hdf5Sequence(LaidOutSequence):
                 self._points = item("points")
                 check_stored(self._points, scope)
                 self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset")
-                lost = _attribute_names(self._file)
             if lost:
                 self.notices = (*self.notices, f"attributes not kept: {', '.join(lost)}")
         except InputError:

@@ -74,7 +74,7 @@ def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Co
     if unused:
         yield f"materials {listed(unused)}, which no mesh has"
     bare = {k for k, one in enumerate(nodes.entries) if k not in moving and not {"mesh", "camera"} & one.keys()}
-    animated = {node for node, _ in clip.samplers} - set(moving) if clip else set()
+    animated = {node for node, _ in clip.samplers if node < len(nodes.entries)} - set(moving) if clip else set()
     for word, numbers in (("nodes without meshes", bare), ("animation of nodes without meshes", animated)):
         if numbers:
             yield f"{word} {listed([_name(nodes.entries[k], 'node', k) for k in sorted(numbers)])}"

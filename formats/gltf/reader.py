@@ -39,6 +39,7 @@ from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, default_weights, 
 from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.times import check_times
 
 TINY = 1e-30
 """Lengths below are none: they are not divided by."""
@@ -101,7 +102,7 @@ class GltfSequence(SceneSequence):
         self.file, self.nodes = file, Nodes(file, chosen)
         self.times, self.fps, time_notices = _timing(chosen, fps)
         self.start = 0.0 if chosen is None else _noted_start(chosen)
-        self.times = self.times + self.start
+        self.times, _ = check_times(self.times.size, self.times + self.start, None)
         parts = _parts_of(file, self.nodes, self.times - self.start)
         if not parts:
             raise InputError(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,9 +34,6 @@ KINDS = frozenset({"line", "triangle", "quad", "polygon", "tetra", "pyramid", "w
 
 _UNREAD = "cells that meshio cannot handle"
 """What meshio says of cells that it leaves out."""
-
-_MESHIO_RAISES = (SystemExit, AssertionError, EOFError, MemoryError, NameError, RuntimeError, struct.error)
-"""What meshio's parsers raise beside that."""
 
 _MOST_LISTS = 8
 """Lists of parts that may list each other in a row."""
@@ -155,7 +151,9 @@ def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
             if _UNREAD in said.getvalue():
                 raise ValueError
             return _grid_of(mesh, path, wanted)
-    except (meshio.ReadError, *XML_DAMAGE, *_MESHIO_RAISES) as error:
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:  # whatever its parsers meet, errors of its own among them
         reason = " ".join(f"{error} {said.getvalue()}".split())[:200] or type(error).__name__
         raise damaged(f"meshio cannot read it ({reason}); check or export it again", path=path) from error
 

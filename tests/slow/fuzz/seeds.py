@@ -22,6 +22,7 @@ from tests.slow.fuzz.mutations import (
     of_ply,
     of_text,
 )
+from tests.support.exodus_files import write_exodus
 from tests.support.scene_cases import scene
 
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
@@ -124,6 +125,33 @@ def _container(extension: str) -> tuple[Seed, ...]:
     return (_alone(f"in.{extension}", data),)
 
 
+def _beside(name: str) -> tuple[Seed, ...]:
+    """A format of several files: each of them is changed, and the first by name of its extension is opened."""
+    files = _written(scene(frames=3), name)
+    return tuple(Seed(files, changed, name) for changed in files)
+
+
+def _lists() -> tuple[Seed, ...]:
+    """Lists of VTK's files: steps with times, parts, and lists of these."""
+    files = _written(scene(frames=2), "in.pvd")
+    first = next(name for name in sorted(files) if name.endswith(".vtu"))
+    lists = {
+        "in.vtm": f'<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet><DataSet index="0" file="{first}"/>'
+        "</vtkMultiBlockDataSet></VTKFile>",
+        "in.pvtu": f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid><Piece Source="{first}"/>'
+        "</PUnstructuredGrid></VTKFile>",
+        "in.vtu.series": f'{{"files": [{{"name": "in.pvtu", "time": 0}}, {{"name": "{first}", "time": 1.5}}]}}',
+    }
+    files |= {name: text.encode() for name, text in lists.items()}
+    return (*(Seed(files, name, name) for name in ("in.pvd", *lists)), Seed(files, first, "in.pvd"))
+
+
+def _exodus() -> tuple[Seed, ...]:
+    with tempfile.TemporaryDirectory() as folder:
+        write_exodus(Path(folder) / "in.e", {f"DISPL{axis}": np.zeros((3, 4)) for axis in "XYZ"})
+        return (_alone("in.e", (Path(folder) / "in.e").read_bytes()),)
+
+
 def targets() -> dict[str, Target]:
     """By the name of the reader."""
     return {
@@ -137,4 +165,7 @@ def targets() -> dict[str, Target]:
         "gltf": Target(_gltf_text(), mixed(of_json, of_fields)),
         "npz": Target(_container("npz"), mixed(of_npz)),
         "hdf5": Target(_container("h5"), mixed(of_hdf5)),
+        "xdmf": Target(_beside("in.xdmf"), mixed(of_text, of_hdf5)),
+        "vtk": Target(_lists(), mixed(of_text)),
+        "exodus": Target(_exodus(), mixed(of_hdf5)),
     }
