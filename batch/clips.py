@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pdecodec.batch.records import STATE_FOLDER
-from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
+from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count, parse_fraction
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
@@ -94,6 +94,9 @@ _KINDS: dict[str, type] = {
 }
 """What options hold that is no text."""
 
+_FRACTIONS = ("tolerance", "rms")
+"""Options that may be given as 0.1%."""
+
 _BYTES = ("size", "max_memory")
 """Options that may be given as 200kB."""
 
@@ -115,6 +118,8 @@ def _value(name: str, value: Any) -> Any:
             return _WORDS[str(value).strip().lower()]
         if kind is str and not isinstance(value, str):
             raise ValueError
+        if name in _FRACTIONS and isinstance(value, str):
+            return parse_fraction(value)
         if name in _BYTES and isinstance(value, str):
             return parse_byte_count(value)
         if kind is int and isinstance(value, float) and not value.is_integer():

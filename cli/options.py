@@ -58,8 +58,10 @@ def parse_share(context: click.Context, parameter: click.Parameter, value: str |
 
 def fraction(text: str) -> float:
     """Type of an option: a number or a percentage, ``0.001`` or ``0.1%``."""
+    from pdecodec.codec.settings import parse_fraction
+
     try:
-        return float(text.strip()[:-1]) / 100.0 if text.strip().endswith("%") else float(text)
+        return parse_fraction(text)
     except ValueError as error:
         raise click.BadParameter(f"{text!r} is not a number such as 0.001, or a percentage such as 0.1%") from error
 

@@ -38,6 +38,12 @@ PAPER_SEGMENT_FRAMES = 11
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
 
+def parse_fraction(text: str) -> float:
+    """A number or a percentage: ``0.001`` or ``0.1%``; ValueError if it is neither."""
+    number = text.strip()
+    return float(number[:-1]) / 100.0 if number.endswith("%") else float(number)
+
+
 def parse_byte_count(text: str) -> int:
     """A number of bytes: ``800000000``, ``200kB``, ``1.5GiB``; ValueError if it is none.
 

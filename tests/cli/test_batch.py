@@ -270,8 +270,7 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
     Path("clips/m.json").write_text(json.dumps({"defaults": {"tolerance": 5e-3}, "clips": rows}))
     Path("clips/m.jsonl").write_text("".join(json.dumps({"tolerance": 5e-3, **row}) + "\n" for row in rows))
     Path("clips/m.csv").write_text(
-        "source,output,tolerance,frames,objects,up_axis\n"
-        "a.npz,shots/one.pdeanim,1e-2,0:6,,\nbelow/b.h5,,5e-3,,sheet,Z\n"
+        "source,output,tolerance,frames,objects,up_axis\na.npz,shots/one.pdeanim,1%,0:6,,\nbelow/b.h5,,5e-3,,sheet,Z\n"
     )
     found = [clips_of(f"clips/m{ending}") for ending in (".json", ".jsonl", ".csv")]
     assert found[0] == found[1] == found[2]
