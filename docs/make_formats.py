@@ -32,8 +32,9 @@ CONVENTIONS = """\
   themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
   groups; glTF, which shows faces without normals flat, gets smooth ones otherwise, and none where all faces are flat
   triangles. glTF cuts vertices at hard edges, UV seams and material borders: there they stay apart, and those that
-  shared a normal have one number in `shared_normal` and share it in every frame. Formats with a normal a vertex get
-  those of meshes without hard edges.
+  shared a normal have one number in `shared_normal` and share it in every frame. A line says how
+  many corners of a glTF file have normals that are no averages of their faces' and turn by more than 5 degrees. Formats
+  with a normal a vertex get those of meshes without hard edges.
 - **Size of glTF.** Where motion is not few functions of time, each frame is a morph target. Positions and normals of
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.
   `--quantize` (KHR_mesh_quantization, which viewers must know) makes it 12: positions of 16 bits, normals of 8, at most

@@ -203,9 +203,14 @@ class NormalRows:
         found[self.corner_rows[np.repeat(is_even, self._counts)]] = True
         return found & (np.bincount(self._summed, minlength=self.count)[self._leaders] > 1)
 
+    def face_sizes(self, points: Float32Array) -> Float64Array:
+        """(faces,): twice the areas of faces at positions (vertices, 3)."""
+        sizes: Float64Array = _lengths(self._areas(self._at_corners(points[None].astype(np.float64))))[0]
+        return sizes
+
     def least_flattened(self, points: Float32Array) -> int:
         """The frame of (frames, vertices, 3) in which no face is flattened most, beside the largest that it is."""
-        sizes = [_lengths(self._areas(self._at_corners(frame[None].astype(np.float64))))[0] for frame in points]
+        sizes = [self.face_sizes(frame) for frame in points]
         largest = np.max(sizes, axis=0)
         there = largest > 0
         shares = [np.min(size[there] / largest[there], initial=1.0) for size in sizes]

@@ -10,42 +10,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, POINT, UV, face_groups, role_name
-from pdecodec.formats.base.frame_meshes import strip_triangles
-from pdecodec.formats.base.normals import SHARED_NORMAL, normal_group, shared_normals
-from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
+from pdecodec.formats.base.normals import SHARED_NORMAL, normal_group
+from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import (
-    LINE_LOOP,
-    LINES,
     POINTS,
     TRIANGLE_FAN,
     TRIANGLE_STRIP,
     TRIANGLES,
     GltfFile,
-    as_declared,
     fingerprint,
     flipped,
     read_integers,
 )
 from pdecodec.formats.gltf.materials import material_name
+from pdecodec.formats.gltf.primitives import (
+    Block,
+    PrimitiveRows,
+    influences_of,
+    lines_of,
+    normals_shared_by,
+    triangles_of,
+    turned_normals,
+)
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, Connectivity
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
 MOST_UNUSED = 2**22
 """Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
-
-
-@dataclass(frozen=True)
-class Block:
-    """Vertices that primitives share: one set of attribute accessors."""
-
-    positions: Float32Array
-    targets: tuple[Float32Array, ...]
-    joints: Int64Array | None
-    weights: Float64Array | None
 
 
 @dataclass(frozen=True)
@@ -54,7 +48,8 @@ class GltfMesh:
 
     `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
     vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces. `morphed` has
-    the numbers of the morph targets that change colours and UVs, by the names of these.
+    the numbers of the morph targets that change colours and UVs, by the names of these; `turned`, (corners,), is by how
+    many degrees normals were turned from those that are computed, NaN for none.
     """
 
     connectivity: Connectivity
@@ -66,6 +61,7 @@ class GltfMesh:
     starts: tuple[int, ...]
     corner_rows: Int32Array
     morphed: Mapping[str, Sequence[int]]
+    turned: Float64Array
 
 
 def default_weights(mesh: Mapping[str, Any]) -> Float64Array:
@@ -83,49 +79,6 @@ def read_mesh(file: GltfFile, index: int, weights: Float64Array) -> GltfMesh:
         return _Reader(file, file.listed("meshes")[index], weights).read()
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise damaged(f"mesh {index} is damaged ({error}); export the file again") from error
-
-
-class PrimitiveRows:
-    """The attributes of a primitive by their names, compressed or not."""
-
-    def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
-        self._file = file
-        self.accessors: Mapping[str, int] = primitive["attributes"]
-        extensions = primitive.get("extensions", {})
-        self.mode = primitive.get("mode", TRIANGLES)
-        self.targets: Sequence[Mapping[str, int]] = primitive.get("targets", [])
-        self._indices = primitive.get("indices")
-        self._packed: DracoMesh | None = None
-        self._packed_as: Mapping[str, int] = {}
-        if DRACO in extensions:
-            self._packed = decode_draco(file.view_bytes(extensions[DRACO]["bufferView"]))
-            self._packed_as = extensions[DRACO]["attributes"]
-            # Strips are triangles when they come out.
-            self.mode = TRIANGLES
-        elif extensions and not {"bufferView", "sparse"} & file.listed("accessors")[self.accessors["POSITION"]].keys():
-            raise damaged(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
-
-    def read(self, name: str) -> NDArray[Any]:
-        """Numbers of an attribute, (vertices,) or (vertices, k)."""
-        index = self.accessors[name]
-        if self._packed is None or name not in self._packed_as:
-            return self._file.accessor(index)
-        values, entry = self._packed.attributes[self._packed_as[name]], self._file.listed("accessors")[index]
-        if len(values) != entry["count"]:
-            raise ValueError(f"{len(values)} vertices were compressed, {entry['count']} are declared")
-        return as_declared(values, entry)
-
-    def indices(self, rows: int) -> Int64Array:
-        """(corners,) int64, below `rows`."""
-        if self._packed is not None:
-            indices = self._packed.indices
-        elif self._indices is None:
-            return np.arange(rows, dtype=np.int64)
-        else:
-            indices = self._file.accessor(self._indices).astype(np.int64)
-        if indices.size and int(indices.max()) >= rows:
-            raise ValueError(f"an index is {int(indices.max())}, there are {rows} vertices")
-        return indices
 
 
 class _Reader:
@@ -152,12 +105,12 @@ class _Reader:
             indices, mode = rows.indices(count) + start, rows.mode
             drawn.append((mode, indices))
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
-                triangles = _triangles(mode, indices)
+                triangles = triangles_of(mode, indices)
                 faces.append(triangles)
                 materials.append(np.full(len(triangles), primitive.get("material", -1), np.int64))
                 groups.append(_groups_of(primitive))
             else:
-                lines += [] if mode == POINTS else _lines(mode, indices)
+                lines += [] if mode == POINTS else lines_of(mode, indices)
                 self._left_out |= {"materials of lines and points": None} if "material" in primitive else {}
         triangles = np.concatenate(faces) if faces else np.zeros((0, 3), np.int32)
         connectivity = Connectivity(
@@ -189,6 +142,7 @@ class _Reader:
             tuple(starts),
             connectivity.face_indices,
             self._morphed,
+            turned_normals(MeshObject("", connectivity, tuple(attributes)), self._blocks, self._sources),
         )
 
     def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
@@ -205,7 +159,7 @@ class _Reader:
             )
             if any(len(target) != len(positions) for target in targets):
                 raise ValueError("a morph target has another number of vertices")
-            joints, weights = _influences(rows, len(positions))
+            joints, weights = influences_of(rows, len(positions))
             self._known[key] = (self._rows, len(positions))
             self._blocks.append(Block(positions, targets, joints, weights))
             self._sources.append(rows)
@@ -335,28 +289,8 @@ class _Reader:
             starts,
             rows,
             self._morphed,
+            np.zeros(0),
         )
-
-
-def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Attribute | None:
-    """Which vertices of blocks share a normal: those at one place that also move alike; a source for each block."""
-    weights = [block.weights for block in blocks if block.weights is not None]
-    width = max((one.shape[1] for one in weights), default=0)
-    places, normals = [], []
-    for block, source in zip(blocks, sources, strict=True):
-        count = len(block.positions)
-        columns = np.zeros((count, 4 + 2 * width))
-        columns[:, :3] = block.positions
-        for number, target in enumerate(block.targets):
-            # A number by which displacements differ if they do.
-            columns[:, 3] += (target * np.cos([number + 1, number + 1.4, number + 1.8])).sum(axis=1)
-        if block.joints is not None and block.weights is not None:
-            columns[:, 4 : 4 + block.joints.shape[1]] = np.where(block.weights > 0, block.joints, -1)
-            columns[:, 4 + width : 4 + width + block.weights.shape[1]] = block.weights
-        places.append(columns)
-        has = "NORMAL" in source.accessors
-        normals.append(source.read("NORMAL").astype(np.float64) if has else np.full((count, 3), np.nan))
-    return shared_normals(np.concatenate(places), np.concatenate(normals))
 
 
 def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]]) -> list[Attribute]:
@@ -413,40 +347,3 @@ def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attr
     values = np.zeros((rows, by_corner.shape[1]), np.float32)
     values[indices[indices >= 0]] = by_corner[indices >= 0]
     return Attribute(name, "corner", values, indices)
-
-
-def _influences(source: PrimitiveRows, rows: int) -> tuple[Int64Array | None, Float64Array | None]:
-    """Joints of each vertex and their shares, (vertices, k), which sum to one."""
-    joints, weights = [], []
-    number = 0
-    while f"JOINTS_{number}" in source.accessors and f"WEIGHTS_{number}" in source.accessors:
-        joints.append(source.read(f"JOINTS_{number}").astype(np.int64))
-        weights.append(source.read(f"WEIGHTS_{number}").astype(np.float64))
-        number += 1
-    if not joints:
-        return None, None
-    every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
-    if every_joint.shape != every_weight.shape or len(every_joint) != rows:
-        raise ValueError("its joints do not fit its vertices")
-    total = every_weight.sum(axis=1, keepdims=True)
-    # As viewers do: weights are shares, and a vertex without any goes with its first joint.
-    shares = np.divide(every_weight, total, out=np.zeros_like(every_weight), where=total > 0)
-    shares[total[:, 0] <= 0, 0] = 1
-    return every_joint, shares
-
-
-def _triangles(mode: int, indices: Int64Array) -> Int32Array:
-    if mode == TRIANGLES:
-        return indices[: indices.size // 3 * 3].reshape(-1, 3).astype(np.int32)
-    if mode == TRIANGLE_STRIP:
-        return strip_triangles(indices).astype(np.int32)
-    steps = np.arange(max(0, indices.size - 2))
-    return indices[np.stack([0 * steps, steps + 1, steps + 2], axis=1)].astype(np.int32)
-
-
-def _lines(mode: int, indices: Int64Array) -> list[Int32Array]:
-    if mode == LINES:
-        return list(indices[: indices.size // 2 * 2].reshape(-1, 2).astype(np.int32))
-    if mode == LINE_LOOP:
-        indices = np.concatenate([indices, indices[:1]])
-    return [indices.astype(np.int32)]

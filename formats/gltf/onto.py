@@ -25,8 +25,9 @@ from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import TRIANGLES
 from pdecodec.formats.gltf.materials import image_from
-from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows, normals_shared_by
+from pdecodec.formats.gltf.mesh_reader import GltfMesh
 from pdecodec.formats.gltf.motion import Motion, motion_of
+from pdecodec.formats.gltf.primitives import PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import rigid_keys
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY

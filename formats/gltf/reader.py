@@ -35,11 +35,15 @@ from pdecodec.formats.base.times import (
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
-from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, default_weights, read_mesh
+from pdecodec.formats.gltf.mesh_reader import GltfMesh, default_weights, read_mesh
+from pdecodec.formats.gltf.primitives import Block
 from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.times import check_times
+
+SEEN_TURN = 5.0
+"""Angle [degrees] from which on a line says that normals were others."""
 
 TINY = 1e-30
 """Lengths below are none: they are not divided by."""
@@ -120,7 +124,7 @@ class GltfSequence(SceneSequence):
         on = {part.node for part in parts}.union(*(part.skin.joints for part in parts if part.skin is not None))
         left_out += left_out_of_file(file, self.nodes, chosen, {k for node in on for k in self.nodes.above(node)})
         looks = left_out_of_materials(file)
-        found_out = (*clip_notices, *time_notices)
+        found_out = (*clip_notices, *time_notices, *_turned(parts))
         self.notices = (*textures_of(file), *found_out, *not_kept([*looks, *left_out]), *hidden_notices(parts))
         self.notices_with_looks = (*found_out, *not_kept(left_out), *hidden_notices(parts))
 
@@ -187,6 +191,17 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
     times = frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last))
     return times, rate, (*notices, *resampled(merged_times(keys), rate)[1])
+
+
+def _turned(parts: Sequence[_Part]) -> tuple[str, ...]:
+    """Return a line about normals that are not those of the faces around them; none where there are none."""
+    meshes = {id(part.mesh): part.mesh.turned for part in parts}
+    angles = np.concatenate([one[~np.isnan(one)] for one in meshes.values()])
+    many = int(np.count_nonzero(angles > SEEN_TURN))
+    if not many:
+        return ()
+    off = f"{many:,} of {angles.size:,} corners turn by more than {SEEN_TURN:g} degrees, up to {angles.max():.0f}"
+    return (f"normals that are no averages of their faces' are computed anew: {off}",)
 
 
 def _noted_start(clip: Clip) -> float:

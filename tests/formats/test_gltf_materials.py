@@ -1,4 +1,4 @@
-"""Materials and textures on every way from glTF to glTF."""
+"""How meshes look on every way from glTF to glTF: materials, textures, colours, normals."""
 
 from __future__ import annotations
 
@@ -161,3 +161,27 @@ def test_colours_that_some_elements_have_are_white_elsewhere_and_come_back(
     assert found.indices is not None
     np.testing.assert_array_equal(found.indices < 0, indices < 0)
     np.testing.assert_array_equal(found.values[found.indices[indices >= 0]], color.values[indices[indices >= 0]])
+
+
+@pytest.mark.parametrize(("degrees", "count"), [(4, 0), (30, 2)])
+def test_normals_that_are_no_averages_of_faces_are_told_to_be_computed_anew(
+    tmp_path: Path, degrees: float, count: int
+) -> None:
+    builder = GltfBuilder()
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5]]
+    normals = np.tile([0.0, 0.0, 1.0], (5, 1))
+    normals[1] = [np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))]
+    attributes = {"POSITION": builder.floats(points, bounds=True), "NORMAL": builder.floats(normals)}
+    # The last triangle has no area and no normal of its own.
+    primitive = {"attributes": attributes, "indices": builder.integers([0, 1, 2, 1, 3, 0, 4, 4, 4])}
+    builder.add("meshes", {"primitives": [primitive]})
+    builder.add("nodes", {"mesh": 0})
+    builder.add("scenes", {"nodes": [0]})
+    (tmp_path / "x.glb").write_bytes(builder.to_glb())
+    with open_sequence(tmp_path / "x.glb") as read:
+        told = [one for one in read.notices if one.startswith("normals that are no averages")]
+        write_sequence(read, tmp_path / "y.glb")
+    off = f"{count} of 6 corners turn by more than 5 degrees, up to {degrees}"
+    assert told == ([f"normals that are no averages of their faces' are computed anew: {off}"] if count else [])
+    with open_sequence(tmp_path / "y.glb") as read:
+        assert not any("averages" in one for one in read.notices)
