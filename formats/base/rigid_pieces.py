@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.rigid_motion import is_line, least_squares_motion, nearest_motion, smallest_centres
@@ -209,11 +207,19 @@ def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
         inside[np.cumsum(counts, dtype=np.int64)[np.asarray(counts) > 0] - 1] = False
         first = np.flatnonzero(inside)
         pairs.append(np.stack([indices[first], indices[first + 1]]))
-    ends = np.concatenate(pairs, axis=1)
-    size = connectivity.vertex_count
-    graph = coo_matrix((np.ones(ends.shape[1], bool), (ends[0], ends[1])), (size, size))
-    count, ids = connected_components(graph, directed=False)
-    return int(count), ids.astype(np.int64)
+    first, second = np.concatenate(pairs, axis=1).astype(np.int64)
+    roots = np.arange(connectivity.vertex_count)
+    while True:
+        before = roots.copy()
+        # Each root goes with the lower one that it is connected to, then all vertices with their root's root.
+        lower = np.minimum(roots[first], roots[second])
+        np.minimum.at(roots, roots[first], lower)
+        np.minimum.at(roots, roots[second], lower)
+        roots = roots[roots]
+        if np.array_equal(roots, before):
+            break
+    numbers, ids = np.unique(roots, return_inverse=True)
+    return numbers.size, ids.reshape(-1).astype(np.int64)
 
 
 def _grouped(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[int]]:

@@ -227,14 +227,14 @@ class Pose:
 def placed_at(move: Float64Array, turn: Float64Array, scale: Float64Array) -> Float64Array:
     """(n, 4, 4) matrices for points that are rows, of translations (n, 3), quaternions (n, 4) and scales (n, 3)."""
     matrices = np.zeros((len(move), 4, 4))
-    matrices[:, :3, :3] = scale[:, :, None] * _rotations(turn)
+    matrices[:, :3, :3] = scale[:, :, None] * rotations_of(turn)
     matrices[:, 3, :3] = move
     matrices[:, 3, 3] = 1
     return matrices
 
 
-def _rotations(quaternions: Float64Array) -> Float64Array:
-    """(n, 3, 3) matrices for points that are rows, of (n, 4) quaternions x, y, z, w."""
+def rotations_of(quaternions: Float64Array) -> Float64Array:
+    """Return (n, 3, 3) matrices for points that are rows, of (n, 4) unit quaternions x, y, z, w."""
     x, y, z, w = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],

@@ -14,6 +14,7 @@ from pdecodec.formats.base.rigid_motion import (
     rigid_matrices,
     rigid_within,
 )
+from pdecodec.formats.gltf.animation import rotations_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 SAME_TURN = 1e-6
@@ -55,7 +56,8 @@ class RigidKeys:
                 np.where(sines > SAME_TURN, np.sin(part * angles) / np.maximum(sines, SAME_TURN), part)
                 for part in (1 - share, share)
             )
-            found[:, number, :3, :3] = _turns_of(before * turns[:-1] + after * turns[1:])
+            middle = before * turns[:-1] + after * turns[1:]
+            found[:, number, :3, :3] = rotations_of(middle / np.linalg.norm(middle, axis=1, keepdims=True))
             straight = (1 - share) * centres[:-1] + share * centres[1:]
             found[:, number, 3, :3] = straight - self.centre @ found[:, number, :3, :3]
         return found.reshape(-1, 4, 4)
@@ -63,20 +65,27 @@ class RigidKeys:
 
 def _quaternions(matrices: Float64Array) -> Float64Array:
     """(frames, 4): of the rotations of matrices, real parts last, each of the two that is nearer to that before it."""
-    from scipy.spatial.transform import Rotation
-
-    # Columns are turned by the transpose of what turns rows.
-    found: Float64Array = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1)).as_quat()
+    # Columns are turned by the transpose of what turns rows. Of four ways the one that divides by most (Shepperd 1978).
+    turns = matrices[:, :3, :3].transpose(0, 2, 1)
+    diagonal = np.diagonal(turns, axis1=1, axis2=2)
+    trace = diagonal.sum(axis=1)
+    way = np.concatenate([diagonal, trace[:, None]], axis=1).argmax(axis=1)
+    found = np.empty((len(turns), 4))
+    for i in range(3):
+        rows, j, k = way == i, (i + 1) % 3, (i + 2) % 3
+        own = turns[rows]
+        found[rows, i] = 1 - trace[rows] + 2 * own[:, i, i]
+        found[rows, j], found[rows, k] = own[:, j, i] + own[:, i, j], own[:, k, i] + own[:, i, k]
+        found[rows, 3] = own[:, k, j] - own[:, j, k]
+    rows = way == 3
+    own = turns[rows]
+    found[rows, :3] = np.stack(
+        [own[:, (i + 2) % 3, (i + 1) % 3] - own[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)], 1
+    )
+    found[rows, 3] = 1 + trace[rows]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
     # So that no turn goes the long way.
     found[1:] *= np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1, 1))[:, None]
-    return found
-
-
-def _turns_of(quaternions: Float64Array) -> Float64Array:
-    """(frames, 3, 3): rotations for points that are rows."""
-    from scipy.spatial.transform import Rotation
-
-    found: Float64Array = Rotation.from_quat(quaternions).as_matrix().transpose(0, 2, 1)
     return found
 
 
