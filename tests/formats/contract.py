@@ -204,7 +204,9 @@ def _write_vtp(points: NDArray[np.float32], whole: Connectivity, path: Path) -> 
 
 @_write_frames
 def _write_pvtu(points: NDArray[np.float32], whole: Connectivity, path: Path) -> None:
-    write_sequence(ArraySequence(points[None], objects=[MeshObject("mesh", whole)]), path.with_suffix(".vtu"))
+    times = [int(path.stem.rpartition(".")[2]) / 24]
+    one = ArraySequence(points[None], objects=[MeshObject("mesh", whole)], times=times)
+    write_sequence(one, path.with_suffix(".vtu"))
     piece = f'<Piece Source="{path.with_suffix(".vtu").name}"/>'
     kind = "PUnstructuredGrid"
     path.write_text(f'<VTKFile type="{kind}"><{kind}>{piece}</{kind}></VTKFile>')
