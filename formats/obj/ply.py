@@ -1,0 +1,166 @@
+"""PLY, one file a frame, in: plyfile reads text and binary of any order of bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from plyfile import PlyData, PlyParseError
+
+from pdecodec.errors import damaged
+from pdecodec.formats.base.attribute_roles import COLOR, UV
+from pdecodec.formats.base.frame_meshes import MeshFile, not_kept, open_frames, strip_triangles
+from pdecodec.formats.base.normals import normal_group
+from pdecodec.formats.base.registry import read_errors
+from pdecodec.mesh.arrays import Int64Array
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshSequence
+
+_INDICES = ("vertex_indices", "vertex_index")
+
+_EDGES = ("vertex1", "vertex2")
+
+CHANNELS = (("red", "green", "blue", "alpha"), ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"))
+
+UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+
+FACE_UVS, _TEXTURE = "texcoord", "TextureFile"
+"""The list of a face's UVs, and the comment that names a texture, as MeshLab writes them."""
+
+_NORMALS = ("nx", "ny", "nz")
+
+_HEAD_BYTES = 2**16
+"""Where a header has ended."""
+
+_COUNT = re.compile(rb"^element\s+\S+\s+(\d+)\s*$", re.MULTILINE)
+
+_DAMAGE = (PlyParseError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
+"""What plyfile and NumPy raise on damaged or missing parts."""
+
+
+def open_ply(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open PLY files, one a frame; InputError where frames are missing or the first one cannot be used."""
+    return open_frames(path, ".ply", _read_ply, fps)
+
+
+def _read_ply(path: Path) -> MeshFile:
+    with read_errors(path):
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES).partition(b"end_header")[0].replace(b"\r", b"\n")
+        if any(int(count) > size for count in _COUNT.findall(head)):
+            raise damaged("is a damaged PLY file (it declares more rows than it has bytes)", path=path)
+        try:
+            return _mesh(_parsed(path))
+        except _DAMAGE as error:
+            raise damaged(f"is no PLY file, or a damaged one ({error}); export it again", path=path) from error
+
+
+def _parsed(path: Path) -> Any:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy's, of a list without numbers
+        # Faces of one size are read many times faster, where plyfile is told it.
+        for size in (3, 4):
+            lengths = {"face": {**dict.fromkeys(_INDICES, size), FACE_UVS: 2 * size}}
+            with contextlib.suppress(PlyParseError, KeyError, ValueError):
+                return PlyData.read(str(path), known_list_len=lengths)
+        return PlyData.read(str(path))
+
+
+def _mesh(data: Any) -> MeshFile:
+    # Of each element, the columns that were not read so far; what remains in the end is not kept.
+    elements = {
+        element.name: {name: element.data[name] for name in element.data.dtype.names} for element in data.elements
+    }
+    vertex = elements["vertex"]
+    points = np.stack([vertex.pop(axis) for axis in "xyz"], axis=1)
+    face = elements.get("face", {})
+    counts, indices = _faces(face)
+    edge = elements.get("edge", {})
+    lines: NDArray[Any] = np.zeros((0, 2), np.int64)
+    if set(_EDGES) <= set(edge):
+        lines = np.stack([edge.pop(name) for name in _EDGES], axis=1).astype(np.int64)
+    strips = elements.get("tristrips", {})
+    if "vertex_indices" in strips and not counts.size:
+        indices = _strips(np.concatenate([np.asarray(row, np.int64) for row in strips.pop("vertex_indices")]))
+        counts = np.full(indices.size // 3, 3)
+    sizes = np.full(len(lines), 2, np.int32)
+    connectivity = Connectivity(len(points), counts.astype(np.int32), indices, sizes, lines.reshape(-1))
+    attributes = [_colors(vertex, "vertex", COLOR)]
+    if counts.size:
+        # Colours of vertices and of faces are told apart by their names.
+        attributes.append(_colors(face, "face", COLOR if attributes[0] is None else f"{COLOR}:face"))
+        attributes.append(_face_uvs(face, connectivity) or _vertex_uvs(vertex, connectivity))
+        if set(_NORMALS) <= set(vertex):
+            attributes.append(normal_group(connectivity, None))
+            for name in _NORMALS:
+                del vertex[name]
+    lost = [name if element == "vertex" else f"{element} {name}" for element, own in elements.items() for name in own]
+    lost += [f"texture {one.partition(' ')[2]}" for one in data.comments if one.startswith(_TEXTURE)]
+    lost += ["obj_info"] if data.obj_info else []
+    return MeshFile(points, connectivity, tuple(one for one in attributes if one is not None), not_kept(lost))
+
+
+def _colors(columns: dict[str, Any], domain: AttributeDomain, name: str) -> Attribute | None:
+    """Take colours of vertices or faces from their columns."""
+    for channels in CHANNELS:
+        if set(channels[:3]) <= set(columns):
+            values = np.stack([columns.pop(channel) for channel in channels if channel in columns], axis=1)
+            if values.dtype != np.uint8:
+                scale = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1
+                values = values.astype(np.float32) / np.float32(scale)
+            return Attribute(name, domain, np.ascontiguousarray(values))
+    return None
+
+
+def _vertex_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute | None:
+    for pair in UVS:
+        if set(pair) <= set(columns):
+            values = np.stack([columns.pop(name) for name in pair], axis=1).astype(np.float32)
+            return Attribute(UV, "corner", values, connectivity.face_indices.copy())
+    return None
+
+
+def _face_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute | None:
+    """Take UVs of corners, lists of faces; faces whose list has another length than they have corners have none."""
+    lists, counts = columns.get(FACE_UVS), connectivity.face_counts
+    if lists is None:
+        return None
+    flat, sizes = _joined(lists)
+    has = sizes == 2 * counts
+    if not has.any():
+        return None
+    del columns[FACE_UVS]
+    values = flat[np.repeat(has, sizes)].reshape(-1, 2).astype(np.float32)
+    if has.all():
+        return Attribute(UV, "corner", values)
+    on_corner = np.repeat(has, counts)
+    indices = np.where(on_corner, np.cumsum(on_corner) - 1, -1).astype(np.int32)
+    return Attribute(UV, "corner", values, indices)
+
+
+def _joined(lists: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Numbers of lists, one after the other, and how many each has."""
+    if lists.dtype != object:
+        return lists.reshape(-1), np.full(len(lists), lists.shape[1])
+    return np.concatenate(lists), np.fromiter(map(len, lists), np.int64, len(lists))
+
+
+def _faces(columns: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Take the corners of each face, how many there are and all of them one after the other."""
+    name = next((one for one in _INDICES if one in columns), None)
+    rows = np.zeros((0, 3)) if name is None else columns.pop(name)
+    if not len(rows):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    indices, counts = _joined(rows)
+    return counts, indices.astype(np.int64)
+
+
+def _strips(numbers: Int64Array) -> Int64Array:
+    """Corners of the triangles of strips, one after the other, -1 between them."""
+    strips = np.split(numbers, np.flatnonzero(numbers < 0))
+    return np.concatenate([strip_triangles(strip[strip >= 0]).reshape(-1) for strip in strips])
