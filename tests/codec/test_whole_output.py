@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from pdecodec.system.whole_output import check_writable, partial_path, whole_file
+from tests.support.command_line import files_below
 from tests.support.mesh_cases import grid
 from tests.support.scene_cases import SPACE, needed, scene
 
@@ -195,14 +195,10 @@ def test_a_limit_of_file_sizes_ends_in_one_line_and_leaves_nothing(tmp_path: Pat
     size = max(path.stat().st_size for path in tmp_path.iterdir())
     for path in tmp_path.iterdir():
         path.unlink()
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     for most in (0, size // 2, size - 1):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits[1]))
-        try:
-            with pytest.raises(InputError, match=f"^{tmp_path}/x.*: cannot be written .File too large.; check"):
-                write(sheet(3), tmp_path / name)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        said = f"^{tmp_path}/x.*: cannot be written .File too large.; check"
+        with files_below(most), pytest.raises(InputError, match=said):
+            write(sheet(3), tmp_path / name)
         assert list(tmp_path.iterdir()) == []
 
 

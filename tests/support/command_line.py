@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +53,17 @@ def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:
     """Start a Python of our own, whose streams are buffered as those of a user."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "xterm", "PYTHONUNBUFFERED": ""}
     return subprocess.Popen([sys.executable, *arguments], env=environment, **streams)
+
+
+@contextmanager
+def files_below(size: int) -> Iterator[None]:
+    """Let files become no larger [bytes] in this process."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def save_line(path: Path) -> Path:
