@@ -97,8 +97,8 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 @click.option(
     "--why",
     is_flag=True,
-    help="Tell what else could have been taken and what it would have cost, and keep that in the file for "
-    "pdecodec info --why. Takes twice as long and more.",
+    help="Tell what else was tried and what it would have cost, and keep that in the file for pdecodec info --why. "
+    "Takes no more time.",
 )
 @click.option(
     "--max-memory",

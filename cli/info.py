@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 @click.option(
     "--why",
     is_flag=True,
-    help="Of a .pdeanim file, show what else could have been taken and what it would have cost: as encode --why kept "
-    "it, or else found out from what the file decodes to.",
+    help="Of a .pdeanim file, show what else the encoder tried and what it would have cost: as encode --why kept it, "
+    "or else by encoding again what the file decodes to.",
 )
 @within_limits
 @loudness_options
@@ -82,7 +82,7 @@ def info(
 
 
 def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
-    """What else could have been taken: as the file says, else as it turns out now."""
+    """Return what else the encoder tried: as the file says, else as it turns out now."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.encode.report import from_json
 

@@ -24,11 +24,10 @@ from pdecodec import (
     encode,
 )
 from pdecodec._core import Residuals
-from pdecodec.codec.encode import pipeline as autoprofile
-from pdecodec.codec.encode import search as modelchoice
 from pdecodec.codec.encode.fit import GroupFitter
+from pdecodec.codec.encode.search import GroupSearch
 from pdecodec.codec.encode.temporal import TimeFunctions
-from pdecodec.codec.encode.tuning import EFFORTS
+from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.sections.residuals import encode_residuals
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.arrays import Float64Array
@@ -204,11 +203,14 @@ def encoded(sequence: MeshSequence, choices: Choices) -> bytes:
         first = vars(GroupFitter)["first_choice"].fget
         with_time = property(lambda fitter: replace(first(fitter), time=choices.time))
         held.enter_context(patch.object(GroupFitter, "first_choice", with_time))
-        held.enter_context(patch.object(autoprofile, "LONGEST_GROUP", choices.longest_group))
-        for module in (modelchoice, autoprofile):
-            held.enter_context(patch.object(module, "candidates", lambda search, first: [first]))
-        fast = replace(EFFORTS["fast"], space_bases=(choices.space,), more_of_small=())
-        held.enter_context(patch.dict(EFFORTS, {"fast": fast}))
+        held.enter_context(patch.object(GroupSearch, "candidates", lambda search, first: [first]))
+        fast = replace(
+            TUNINGS["fast"],
+            spatial_bases=(choices.space,),
+            small_mesh_spatial_bases=(),
+            longest_group=choices.longest_group,
+        )
+        held.enter_context(patch.dict(TUNINGS, {"fast": fast}))
         settings = EncodeSettings(**{"effort": "fast", **choices.settings})
         data = encode(sequence, settings=settings).data
     assert data is not None  # no path was given

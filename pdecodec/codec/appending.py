@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.fit import EncodedGroup, GroupChoice
+from pdecodec.codec.encode.fit import Candidate, EncodedGroup
 from pdecodec.codec.encode.pipeline import AutoEncoder, EncodedPart
 from pdecodec.codec.encode.quantise import grid_index
 from pdecodec.codec.sections.groups import GroupEntry
@@ -55,7 +55,7 @@ class AppendingEncoder(AutoEncoder):
         self._unit = max(bound, float(np.spacing(np.float32(min(float(np.abs(self._first).max()), LAST_BINADE)))))
         self._reference, self._basis = animation.reference_and_space()
         time = "trajectories" if last.basis == "closed form" or not last.functions else last.basis
-        self._usual = GroupChoice(time, "reference", grid_index(last.step))
+        self._usual = Candidate(time, "reference", grid_index(last.step))
 
     @property
     def _space(self) -> SpaceBasis:

@@ -4,29 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdecodec.codec.encode.fit import HEAVY
-from pdecodec.codec.encode.tuning import EFFORTS, Effort
+from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 from pdecodec.codec.sections.space_basis import MOST_FUNCTIONS
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
-
-GROUP_BYTES = 3 * 2**25
-"""Memory for the displacements of a group, float64: up to 40 frames of 100,000 vertices."""
-
-SMOOTH_GROUP_BYTES = 3 * 2**26
-"""The same where the motion is smooth."""
 
 BASIS_BYTES = 2**29
 """Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
 
 FEWEST_FUNCTIONS = 16
 """Functions of a patch however large the mesh is."""
-
-LONGEST_GROUP = 512
-"""Frames of a group at most: principal trajectories take the cube of their number."""
-
-SHORTEST_GROUP = 8
-"""Frames of a group however large the mesh is, where nobody sets a limit."""
 
 SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
 """Times the displacements of a group, in float64, that are held at most: where what is found of it is kept for the
@@ -70,9 +57,9 @@ class MemoryPlan:
     functions: int
 
 
-def _group_frames(vertices: int, size: int) -> int:
+def _group_frames(vertices: int, size: int, tuning: Tuning) -> int:
     """Frames of a group at most, of a mesh of so many vertices, whose displacements take so much memory."""
-    return min(max(size // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
+    return min(max(size // (24 * max(1, vertices)), tuning.shortest_group), tuning.longest_group)
 
 
 def _lengths(frames: int, most: int) -> tuple[int, int]:
@@ -81,12 +68,14 @@ def _lengths(frames: int, most: int) -> tuple[int, int]:
     return frames // count, -(-frames // count)
 
 
-def _group_bytes(frames: int, vertices: int, effort: Effort, *, is_searched: bool) -> int:
+def _group_bytes(frames: int, vertices: int, tuning: Tuning, *, is_searched: bool) -> int:
     """Memory that a group takes at most, however it moves."""
     displacements, table = 24 * vertices * frames, 24 * frames * min(3 * frames, vertices)
     copies: float = HEAVY_COPIES
-    if is_searched and 12 * vertices * frames < HEAVY:
-        copies = SEARCHED_COPIES if effort.also else min(SEARCHED_COPIES, SHORT_COPIES + COPIES_A_FRAME * frames)
+    if is_searched and 12 * vertices * frames < tuning.heavy_group_bytes:
+        copies = (
+            SEARCHED_COPIES if tuning.compared_effort else min(SEARCHED_COPIES, SHORT_COPIES + COPIES_A_FRAME * frames)
+        )
     return int(copies * displacements) + TABLE_COPIES * table
 
 
@@ -95,12 +84,12 @@ class _Need:
 
     def __init__(self, vertices: int, frames: int, settings: EncodeSettings) -> None:
         self._vertices, self._frames = max(1, vertices), max(1, frames)
-        self._effort = EFFORTS[settings.effort]
-        self._is_searched = self._frames * self._vertices <= self._effort.searched_clip
+        self._tuning = tuning = TUNINGS[settings.effort]
+        self._is_searched = self._frames * self._vertices <= tuning.searched_positions
         self.functions = _functions(BASIS_BYTES, self._vertices)
         self.longest, self.smooth = (
-            min(_group_frames(self._vertices, size), settings.group_frames or LONGEST_GROUP)
-            for size in (GROUP_BYTES, SMOOTH_GROUP_BYTES)
+            min(_group_frames(self._vertices, size, tuning), settings.group_frames or tuning.longest_group)
+            for size in (tuning.group_bytes, tuning.smooth_group_bytes)
         )
 
     def of_mesh(self, functions: int) -> int:
@@ -111,7 +100,7 @@ class _Need:
         """Of groups of so many frames at most."""
         lengths = _lengths(self._frames, most)
         return max(
-            _group_bytes(length, self._vertices, self._effort, is_searched=self._is_searched) for length in lengths
+            _group_bytes(length, self._vertices, self._tuning, is_searched=self._is_searched) for length in lengths
         )
 
     def of_smooth_groups(self, most: int) -> int:

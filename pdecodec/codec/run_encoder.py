@@ -14,7 +14,6 @@ from pathlib import Path
 from pdecodec.codec.coded_order import CodedOrderSequence
 from pdecodec.codec.container import (
     CHUNK_SECTIONS,
-    CONSTANT_SECTIONS,
     RUN_SECTIONS,
     Section,
     Spool,
@@ -24,14 +23,14 @@ from pdecodec.codec.container import (
 )
 from pdecodec.codec.encode.paper import PaperEncoder
 from pdecodec.codec.encode.pipeline import AutoEncoder, Encoder, checked_frames
-from pdecodec.codec.encode.report import Alternative, EncodeReport, Question, counted, generator
+from pdecodec.codec.encode.report import EncodeReport, counted, generator
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.description import encode_names, encode_remarks, encode_sequence_description
 from pdecodec.codec.settings import EncodeSettings, Profile
 from pdecodec.errors import InputError
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.runs import ChangingSequence
-from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence, Progress
+from pdecodec.mesh.sequence import MeshSequence, Progress
 
 AS_BEFORE = 0
 """In place of a length plus one: the section is that of the run before."""
@@ -180,44 +179,9 @@ def _summary(sequence: ChangingSequence) -> str:
 
 PROFILES: dict[Profile, type[Encoder]] = {"auto": AutoEncoder, "paper": PaperEncoder}
 
-COMPARED_FRAMES = 96
-"""First frames at most that are encoded under both profiles, to compare the models."""
-
 
 def make_encoder(sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> Encoder:
     """Return the encoder that `settings` ask for, of a sequence of constant connectivity."""
     if settings.order == "free":
         sequence = CodedOrderSequence(sequence)
-    encoder = PROFILES[settings.profile](sequence, settings, progress)
-    if settings.why:
-        encoder.compare_profiles = compare_profiles
-    return encoder
-
-
-def compare_profiles(sequence: MeshSequence, bound: float | None, chosen: Profile) -> Question:
-    """Encode the first frames under both profiles, at the same bound [scene units].
-
-    Without a bound the paper's model stands alone, and the other profile keeps the error that it leaves.
-    """
-    frames = min(sequence.frame_count, COMPARED_FRAMES)
-    objects = [MeshObject(item.name, item.connectivity) for item in sequence.objects]
-    first = ArraySequence(
-        sequence.read_frames(0, frames), objects=objects, times=sequence.times[:frames], fps=sequence.fps
-    )
-    paper = _encode(first, EncodeSettings(profile="paper", max_error=bound))
-    auto = _encode(first, EncodeSettings(max_error=paper.max_error if bound is None else bound))
-    ways = (
-        Alternative("auto", _motion_bytes(auto), chosen == "auto"),
-        Alternative("paper, in closed form", _motion_bytes(paper), chosen == "paper"),
-    )
-    return Question("profile", frames, ways)
-
-
-def _encode(sequence: MeshSequence, settings: EncodeSettings) -> EncodeReport:
-    return make_encoder(sequence, settings, None).run(None, overwrite=False)
-
-
-def _motion_bytes(report: EncodeReport) -> int:
-    """Sum all sections but constant ones and remarks."""
-    left_out = {*CONSTANT_SECTIONS, "META"}
-    return sum(size for name, size in report.sections.items() if name not in left_out)
+    return PROFILES[settings.profile](sequence, settings, progress)

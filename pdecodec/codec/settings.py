@@ -125,7 +125,7 @@ class EncodeSettings:
         "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
         segment of time.
     effort : {"fast", "default", "best"}
-        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.codec.encode.tuning.EFFORTS`).
+        How many candidates the encoder of profile "auto" compares (:data:`pdecodec.codec.encode.tuning.TUNINGS`).
     group_frames : int or None
         Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
         file, or read of one that is far away, is whole groups: short ones cost bytes.
@@ -137,7 +137,7 @@ class EncodeSettings:
     order : {"keep", "free"}
         Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
     why : bool
-        Keep in the file's remarks what else could have been taken, and what it would have cost: twice the time or more.
+        Keep in the file's remarks what else was tried, and what it would have cost.
         Not of several runs of frames, which choose each for itself.
     paper : PaperSettings
         Of profile "paper".

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.alternatives import GroupAlternatives
-from pdecodec.codec.encode.fit import GroupChoice
-from pdecodec.codec.encode.quantise import grid_index
 from pdecodec.codec.encode.report import GENERATOR, Question
-from pdecodec.codec.encoding_memory import memory_plan
-from pdecodec.codec.run_encoder import COMPARED_FRAMES, compare_profiles
+from pdecodec.codec.run_encoder import make_encoder
 from pdecodec.codec.sections.residuals import LAST_BINADE, SAFETY
 from pdecodec.codec.settings import SMALLEST_BOUND, EncodeSettings
 from pdecodec.errors import InputError, SettingsError
+from pdecodec.mesh.sequence import ArraySequence, MeshObject
+
+COMPARED_FRAMES = 96
+"""First frames at most that are encoded again to find out what else there was."""
 
 
 def bound_of(animation: Animation) -> float | None:
@@ -55,7 +56,7 @@ def _recorded(animation: Animation) -> EncodeSettings | None:
 
 
 def alternatives_of(animation: Animation) -> list[Question]:
-    """Other ways to encode the first groups of a file, found out from what it decodes to: so about.
+    """Return what else an encoder looks at in the first frames of a file, found out from what it decodes to.
 
     Raises
     ------
@@ -69,27 +70,11 @@ def alternatives_of(animation: Animation) -> list[Question]:
             path=animation.path,
         )
     bound = bound_of(animation)
-    groups: list[tuple[int, GroupChoice]] = []
-    frames = 0
-    for entry in animation.groups:
-        if entry.basis == "closed form" or (groups and frames + entry.frames > COMPARED_FRAMES):
-            break
-        groups.append((entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))))
-        frames += entry.frames
-    if not groups or bound is None:
-        return [compare_profiles(animation, bound, "paper")]
-    reference, basis = animation.reference_and_space()
-    points = animation.read_frames(0, frames)
-    group = GroupAlternatives(
-        points,
-        groups,
-        animation.times,
-        animation.meshes,
-        reference=reference,
-        basis=basis,
-        functions=memory_plan(animation.vertex_count, animation.frame_count, EncodeSettings()).functions,
-        bound=bound,
-        unit=max(bound, float(np.spacing(np.abs(points[0]).max()))),
-        residual_step=animation.residual_step,
-    )
-    return [*group.questions(), compare_profiles(animation, bound, "auto")]
+    settings = _recorded(animation) or EncodeSettings()
+    if bound is None or settings.profile == "paper":
+        return []
+    frames = min(animation.frame_count, COMPARED_FRAMES)
+    parts = [MeshObject(item.name, item.connectivity) for item in animation.objects]
+    first = ArraySequence(animation.read_frames(0, frames), objects=parts, times=animation.times[:frames])
+    chosen = replace(settings, tolerance=None, max_error=bound, why=True)
+    return list(make_encoder(first, chosen, None).run(None, overwrite=False).alternatives)

@@ -1,4 +1,4 @@
-"""No more model than a clip needs: which alternatives there were, and what each would have cost."""
+"""No more model than a clip needs: what else the encoder tried, and what each would have cost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pdecodec.report.charts.figure import Figure, Table
 
 
 def measure_alternatives(sequence: MeshSequence, *, tolerance: float, effort: EffortName) -> tuple[Question, ...]:
-    """Measure what profile auto could have chosen at a tolerance."""
+    """Return what profile auto tried at a tolerance."""
     return encode(sequence, tolerance=tolerance, effort=effort, why=True).alternatives
 
 
@@ -24,17 +24,13 @@ def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figu
         for taken in [next(way for way in question.ways if way.chosen)]
         for item in question.ways
     ]
-    model = questions[-1]
-    size = {item.way: item.size for item in model.ways}
-    auto, paper = size.values()
     return Figure(
         name="alternatives",
         title=f"Why this model, at tolerance {tolerance:g}",
         lesson=(
-            "One choice at a time is changed and all else stays as it was chosen; steps of coefficients are searched "
-            f"again each time. Of {model.frames} frames the paper's closed form takes {paper:,} bytes within the same "
-            f"bound, and what profile auto chose {auto:,}. A way that costs less than the one taken is one that this "
-            "effort does not look at, or that the whole clip pays for."
+            "What the encoder looked at on its way, and the least that each alternative took. Candidates that cost "
+            "too much with a usual step were not tuned further. A way that costs less than the one taken is one that "
+            "the whole clip pays for."
         ),
         table=Table(("choice", "way", "frames", "bytes", "times what was taken", "taken"), tuple(rows)),
         shows_table=True,

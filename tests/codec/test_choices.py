@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.tuning import EFFORTS
+from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName
@@ -131,7 +131,7 @@ def unlike_frames(rows: int = 50, frames: int = 40) -> ArraySequence:
 @pytest.fixture
 def without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have little effort encode clips of any size as it does large ones."""
-    monkeypatch.setitem(EFFORTS, "fast", replace(EFFORTS["fast"], searched_clip=0))
+    monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], searched_positions=0))
 
 
 @pytest.mark.usefixtures("without_a_search")
@@ -160,7 +160,7 @@ def test_little_effort_takes_little_more_bits_of_small_clips(make: Callable[[], 
 
 def test_groups_that_are_heavy_are_encoded_nearly_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = size_of(waving_sheet, 1e-3, "fast")
-    monkeypatch.setattr("pdecodec.codec.encode.fit.HEAVY", 0)
+    monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], heavy_group_bytes=0))
     monkeypatch.setattr("pdecodec.codec.encode.quantise.BLOCK_BYTES", 0)
     report = encode(waving_sheet(), tolerance=1e-3, effort="fast")
     assert report.bound is not None

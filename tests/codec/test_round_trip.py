@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.codec.encode.pipeline import FARTHEST
+from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.settings import Profile
 from pdecodec.mesh.arrays import Float32Array
 from tests.support.mesh_cases import connectivities, connectivity_of, grid
@@ -323,8 +325,8 @@ def test_groups_of_smooth_motion_are_longer(
     kind: type[Instrumented], length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     vertices = 3000
-    monkeypatch.setattr("pdecodec.codec.encoding_memory.GROUP_BYTES", 24 * vertices * 10)
-    monkeypatch.setattr("pdecodec.codec.encoding_memory.SMOOTH_GROUP_BYTES", 24 * vertices * 40)
+    sizes = {"group_bytes": 24 * vertices * 10, "smooth_group_bytes": 24 * vertices * 40}
+    monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], **sizes))
     sequence = kind(frames=80, vertices=vertices)
     report, animation = round_trip(sequence, effort="fast")
     assert animation.info()["group_frames"] == [length, length]
@@ -334,7 +336,7 @@ def test_groups_of_smooth_motion_are_longer(
 
 
 def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdecodec.codec.encoding_memory.GROUP_BYTES", 24 * 30 * 50)
+    monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], group_bytes=24 * 30 * 50))
     sequence = Instrumented(frames=200, vertices=30)
     report, animation = round_trip(sequence, effort="fast")
     # Frame 0 alone gives the reference frame; then every frame is read once, from front to back.

@@ -13,34 +13,19 @@ from typing import Protocol
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.encode.fit import GroupChoice, GroupFitter
+from pdecodec.codec.encode.fit import Candidate, GroupFitter
 from pdecodec.codec.encode.quantise import axes_of, cosines_needed, grid_step, needed_functions, quantise_sparsely
 from pdecodec.codec.encode.temporal import Displacements, Sight, TimeFunctions, time_basis_of
+from pdecodec.codec.encode.tuning import Tuning
 from pdecodec.codec.sections.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.codec.sections.residuals import residual_ways
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
 
-SAMPLED_SHARE, FEWEST_VERTICES, LEAST_SHARE = 1 / 8, 1024, 1 / 32
-"""Of a larger mesh, elements are looked at that have this share of the vertices, but so many at least, and no more than
-are enough, or the least share of a mesh that is larger still: of cloths of 100,000 vertices a thirtieth chose as an
-eighth did, to 0.8 % of the bytes."""
-
-ENOUGH_VERTICES, ENOUGH_TO_COMPARE = 3072, 4096
-"""How many are enough, and how many where space bases are compared: patches that differed by 2 to 4 % of the bytes came
-out the wrong way round by fewer."""
-
-PART = 128
-"""Vertices at most of parts of the partition tree that are looked at as a whole, where space bases are compared: those
-of the largest usual patches."""
-
-
-RUN, RUNS = 8, 2
-"""Residuals are looked at in runs of so many frames, one of so many: they are coded by those of the frame before."""
-
-FEWEST_FRAMES = 128
-"""Frames up to which all are looked at."""
+FRAME_RUN = 8
+"""Where frames are sampled, residuals are looked at in every other run of so many: they are coded by those of the frame
+before."""
 
 WHOLE_DEPTHS = 8
 """Nodes of the partition tree down to this depth are looked at whatever elements are below them: they are few."""
@@ -52,10 +37,10 @@ ROWS_AT_ONCE = 256
 class BitCounter(Protocol):
     """Counts what a group takes in one space basis."""
 
-    def bits(self, choice: GroupChoice) -> float:
+    def bits(self, choice: Candidate) -> float:
         """What a group takes that way, about or exactly."""
 
-    def prepare(self, choice: GroupChoice) -> None:
+    def prepare(self, choice: Candidate) -> None:
         """Compute what choices of a time basis and origin share: calls in several threads would each do it."""
 
 
@@ -67,7 +52,7 @@ def bit_counter(
     part_of: BitCounter | None = None,
     compares_bases: bool = False,
 ) -> BitCounter:
-    """Fits of all of a small mesh, estimates of a large one."""
+    """Return a counter by full fits of a small mesh, by estimates from a sample of a large one."""
     if not fitter.is_large:
         return FitCounter(fitter, basis)
     alike, longer = (other if isinstance(other, Estimate) else None for other in (like, part_of))
@@ -80,10 +65,10 @@ class FitCounter:
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis) -> None:
         self._fitter, self._basis = fitter, basis
 
-    def prepare(self, choice: GroupChoice) -> None:
+    def prepare(self, choice: Candidate) -> None:
         self._fitter.prepare(choice)
 
-    def bits(self, choice: GroupChoice) -> float:
+    def bits(self, choice: Candidate) -> float:
         return self._fitter.fit(self._basis, choice, is_trial=True).bits
 
 
@@ -92,7 +77,7 @@ class _Sample:
 
     Parameters
     ----------
-    points : (frames, vertices, 3) float32 [scene units]
+    fitter : GroupFitter
     basis : SpaceBasis
     elements : (n,) int64
         Ascending.
@@ -125,18 +110,19 @@ class _Sample:
 
     def __init__(
         self,
-        points: Float32Array,
+        fitter: GroupFitter,
         basis: SpaceBasis,
         elements: Int64Array,
         weight: float,
         like: _Sample | None = None,
     ) -> None:
+        points, sample_frames = fitter.points, fitter.tuning.sample_frames
         self.elements, self.weight = elements, weight
         self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
         self.vertices = _vertices(basis, elements)
         self.order = np.arange(self.vertices.size, dtype=np.int32)
         runs = np.arange(len(points))
-        self.frames = runs[runs // RUN % RUNS == 0] if runs.size > FEWEST_FRAMES else runs
+        self.frames = runs[runs // FRAME_RUN % 2 == 0] if runs.size > sample_frames else runs
         self.points: Float32Array
         if like and np.array_equal(self.vertices, like.vertices):
             self.points = like.points
@@ -193,31 +179,30 @@ def _weights(basis: SpaceBasis, coefficients: Rows, step: float) -> Float64Array
     return weights
 
 
-def _chosen(basis: SpaceBasis, weights: Float64Array, *, compares_bases: bool) -> Int64Array:
-    """Elements from all over the mesh, of those that take little as of those that take much.
+def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compares_bases: bool) -> Int64Array:
+    """Return elements from all over the mesh, of those that take little as of those that take much.
+
+    Where spatial bases are compared, all elements of a part of the partition tree are taken, or none, so that smaller
+    and larger ones are of the same vertices.
 
     Parameters
     ----------
     basis : SpaceBasis
     weights : (elements,) float64
         About what each takes.
-    compares_bases : bool
-        Whether all elements of a part of the partition tree are taken, or none: smaller and larger ones are of the same
-        vertices then, and these are more.
+    tuning : Tuning
     """
-    part_of = np.unique(_parts(basis), return_inverse=True)[1] if compares_bases else np.arange(basis.element_count)
+    part_of = np.unique(_parts(basis, tuning.sample_part if compares_bases else 1), return_inverse=True)[1]
     part_weights = np.bincount(part_of, weights)
     vertices = basis.order.size
-    most = ENOUGH_TO_COMPARE if compares_bases else ENOUGH_VERTICES
-    enough = max(FEWEST_VERTICES, min(SAMPLED_SHARE * vertices, most), LEAST_SHARE * vertices)
-    share = min(enough / vertices, 1.0)
+    share = min(max(tuning.sample_vertices / vertices, tuning.sample_share), 1.0)
     sampled = max(1, round(share * part_weights.size))
     places = ((np.arange(sampled) + 0.5) * part_weights.size / sampled).astype(np.int64)
     return np.flatnonzero(np.isin(part_of, np.argsort(part_weights, kind="stable")[places]))
 
 
-def _parts(basis: SpaceBasis) -> Int64Array:
-    """(elements,) int64: the highest node of the partition tree above each of at most PART vertices, or its own."""
+def _parts(basis: SpaceBasis, most: int) -> Int64Array:
+    """Return the highest node of the partition tree above each element of at most `most` vertices, or its own."""
     children, node_of = basis.patches.children, basis.patches.node_of
     sizes = np.zeros(children.size, np.int64)
     sizes[node_of] = np.diff(basis.starts)
@@ -226,7 +211,7 @@ def _parts(basis: SpaceBasis) -> Int64Array:
             sizes[node] = sizes[children[node]] + sizes[children[node] + 1]
     parts = np.full(children.size, -1)
     for node in range(children.size):
-        if parts[node] < 0 and (sizes[node] <= PART or children[node] < 0):
+        if parts[node] < 0 and (sizes[node] <= most or children[node] < 0):
             parts[node] = node
         if children[node] >= 0:
             parts[children[node] : children[node] + 2] = parts[node]
@@ -257,8 +242,6 @@ class Estimate:
     part_of : Estimate, optional
         Of more frames in the same space basis: the same elements are looked at, and taken for as much of all, so that
         what parts take is compared with what the whole takes on the same vertices.
-    compares_bases : bool
-        Whether space bases are compared: estimates in other ones will look at the same vertices.
 
     Attributes
     ----------
@@ -280,7 +263,7 @@ class Estimate:
         self._coefficients: dict[tuple[Displacements, TimeFunctions], Rows] = {}
         self.sample: _Sample
         if part_of:
-            self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
+            self.sample = _Sample(fitter, basis, part_of.sample.elements, part_of.sample.weight)
         else:
             self.sample = self._looked_at(like, compares_bases)
         project = partial(basis.project_some, subbands=self.sample.chosen)
@@ -290,14 +273,14 @@ class Estimate:
         fitter, basis = self._fitter, self.basis
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
-            return _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
+            return _Sample(fitter, basis, elements, like.sample.weight, like.sample)
         weights = _weights(basis, fitter.weighed(basis), self._usual_step)
         if not elements.size:
-            elements = _chosen(basis, weights, compares_bases=compares_bases)
+            elements = _chosen(basis, weights, fitter.tuning, compares_bases=compares_bases)
         sampled = float(weights[elements].sum())
-        return _Sample(fitter.points, basis, elements, float(weights.sum()) / sampled if sampled else 1.0)
+        return _Sample(fitter, basis, elements, float(weights.sum()) / sampled if sampled else 1.0)
 
-    def prepare(self, choice: GroupChoice) -> None:
+    def prepare(self, choice: Candidate) -> None:
         moved = self._fitter.displacements(choice.origin)
         self._projected(moved, choice.time)
         if choice.time != "cosines":
@@ -313,10 +296,12 @@ class Estimate:
             )
         return self._coefficients[moved, time]
 
-    def bits(self, choice: GroupChoice) -> float:
+    def bits(self, choice: Candidate) -> float:
         sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)
         moved, frames = self._fitter.displacements(choice.origin), self._fitter.frames
-        quantised, largest = quantise_sparsely(self._projected(moved, choice.time), step, axes)
+        quantised, largest = quantise_sparsely(
+            self._projected(moved, choice.time), step, axes, self._fitter.tuning.dead_zones[0]
+        )
         time_bits = time_step = 0.0
         if choice.time == "cosines":
             count = cosines_needed(largest)

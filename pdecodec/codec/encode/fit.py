@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec._core import Excess, GroupModel, Residuals
 from pdecodec.codec.encode.quantise import (
-    CELL,
-    DEAD_ZONE,
-    ROUND_UP_AT,
-    DeadZone,
     axes_of,
     columns_of,
     cosines_needed,
@@ -27,9 +23,11 @@ from pdecodec.codec.encode.quantise import (
     needed_functions,
     quantise_on,
     quantise_sparsely,
+    rounding_error,
     some_channels,
 )
 from pdecodec.codec.encode.temporal import Displacements, Origin, Sight, TimeFunctions, dual_functions, time_basis_of
+from pdecodec.codec.encode.tuning import DeadZone, Tuning
 from pdecodec.codec.sections.groups import (
     SINGLE_IS_ENOUGH,
     SINGLE_MARGIN,
@@ -49,48 +47,24 @@ from pdecodec.codec.sections.time_functions import QuantisedTimeFunctions, quant
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import both, thread_count
 
-FINEST, COARSEST = 0.7, 64.0
-"""Quantisation steps of coefficients to choose from, in units."""
-
-COARSEST_UNTRIED = 8.0
-"""The coarsest of steps that the mean error chooses: where most vertices stand still, it says little of the others."""
-
-USUAL_STEP = 2.8
-"""Quantisation step of coefficients that fits begin with, in units."""
-
-SMALL_MESH = 2048
-"""Vertices up to which a mesh is small."""
-
-MEAN_ERROR, MORE_OF_DENSE = 0.26, 0.4
-"""Root mean square distance, in bounds, at which coefficients and residuals together cost least, about, and how much
-more it may be times the root of the coefficients that each position has: on eight clips and bounds of 1e-2 to 1e-4
-steps chosen by it took 2 % more than the best ones."""
-
-COEFFICIENTS_LOOKED_AT = 2**19
+STEP_SAMPLE = 2**19
 """Coefficients that tell the mean error of a step."""
 
-ELEMENTS_STRIDE = 8
-"""One in so many elements, at most, is looked at for these."""
+ELEMENT_STRIDE = 8
+"""Of a heavy group, one in so many elements and functions of time stands for all."""
 
-FUNCTIONS_WEIGHED = 24
-"""Functions of time of a heavy group that tell what each element takes."""
+PRECISION_STRIDE = 4
+"""One in so many elements, or frames where there are few elements, tells whether float32 is precise enough."""
 
-HEAVY = 2**25
-"""Bytes of positions from which on a group is heavy."""
+LEAST_PUSH = 2.0**-8
+"""Share of the first push below which coefficients hardly change."""
 
-SPARSE_LOOK, FEWEST_ELEMENTS = 8, 4
-"""One in so many positions tells whether they may be added up in float32, and where it is close those halfway between
-two of them as well: of one in so many elements at all frames, or of more where there would be fewer than these."""
-
-WELL_BELOW = 0.8
-"""Share of a limit below which that is not close."""
-
-AIM, AIM_FROM, FARTHEST_PUSH = 0.8, 0.85, 2.0
-"""Vertices that are off by AIM_FROM bounds are brought to AIM, by FARTHEST_PUSH at most."""
+FARTHEST_PUSH = 2.0
+"""Bounds by which a vertex is moved at most when coefficients are refined."""
 
 
 @dataclass(frozen=True)
-class GroupChoice:
+class Candidate:
     """How a group is fitted.
 
     Attributes
@@ -211,6 +185,7 @@ class GroupFitter:
     unit : float [scene units]
         The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
     residual_step : float [scene units]
+    tuning : Tuning
 
     Attributes
     ----------
@@ -228,10 +203,12 @@ class GroupFitter:
         bound: float,
         unit: float,
         residual_step: float,
+        tuning: Tuning,
     ) -> None:
+        self.tuning = tuning
         self.points, self.times, self._reference, self._first = points, times, reference, first
         self.bound, self.unit, self.residual_step = bound, unit, residual_step
-        self.is_heavy = points.nbytes >= HEAVY
+        self.is_heavy = points.nbytes >= tuning.heavy_group_bytes
         self._displacements: dict[Origin, Displacements] = {}
         self._part_of: tuple[GroupFitter, slice] | None = None
         self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Rows] | None = None
@@ -243,15 +220,17 @@ class GroupFitter:
             if origin == "first":
                 shape, beside = self._first.astype(np.float64), self.displacements("reference")
             part_of = (self._part_of[0].displacements(origin), self._part_of[1]) if self._part_of else None
-            self._displacements[origin] = Displacements(self.points, shape, self.unit, beside=beside, part_of=part_of)
+            self._displacements[origin] = Displacements(
+                self.points, shape, self.unit, self.tuning, beside=beside, part_of=part_of
+            )
         return self._displacements[origin]
 
     @property
     def is_large(self) -> bool:
         """Whether its mesh is one that is not fitted more often than need be."""
-        return len(self._reference) > SMALL_MESH
+        return len(self._reference) > self.tuning.small_mesh_vertices
 
-    def prepare(self, choice: GroupChoice) -> None:
+    def prepare(self, choice: Candidate) -> None:
         """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
         moved = self.displacements(choice.origin)
         if self.is_heavy:
@@ -273,7 +252,9 @@ class GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
         other = self._with(self.points, self.times, reference, self._first)
         other._displacements = {
-            "reference": Displacements(self.points, reference, self.unit, alike=self.displacements("reference"))
+            "reference": Displacements(
+                self.points, reference, self.unit, self.tuning, alike=self.displacements("reference")
+            )
         }
         if "first" in self._displacements:
             other._displacements["first"] = self._displacements["first"]
@@ -297,11 +278,12 @@ class GroupFitter:
             bound=self.bound,
             unit=self.unit,
             residual_step=self.residual_step,
+            tuning=self.tuning,
         )
         other.is_heavy = self.is_heavy
         return other
 
-    def settle(self, choice: GroupChoice) -> None:
+    def settle(self, choice: Candidate) -> None:
         """Forget what fits of other functions of time, or from another origin, would need."""
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
@@ -326,11 +308,11 @@ class GroupFitter:
         return len(self.points)
 
     @property
-    def first_choice(self) -> GroupChoice:
+    def first_choice(self) -> Candidate:
         """What is fitted before anything is known."""
-        return GroupChoice("trajectories", "reference", grid_index(USUAL_STEP * self.unit))
+        return Candidate("trajectories", "reference", grid_index(self.tuning.usual_step * self.unit))
 
-    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories", coarser: int = 0) -> GroupChoice:
+    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories", coarser: int = 0) -> Candidate:
         """What is fitted where nothing is tried: functions of time with the step that leaves the usual mean error.
 
         `coarser` is by how many indices another step is taken.
@@ -340,24 +322,27 @@ class GroupFitter:
         positions = self.frames * len(self._reference) * len(some) / max(1, basis.functions)
         sizes = np.abs(some).ravel()
 
+        tuning, rounded = self.tuning, self.tuning.dead_zones[0][0]
+
         def is_too_coarse(index: int) -> bool:
             step = grid_step(index)
-            is_lost = sizes < ROUND_UP_AT * step
+            is_lost = sizes < rounded * step
             lost, kept = sizes * is_lost, sizes.size - int(np.count_nonzero(is_lost))
-            error = math.sqrt((_core.sum_of_products(lost, lost) + CELL * step * step * kept) / positions)
-            return error > (MEAN_ERROR + MORE_OF_DENSE * math.sqrt(kept / positions)) * self.unit
+            squares = _core.sum_of_products(lost, lost) + rounding_error(rounded) * step * step * kept
+            allowed = tuning.mean_error + tuning.mean_error_of_dense * math.sqrt(kept / positions)
+            return math.sqrt(squares / positions) > allowed * self.unit
 
-        steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)
+        steps = range(grid_index(tuning.finest_step * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
         usual = bisect.bisect_left(steps, True, key=is_too_coarse) - 1
         return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
 
-    def _some_rows(self, basis: SpaceBasis, choice: GroupChoice) -> Rows:
+    def _some_rows(self, basis: SpaceBasis, choice: Candidate) -> Rows:
         """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""
         moved = self.displacements(choice.origin)
-        stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // COEFFICIENTS_LOOKED_AT)
+        stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // STEP_SAMPLE)
         if not self.is_heavy:
             return self._projected(basis, choice)[::stride]
-        elements_stride = min(stride, ELEMENTS_STRIDE)
+        elements_stride = min(stride, ELEMENT_STRIDE)
         subbands = basis.subbands_of(np.arange(0, basis.element_count, elements_stride))
 
         def thinned(values: Rows) -> Rows:
@@ -373,10 +358,9 @@ class GroupFitter:
         if not self.is_heavy:
             return self._projected(basis, choice)
         moved = self.displacements(choice.origin)
-        some = slice(None, None, max(1, moved.count(choice.time) // FUNCTIONS_WEIGHED))
-        return basis.project(moved.some_coefficients(choice.time, some))
+        return basis.project(moved.some_coefficients(choice.time, slice(None, None, ELEMENT_STRIDE)))
 
-    def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Rows:
+    def _projected(self, basis: SpaceBasis, choice: Candidate) -> Rows:
         """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
         wanted = basis, choice.time, choice.origin
         if self._projection is None or self._projection[0] != wanted:
@@ -384,16 +368,14 @@ class GroupFitter:
             self._projection = wanted, values
         return self._projection[1]
 
-    def _first_look(
-        self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone
-    ) -> tuple[Int64Array | None, Int64Array]:
+    def _first_look(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> tuple[Int64Array | None, Int64Array]:
         """Quantised coefficients of all functions of time, and the largest of each channel; of a heavy group none, and
         the largest on some elements from all over the mesh: what has none there is next to nothing.
         """
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
         if not self.is_heavy:
             return quantise_sparsely(self._projected(basis, choice), step, axes, zone)
-        subbands = basis.subbands_of(np.arange(0, basis.element_count, ELEMENTS_STRIDE))
+        subbands = basis.subbands_of(np.arange(0, basis.element_count, ELEMENT_STRIDE))
         sight = Sight(partial(basis.project_some, subbands=subbands))
         return None, quantise_sparsely(moved.some_coefficients(choice.time, sight=sight), step, axes, zone)[1]
 
@@ -403,7 +385,7 @@ class GroupFitter:
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
     def fit(
-        self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True, is_trial: bool = False
+        self, basis: SpaceBasis, choice: Candidate, *, is_measured: bool = True, is_trial: bool = False
     ) -> FittedGroup:
         """Fit, and measure what it costs where that is wanted; a trial is not to be encoded."""
         group = self.quantised(basis, choice)
@@ -413,8 +395,9 @@ class GroupFitter:
             self.put_aside()  # what holds positions against the group takes that memory at once
         return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured, is_trial=is_trial)
 
-    def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
+    def quantised(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None) -> QuantisedGroup:
         """Functions of time and coefficients, quantised."""
+        zone = zone or self.tuning.dead_zones[0]
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
         all_quantised, largest = self._first_look(basis, choice, zone)
@@ -462,7 +445,7 @@ class GroupFitter:
         def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
             functions = group_functions(entry, self._time(entry, time_functions), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
-            aim = (AIM, AIM_FROM, FARTHEST_PUSH)
+            aim = (self.tuning.aim, self.tuning.aim_from, FARTHEST_PUSH)
             missing = self.held(functions, self.points, basis.order).missing(
                 limits, aim, excess, not is_trial, thread_count()
             )
@@ -511,21 +494,17 @@ class GroupFitter:
         self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
     ) -> bool:
         """Whether adding up in float32 takes at most half of the margin for it."""
-        limit = 0.5 * SINGLE_MARGIN * self.residual_step
-        stride = max(1, min(SPARSE_LOOK, basis.element_count // FEWEST_ELEMENTS))
-        time = np.ascontiguousarray(self._time(entry, time_functions)[:: SPARSE_LOOK // stride])
-
-        def farthest(first: int) -> float:
-            subbands = basis.subbands_of(np.arange(first, basis.element_count, stride), least_depth=0)
-            some = quantised[basis.functions_in(subbands)]
-            one, other = (
-                group_functions(replace(entry, single=single), time, some, basis, subbands).motion
-                for single in (True, False)
-            )
-            return _core.farthest_apart(one, other, time, np.ascontiguousarray(self._reference), thread_count())
-
-        found = farthest(0)
-        return found <= limit and (found <= WELL_BELOW * limit or farthest(stride // 2) <= limit)
+        few = basis.element_count < PRECISION_STRIDE**2
+        stride, frame_stride = (1, PRECISION_STRIDE) if few else (PRECISION_STRIDE, 1)
+        time = np.ascontiguousarray(self._time(entry, time_functions)[::frame_stride])
+        subbands = basis.subbands_of(np.arange(0, basis.element_count, stride), least_depth=0)
+        some = quantised[basis.functions_in(subbands)]
+        single, double = (
+            group_functions(replace(entry, single=is_single), time, some, basis, subbands).motion
+            for is_single in (True, False)
+        )
+        found = _core.farthest_apart(single, double, time, np.ascontiguousarray(self._reference), thread_count())
+        return found <= 0.5 * SINGLE_MARGIN * self.residual_step
 
     def _time(self, entry: GroupEntry, time_functions: QuantisedTimeFunctions | None) -> Float64Array:
         """Decoded functions of time, (frames, 3 or 1, functions)."""
@@ -579,18 +558,6 @@ def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
     return normalised(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
 
 
-PUSH = 1.5
-"""How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
-much."""
-
-LEAST_PUSH = PUSH * 2.0**-16
-"""Pushes below it change hardly a coefficient."""
-
-MOST_RESIDUALS = 0.03
-"""Residuals for each position from which on a push costs more than it saves: so many vertices are off that what is
-added for one of them puts others off. On 12 clips and bounds of 1e-2 to 1e-4 no first push paid beyond 0.027."""
-
-
 class Refinement:
     """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
 
@@ -598,18 +565,18 @@ class Refinement:
     ----------
     fitter : GroupFitter
     basis : SpaceBasis
-    choice : GroupChoice
-    zone : DeadZone, optional
+    choice : Candidate
+    zone : DeadZone
         Where coefficients are rounded towards zero: what that takes from vertices that need it, refining gives back.
 
     Attributes
     ----------
-    choice : GroupChoice
+    choice : Candidate
     best : FittedGroup
         Which cost least so far; of a heavy group not measured until it is refined.
     """
 
-    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> None:
+    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> None:
         self.choice = choice
         self._fitter, self._basis, self._zone = fitter, basis, zone
         start = fitter.quantised(basis, choice, zone)
@@ -622,7 +589,7 @@ class Refinement:
             if start.time_functions
             else cosines(fitter.frames, start.entry.functions)
         )
-        self._excess, self._push = Excess(), PUSH
+        self._excess, self._push = Excess(), fitter.tuning.push
         self.best: FittedGroup = fitter.fitted(
             basis,
             start.entry,
@@ -632,23 +599,17 @@ class Refinement:
             is_measured=not fitter.is_heavy,
         )
 
-    def refined(self, passes: int, least_gain: float = 0.0) -> Refinement:
-        """Itself, its coefficients rounded again so many times, as far as that pays.
+    def refine(self, passes: int) -> Refinement:
+        """Round the coefficients again so many times, as far as that pays, and return itself.
 
-        Parameters
-        ----------
-        passes : int
-        least_gain : float, optional
-            Share of the bits that a pass must save for another one to follow. Where it is 0, half the push follows one
-            that saves nothing.
+        A pass that saves nothing halves the push, where another one may follow it.
         """
-        entry = self._entry
-        if least_gain > 0.0 and self.best.residuals.count > MOST_RESIDUALS * self._fitter.frames * len(self._values):
-            return self
+        entry, tuning = self._entry, self._fitter.tuning
         self.best = self.best.measured(self._basis)
+        most = tuning.refined_residual_share * self._fitter.frames * len(self._values)
+        if tuning.refining_gain > 0.0 and self.best.residuals.count > most:
+            return self
         for _ in range(passes if entry.functions else 0):
-            if self._push < LEAST_PUSH:
-                break
             before = self.best.bits
             excess = Excess()
             quantised, _ = quantise_on(self._basis, self._pushed, entry.functions, entry.axes, entry.step, self._zone)
@@ -658,7 +619,7 @@ class Refinement:
                 self.best, self._excess = found, excess
             else:
                 self._push *= 0.5
-            if before - self.best.bits < least_gain * before:
+            if before - self.best.bits < tuning.refining_gain * before or self._push < LEAST_PUSH * tuning.push:
                 break
         return self
 
@@ -668,3 +629,33 @@ class Refinement:
         values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
         return values
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedGroup:
+    """A group, as it is to be encoded."""
+
+    fitter: GroupFitter
+    choice: Candidate
+    fitted: FittedGroup
+
+
+def finish(fitter: GroupFitter, choice: Candidate, basis: SpaceBasis) -> FinishedGroup:
+    """Fit a group in full and refine its coefficients.
+
+    Candidates are the steps and dead zones of the tuning; after each of its numbers of passes the better half stays.
+    """
+    tuning = fitter.tuning
+    fitter.settle(choice)
+    if not tuning.refining_passes:
+        return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
+    steps, zones = tuning.refined_steps, tuning.dead_zones
+    if not fitter.moves:
+        steps, zones = (0,), zones[:1]
+    tried = [replace(choice, step=choice.step + more) for more in steps]
+    left = [Refinement(fitter, basis, other, zone) for other in tried for zone in zones]
+    done = 0
+    for passes in tuning.refining_passes:
+        left = sorted((one.refine(passes - done) for one in left), key=lambda one: one.best.bits)
+        left, done = left[: -(-len(left) // 2)], passes
+    return FinishedGroup(fitter, left[0].choice, left[0].best)

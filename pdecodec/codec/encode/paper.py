@@ -20,7 +20,9 @@ from pdecodec import _core
 from pdecodec.codec.encode.fit import EncodedGroup, FittedGroup, GroupFitter
 from pdecodec.codec.encode.pipeline import FINEST_STEP, Encoder
 from pdecodec.codec.encode.quantise import QUARTERS, quantise
+from pdecodec.codec.encode.report import ask
 from pdecodec.codec.encode.temporal import FARTHEST_STEPS, product
+from pdecodec.codec.encode.tuning import Tuning
 from pdecodec.codec.sections.bytestream import LARGEST
 from pdecodec.codec.sections.closed_form import SPACE_FUNCTIONS, TIME_FUNCTIONS, ClosedForm
 from pdecodec.codec.sections.groups import GroupEntry
@@ -77,7 +79,7 @@ class PaperEncoder(Encoder):
 
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
         super().__init__(sequence, settings, progress)
-        paper = settings.paper
+        paper, self._rounded_up_at = settings.paper, Tuning().dead_zones[0][0]
         self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
         sampled = [(self._read(*part), part) for part in self._sampled_segments()]
         finest = FINEST_STEP * self._scale
@@ -159,16 +161,19 @@ class PaperEncoder(Encoder):
                 bound=np.inf if self._bound is None else self._bound,
                 unit=self._unit,
                 residual_step=self._residual_step,
+                tuning=Tuning(),
             )
             if self._bound is None:
                 fitted = self._quantised(fitter, projected, self._step(projected))
             else:
-                tried = (self._quantised(fitter, projected, steps * self._unit) for steps in STEPS)
-                fitted = min(tried, key=lambda item: item.bits)
+                tried = {step: self._quantised(fitter, projected, step * self._unit) for step in STEPS}
+                best = min(tried, key=lambda step: tried[step].bits)
+                fitted = tried[best]
+                if self._settings.why and not self._questions:
+                    ways = {f"{step:g} bounds": item.bits for step, item in tried.items()}
+                    question = ask("step of coefficients", fitter.frames, ways, f"{best:g} bounds")
+                    self._questions = [question] if question else []
             yield fitter.encode(fitted, self._basis)
-
-        if self.compare_profiles:
-            self._questions = [self.compare_profiles(self._sequence, self._bound, "paper")]
 
     def _step(self, projected: _Projected) -> float:
         """The coarsest step at which rounding adds little to the error that the model has anyhow."""
@@ -178,14 +183,14 @@ class PaperEncoder(Encoder):
         allowed = ADDED_BY_QUANTISATION * projected.error
         while step < largest:
             coarser = step * STEP_RATIO
-            off = coefficients - coarser * quantise(coefficients, coarser)
+            off = coefficients - coarser * quantise(coefficients, coarser, self._rounded_up_at)
             if _core.sum_of_products(off.ravel(), off.ravel()) > allowed:
                 break
             step = coarser
         return step
 
     def _quantised(self, fitter: GroupFitter, projected: _Projected, step: float) -> FittedGroup:
-        quantised = quantise(projected.coefficients, step)
+        quantised = quantise(projected.coefficients, step, self._rounded_up_at)
         entry = GroupEntry(
             frames=fitter.frames,
             functions=quantised.shape[1] // 3 if quantised.any() else 0,

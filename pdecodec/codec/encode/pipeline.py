@@ -10,7 +10,7 @@ import itertools
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -28,22 +28,12 @@ from pdecodec.codec.container import (
     section_sizes,
     write_container,
 )
-from pdecodec.codec.encode.alternatives import GroupAlternatives
-from pdecodec.codec.encode.fit import EncodedGroup, GroupChoice, GroupFitter
+from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
+from pdecodec.codec.encode.reference import References
 from pdecodec.codec.encode.report import EncodeReport, Question, counted, generator, to_json
-from pdecodec.codec.encode.search import (
-    FinishedGroup,
-    GroupSearch,
-    ModelSearch,
-    References,
-    candidates,
-    divided,
-    finished,
-    is_dense,
-    ruled,
-)
-from pdecodec.codec.encode.tuning import EFFORTS
-from pdecodec.codec.encoding_memory import LONGEST_GROUP, memory_plan
+from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
+from pdecodec.codec.encode.tuning import TUNINGS, Tuning
+from pdecodec.codec.encoding_memory import memory_plan
 from pdecodec.codec.sections.attributes import encode_attributes
 from pdecodec.codec.sections.connectivity import encode_connectivity
 from pdecodec.codec.sections.description import encode_remarks, encode_sequence_description
@@ -52,7 +42,7 @@ from pdecodec.codec.sections.groups import GroupEntry, write_group_table
 from pdecodec.codec.sections.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.codec.sections.residuals import LAST_BINADE, residual_step
 from pdecodec.codec.sections.space_basis import SpaceBasis, encode_model
-from pdecodec.codec.settings import EncodeSettings, Profile
+from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.jumps import JumpFinder
@@ -67,10 +57,6 @@ FARTHEST = 1e37
 """Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
 
 
-CompareProfiles = Callable[[MeshSequence, float | None, Profile], Question]
-"""Compares the profiles on a sequence at a bound [scene units]; the last argument says which one was chosen."""
-
-
 class Encoder(ABC):
     """One encode: what is the same whatever the model is.
 
@@ -80,13 +66,7 @@ class Encoder(ABC):
     settings : EncodeSettings
     progress : callable, optional
 
-    Attributes
-    ----------
-    compare_profiles : CompareProfiles or None
-        If set, the encoder reports which alternatives it had, this comparison among them.
     """
-
-    compare_profiles: CompareProfiles | None = None
 
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
         self._sequence, self._settings, self._progress = sequence, settings, progress
@@ -264,33 +244,11 @@ def _owner(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
     raise IndexError(vertex)
 
 
-SEARCHED_GROUPS = 3
-"""Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.
-Others are taken as the one before was, unless they cost more by `WORTH_SEARCHING`: the search is most of the time."""
-
-SMOOTH = 0.5
-"""Bits for each vertex and frame, encoded without a search, below which groups are as long as smooth motion allows:
-what frames have in common rules then. A rope of 60,000 vertices takes 0.1, and 9 % fewer bytes in groups of 120 frames
-than of 40; cloths and a flag of as many take 1.2 to 5, and 1 to 10 % more bytes in groups three times as long."""
-
-WORTH_SEARCHING = 1.1
-"""How many times what a frame of the group before cost is reason to search."""
-
-BALANCE, OUT_OF_BALANCE = 0.35, (1.38, 2.65)
-"""Bytes of residuals to bytes of coefficients where a step costs least, and how many times more or less of that are
-worth a step that is one index finer or coarser, and two.
-
-Of eight clips at 1e-3, coefficients took 0.09 to 0.25 less an index (natural logarithm), residuals 0.3 to 0.9 more, and
-the best ratios were 0.13 to 0.5, those of meshes of 20,000 vertices and more 0.36 to 0.5. At 1e-2 they were up to 1.5:
-a group with more residuals is no reason for finer steps than leave the usual mean error.
-"""
-
-
 @dataclass(frozen=True, eq=False)
 class EncodedPart:
     """A group, how it is encoded, and the share of its motion that functions carry where that is yet to be told."""
 
-    choice: GroupChoice
+    choice: Candidate
     group: EncodedGroup
     explained: float | None = None
 
@@ -303,11 +261,17 @@ class EncodedPart:
 class AutoEncoder(Encoder):
     """One encode under profile "auto": in the bases and steps that cost least."""
 
-    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        sequence: MeshSequence,
+        settings: EncodeSettings,
+        progress: Progress | None = None,
+        tuning: Tuning | None = None,
+    ) -> None:
         super().__init__(sequence, settings, progress)
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
-        self._effort = EFFORTS[settings.effort]
+        self._tuning = tuning or TUNINGS[settings.effort]
         self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings)
         self._ranges: list[tuple[int, int]] = []
         self._explained: float | None = None  # of the first group that moves
@@ -336,20 +300,21 @@ class AutoEncoder(Encoder):
     def _groups(self) -> Iterator[EncodedGroup]:
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
-        choices: list[tuple[int, GroupChoice]] = []  # of the group before: frames and choice of each of its parts
-        is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._effort.searched_clip
+        choices: list[tuple[int, Candidate]] = []  # of the group before: frames and choice of each of its parts
+        is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._tuning.searched_positions
         usual_bits = 0.0  # of a frame of the last group that was searched
         parts = self._first_parts(steps)
         coarser = 0  # than steps that leave the usual mean error, in indices
         for index, (begin, end) in enumerate(self._ranges):
-            is_searched = index < SEARCHED_GROUPS or index % (2 * SEARCHED_GROUPS) == 0
+            searched = self._tuning.searched_groups
+            is_searched = index < searched or index % (2 * searched) == 0
             if index > 0 and is_ruled:
-                coarser = max(0, coarser + _out_of_balance(parts))
-                parts = self._ruled(self._fitter(begin, end, steps), parts, coarser)
+                coarser = max(0, coarser + _out_of_balance(parts, self._tuning.residual_share))
+                parts = self._by_rule(self._fitter(begin, end, steps), parts, coarser)
             elif index > 0:
                 fitter = self._fitter(begin, end, steps)
                 parts = [] if is_searched else self._like(fitter, choices)
-                if is_searched or _bits(parts) > WORTH_SEARCHING * usual_bits * (end - begin):
+                if is_searched or _bits(parts) > self._tuning.early_exit_ratio * usual_bits * (end - begin):
                     parts = self._divided(fitter, choices[-1][1])
                     is_searched = True
                 del fitter
@@ -374,22 +339,21 @@ class AutoEncoder(Encoder):
                 unit=steps["unit"],
                 residual_step=steps["residual_step"],
                 functions=self._plan.functions,
-                effort=self._effort,
+                tuning=self._tuning,
                 patches=EarlyPatches(self._sequence.objects),
                 references=References(self._sequence.objects, beside),
                 beside=beside,
             )
             look = search.first_look() if len(longer) < len(self._ranges) else None
-            if look and look.bits < SMOOTH * points[..., 0].size:
+            if look and look.bits < self._tuning.smooth_bits * points[..., 0].size:
                 self._ranges, look = longer, None
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
                 search = replace(search, points=points, is_smooth=True)
             self._model = search.run(look)
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
-        if self.compare_profiles:
-            profiles = self.compare_profiles(self._sequence, self._bound, "auto")
-            self._questions = [*self._group_questions(points, steps), profiles]
+        if self._settings.why:
+            self._questions = self._model.questions
         del search, look, points
         # None is kept: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
@@ -406,19 +370,6 @@ class AutoEncoder(Encoder):
             explained = group.fitter.displacements(choice.origin).explained(functions, choice.time)
         return EncodedPart(choice, group.fitter.encode(group.fitted, self._space), explained)
 
-    def _group_questions(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
-        group = GroupAlternatives(
-            points,
-            [(group.fitter.frames, group.choice) for group in self._model.groups],
-            self._sequence.times,
-            self._sequence.objects,
-            reference=self._model.reference,
-            basis=self._model.basis,
-            functions=self._plan.functions,
-            **steps,
-        )
-        return group.questions()
-
     def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
         """Frames after the first ones."""
         return GroupFitter(
@@ -426,33 +377,33 @@ class AutoEncoder(Encoder):
             self._reference.points,
             self._first,
             times=self._sequence.times[begin:end],
+            tuning=self._tuning,
             **steps,
         )
 
-    def _ruled(self, fitter: GroupFitter, before: Sequence[EncodedPart], coarser: int) -> list[EncodedPart]:
+    def _by_rule(self, fitter: GroupFitter, before: Sequence[EncodedPart], coarser: int) -> list[EncodedPart]:
         """Groups that frames after the first ones are taken as without a search, dense as long as those before are.
 
         Their steps are so many indices coarser than leave the usual mean error.
         """
         frames = sum(part.group.entry.frames for part in before)
-        is_smooth = _bits(before) < SMOOTH * frames * fitter.points.shape[1]
+        is_smooth = _bits(before) < self._tuning.smooth_bits * frames * fitter.points.shape[1]
         dense = not is_smooth and (len(before) > 1 or is_dense(fitter))
-        groups = ruled(fitter, self._space, is_dense=dense, coarser=coarser)
+        groups = encode_by_rule(fitter, self._space, is_dense=dense, coarser=coarser)
         return side_by_side(*(partial(self._encoded, group) for group in groups))
 
-    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[EncodedPart]:
+    def _divided(self, fitter: GroupFitter, usual: Candidate) -> list[EncodedPart]:
         """The groups that frames after the first ones are divided into."""
         basis = self._space
         search = GroupSearch(fitter, basis)
-        choices = candidates(search, usual)
-        groups = divided(search, choices) if self._effort.division else [search.choose(choices)]
-        if self._effort.fine_steps:
+        groups = divide(search, search.candidates(usual)).groups
+        if self._tuning.divides_groups:
             groups = side_by_side(*(group.tuned for group in groups))
         chosen = [(item.fitter, item.choice) for item in groups]
         del search, groups  # and with them all that was found out on the way
         return self._all_finished(chosen)
 
-    def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, GroupChoice]]) -> list[EncodedPart]:
+    def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, Candidate]]) -> list[EncodedPart]:
         """The groups that frames are divided into as those before were, encoded in the same way."""
         ends = np.cumsum([frames for frames, _ in choices])
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
@@ -461,18 +412,18 @@ class AutoEncoder(Encoder):
             [(fitter.part(frames), choice) for frames, choice in parts if frames.stop > frames.start]
         )
 
-    def _all_finished(self, chosen: Sequence[tuple[GroupFitter, GroupChoice]]) -> list[EncodedPart]:
+    def _all_finished(self, chosen: Sequence[tuple[GroupFitter, Candidate]]) -> list[EncodedPart]:
         """Parts of a group, fitted in full and encoded; together they take no more memory than the group would."""
 
-        def encoded(part: tuple[GroupFitter, GroupChoice]) -> EncodedPart:
-            return self._encoded(finished(part, self._space, self._effort))
+        def encoded(part: tuple[GroupFitter, Candidate]) -> EncodedPart:
+            return self._encoded(finish(*part, self._space))
 
         return side_by_side(*(partial(encoded, part) for part in chosen))
 
     def _group_ranges(self, most: int) -> list[tuple[int, int]]:
         """First and last frame but one of groups of so many frames at most, all but equal."""
         frames = self._sequence.frame_count
-        longest = min(most, self._settings.group_frames or LONGEST_GROUP)
+        longest = min(most, self._settings.group_frames or self._tuning.longest_group)
         count = -(-frames // longest)
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
@@ -497,12 +448,16 @@ class AutoEncoder(Encoder):
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
 
 
-def _out_of_balance(parts: Sequence[EncodedPart]) -> int:
-    """Indices that the steps of the next group should be coarser by, for residuals to take their share."""
+def _out_of_balance(parts: Sequence[EncodedPart], residual_share: float) -> int:
+    """Return by how many indices the steps of the next group should be coarser, for residuals to take their share.
+
+    One index for each octave that residuals are off by, two at most. At 1e-2 residuals may take more than their share:
+    steps are never finer than those that leave the usual mean error.
+    """
     chunks = zip(*(part.group.chunks for part in parts), strict=True)
     _, coefficients, residuals = (sum(map(len, of_a_kind)) for of_a_kind in chunks)
-    balanced = BALANCE * coefficients
-    return sum((balanced > times * residuals) - (residuals > times * balanced) for times in OUT_OF_BALANCE)
+    balanced = residual_share * coefficients
+    return sum((balanced > octave * residuals) - (residuals > octave * balanced) for octave in (1.4, 2.8))
 
 
 def _bits(parts: Sequence[EncodedPart]) -> int:

@@ -12,20 +12,10 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.encode.temporal import TimeFunctions
+from pdecodec.codec.encode.tuning import DeadZone
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import in_shares, thread_count
-
-ROUND_UP_AT = 0.6
-"""A coefficient this far (in steps) beyond a whole number goes to the next: zeros and small numbers are cheaper."""
-
-ROUND_UP_ALONE_AT = 0.75
-"""The same of a coefficient whose neighbours are all zero: a one among zeros costs most."""
-
-DeadZone = tuple[float, float]
-"""How far (in steps) beyond a whole number a coefficient goes to the next, and one among zeros."""
-
-DEAD_ZONE: DeadZone = (ROUND_UP_AT, ROUND_UP_ALONE_AT)
 
 BLOCK_BYTES = 2**25
 """Memory for values whose channels are projected and quantised together: all of them would take several times as much
@@ -37,8 +27,10 @@ QUARTERS = (1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429)
 HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.9170040432046712)
 """Half-way between these, from a half on: -7/8, -5/8, -3/8 and -1/8 as powers of two."""
 
-CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
-"""Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
+
+def rounding_error(rounded_up_at: float) -> float:
+    """Return the mean square of what rounding takes from a coefficient that does not become zero, in steps^2."""
+    return (rounded_up_at**3 + (1.0 - rounded_up_at) ** 3) / 3.0
 
 
 def grid_step(index: int) -> float:
@@ -72,14 +64,12 @@ def needed_functions(largest: Int64Array, axes: int) -> NDArray[np.intp]:
     return np.flatnonzero(largest.reshape(-1, axes).any(axis=1))
 
 
-def quantise(values: Float64Array, step: float) -> Int64Array:
-    """Quantise with a dead zone: ``sign(x) floor(|x| / step + 1 - ROUND_UP_AT)``."""
-    return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
+def quantise(values: Float64Array, step: float, rounded_up_at: float) -> Int64Array:
+    """Quantise with a dead zone: ``sign(x) floor(|x| / step + 1 - rounded_up_at)``."""
+    return np.copysign(np.floor(np.abs(values) / step + (1.0 - rounded_up_at)), values).astype(np.int64)
 
 
-def quantise_sparsely(
-    values: Rows, step: float, axes: int, zone: DeadZone = DEAD_ZONE
-) -> tuple[Int64Array, Int64Array]:
+def quantise_sparsely(values: Rows, step: float, axes: int, zone: DeadZone) -> tuple[Int64Array, Int64Array]:
     """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
 
     Returns

@@ -55,6 +55,12 @@ class Question:
     ways: tuple[Alternative, ...]
 
 
+def ask(what: str, frames: int, bits: dict[str, float], chosen: str) -> Question | None:
+    """Return a question with the bits of its ways; None where there was but one way."""
+    ways = tuple(Alternative(way, round(taken / 8.0), way == chosen) for way, taken in bits.items())
+    return Question(what, frames, ways) if len(ways) > 1 else None
+
+
 def to_json(questions: Sequence[Question]) -> list[dict[str, Any]]:
     """For section META."""
     return [

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pdecodec import _core
+from pdecodec.codec.encode.tuning import Tuning
 from pdecodec.codec.sections.groups import TimeBasis, cosines
 from pdecodec.codec.sections.space_basis import Rows
 from pdecodec.codec.sections.time_functions import TimeFunctionCost
@@ -27,28 +28,12 @@ TIME_FUNCTIONS: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "poses", 
 group's own frames; cosines. Poses tell blend shapes and keyframes apart where principal functions mix them; a file has
 them as shapes."""
 
-TAIL = 0.06
-"""What functions that are left out may add to the error, as root mean square over the bound."""
-
-MOST_FUNCTIONS = 768
-"""Functions of time at most: decoding costs their number."""
-
 FARTHEST_STEPS = 2.0**26
 """Displacements beyond so many bounds are no motion to be fitted: they are left to residuals."""
-
-MOST_POSES = 0.25
-"""Share of the frames that may be poses: with more there is nothing to tell apart."""
 
 SINGLE_ROWS = 2.0**-12
 """Displacements and what is made of them are kept in float32 where the bound is at least this share of the largest:
 half of it already costs robots that turn round 0.6 % more bytes."""
-
-FRAMES_LOOKED_AT = 8
-"""Of so many frames, about, the largest tells what precision will do before all are taken."""
-
-SINGLE_SQUARES = 2.0**-8
-"""Their squares are added up in float32, block by block, where it is at least this share: the least of the energies
-that count are then clear of rounding."""
 
 LARGEST_SINGLE = 2.0**40
 """Squares of what is larger, or smaller than one over it, may leave the range of float32 when they are added up."""
@@ -64,6 +49,24 @@ def time_basis_of(functions: TimeFunctions) -> TimeBasis:
     """The time basis by which a file has functions of time."""
     return "shapes" if functions == "poses" else functions
 
+
+SPAN_BLOCK, SPAN_BLOCKS = 64, 8
+"""Signed sums of vertices in a block, and blocks of them: a block takes less time than decomposing all squares."""
+
+MAX_SPAN_SHARE = 0.35
+"""Share of all trajectories that a span may have: with more, decomposing the squares is quicker."""
+
+SPAN_REST_SHARE = 0.1
+"""What a span may leave out, as a share of what is left out of the trajectories in any case."""
+
+WITHIN = 1e-12
+"""Squared length of what is left of a unit vector, below which a span holds it."""
+
+TINY = 1e-300
+"""Takes the place of a length of zero."""
+
+Span = tuple[Float64Array, Float64Array]
+"""Coefficients (vertices, n) of orthonormal vectors (columns, n), whose product displacements are but for little."""
 
 Seen = Literal["moved", "span", "shift"]
 """What displacements have that is looked at: themselves, coefficients of a span that they are in, how far the shape
@@ -108,6 +111,7 @@ class Displacements:
     shape : (vertices, 3) float64 [scene units]
     unit : float [scene units]
         What the bound is, or more where float32 is coarser.
+    tuning : Tuning
     alike : Displacements, optional
         Of the same points from nearly the same shape, whose functions of time will do here too.
     beside : Displacements, optional
@@ -122,16 +126,18 @@ class Displacements:
         points: Float32Array,
         shape: Float64Array,
         unit: float,
+        tuning: Tuning,
         *,
         alike: Displacements | None = None,
         beside: Displacements | None = None,
         part_of: tuple[Displacements, slice] | None = None,
     ) -> None:
         self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
+        self._tuning = tuning
         self._alike, self._beside = alike, beside
         self.part_of = part_of if part_of and part_of[0]._span is None and not part_of[0]._is_wide else None
         self._frames, self._vertices = len(points), len(shape)
-        self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
+        self._least = (tuning.tail * unit) ** 2 * self._vertices * self._frames
         self._taken: tuple[Rows, float] | None = None
         self._coefficients: dict[TimeFunctions, Rows] = {}
         self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
@@ -164,21 +170,9 @@ class Displacements:
             rows: Rows = np.empty(size, precision)
             return rows, _core.take_displacements(self._points, self._shape, farthest, rows, thread_count())
 
-        def is_single_enough(largest: float) -> bool:
-            return self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE
-
-        some = self._points[:: max(1, self._frames // FRAMES_LOOKED_AT)] - self._shape
-        if is_single_enough(float(np.abs(some).max(initial=0.0))):
-            rows, largest = take(np.float32)
-            if is_single_enough(largest):
-                return rows, largest
-        return take(np.float64)
-
-    @property
-    def _precision(self) -> type[np.floating[Any]]:
-        largest = self.largest
-        is_within = 1.0 / LARGEST_SINGLE <= largest <= LARGEST_SINGLE
-        return np.float32 if is_within and self._unit >= SINGLE_SQUARES * largest else np.float64
+        rows, largest = take(np.float32)
+        is_single = self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE
+        return (rows, largest) if is_single else take(np.float64)
 
     @property
     def _is_wide(self) -> bool:
@@ -212,7 +206,7 @@ class Displacements:
             crossed = np.tile(_core.sums_of_products(moved, off.astype(moved.dtype), thread_count()), self._frames)
             squares: Float64Array = self._beside._squares + crossed + crossed.T
             return squares + np.tile(sums_of_squares(off), (self._frames, self._frames))
-        return sums_of_squares(self._moved, self._precision)
+        return sums_of_squares(self._moved)
 
     @cached_property
     def _squares_by_axis(self) -> Float64Array:
@@ -229,24 +223,26 @@ class Displacements:
             return squares
         if self._is_wide:
             split = self._moved.reshape(self._vertices, self._frames, 3)
-            return sums_of_squares(
-                np.ascontiguousarray(split.transpose(0, 2, 1)).reshape(-1, self._frames), self._precision
-            )
+            return sums_of_squares(split.transpose(0, 2, 1).reshape(-1, self._frames))
         return self._squares[::3, ::3] + self._squares[1::3, 1::3] + self._squares[2::3, 2::3]
+
+    def _first(self, energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:
+        most = self._tuning.most_time_functions
+        return energies[:most], functions[:, :most]
 
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
         """Principal trajectories that are worth looking at: energies (n,), falling, and functions (3 frames, n)."""
         if self._span is not None:
-            return _first(*principal_axes_within(self._span, self._least))
+            return self._first(*principal_axes_within(self._span, self._least))
         if self._is_wide:
-            return _first(*principal_trajectories(self._moved.astype(np.float64), self._least))
-        return _first(*principal_axes(self._squares, self._least))
+            return self._first(*principal_trajectories(self._moved.astype(np.float64), self._least))
+        return self._first(*principal_axes(self._squares, self._least))
 
     @cached_property
     def _shapes(self) -> tuple[Float64Array, Float64Array]:
         """The same of functions of time that all axes share: energies (n,) and functions (frames, n)."""
-        return _first(*principal_axes(self._squares_by_axis, self._least))
+        return self._first(*principal_axes(self._squares_by_axis, self._least))
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
@@ -254,7 +250,7 @@ class Displacements:
         shapes need fewer functions.
         """
         products = self._squares_by_axis
-        found = spanning(products, self._least / self._frames, int(MOST_POSES * self._frames))
+        found = spanning(products, self._least / self._frames, int(self._tuning.pose_share * self._frames))
         if found is None or not 0 < found.size <= self._shapes[0].size:
             return np.zeros(0), np.zeros((self._frames, 0))
         poses = np.sort(found)
@@ -341,7 +337,7 @@ class Displacements:
 
     @cached_property
     def _cosine_energies(self) -> Float64Array:
-        waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+        waves = cosines(self._frames, min(self._frames, self._tuning.most_time_functions))
         energies: Float64Array = (waves * product(self._squares_by_axis, waves)).sum(axis=0)
         return energies
 
@@ -405,23 +401,6 @@ class Displacements:
         rows = self._moved if sight is None else sight.of(self, "moved")
         return products(rows, dual, 1 if kind == "trajectories" else 3)
 
-    def spread(self, kind: TimeFunctions, step: float) -> float:
-        """What coefficients of orthogonal functions would take at a step if vertices had nothing in common [bits].
-
-        Half the logarithm of each function's variance over what the step leaves, for each coefficient: tells bases
-        apart by how few functions they need, without a fit.
-        """
-        if self._alike is not None:
-            return self._alike.spread(kind, step)
-        each = self._vertices * (1 if kind == "trajectories" else 3)
-        if kind == "cosines":
-            energies = self._cosine_energies
-        elif kind == "shapes":
-            energies = principal_energies(self._squares_by_axis, self._least)
-        else:
-            energies = self.functions(kind)[0]
-        return float(0.5 * each * _core.binary_logarithms(1.0 + energies[None] / (each * step * step)).sum())
-
     @cached_property
     def _total(self) -> float:
         if self._alike is not None:
@@ -469,41 +448,6 @@ def dual_functions(functions: Float64Array) -> Float64Array:
     return product(functions, pseudo_inverse(sums_of_squares(functions), ALIKE))
 
 
-def _first(energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:
-    return energies[:MOST_FUNCTIONS], functions[:, :MOST_FUNCTIONS]
-
-
-FIRST_BLOCK = 32
-"""Trajectories that are looked for at first; twice as many until what is left is little enough."""
-
-LARGEST_SHARE = 0.25
-"""Of all that there are: from there on finding all at once is quicker."""
-
-PASSES = 2
-"""Multiplications by the squares between two looks at what is left."""
-
-TINY = 1e-300
-"""In the place of a length of zero."""
-
-SUMS, SUM_BLOCKS = 64, 8
-"""Signed sums of vertices in a block, and blocks of them."""
-
-WORTH_SUMS = 512
-"""Vertices and coordinates of frames from which on signed sums are quicker than squares."""
-
-LARGEST_SPAN = 0.35
-"""Share of all that there are that a span may be of."""
-
-SPANNED = 0.1
-"""What a span may leave out, as a share of what is left out of the trajectories in any case."""
-
-WITHIN = 1e-12
-"""Squared length of what is left of a unit vector, below which a span holds it."""
-
-Span = tuple[Float64Array, Float64Array]
-"""Coefficients (vertices, n) of orthonormal vectors (columns, n): displacements are their product but for little."""
-
-
 def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
     """The leading principal trajectories, as many as leave at most `least` of the energy.
 
@@ -532,15 +476,10 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
 
 def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
     """The same from the sums of squares, (n, n), of all vertices."""
-    energies, axes = _leading(squares, least)
+    energies, axes = eigen(squares)
+    energies = np.maximum(energies, 0.0)
     kept = _count_of_leading(energies, float(np.trace(squares)), least)
     return energies[:kept], _turned(axes[:, :kept])
-
-
-def principal_energies(squares: Float64Array, least: float) -> Float64Array:
-    """The energies of :func:`principal_axes` alone: a quarter of the time where they are many."""
-    energies: Float64Array = np.maximum(_core.symmetric_eigen(squares, False, 1).values, 0.0)
-    return energies[: _count_of_leading(energies, float(np.trace(squares)), least)]
 
 
 def _count_of_leading(energies: Float64Array, total: float, least: float) -> int:
@@ -556,9 +495,9 @@ def _turned(axes: Float64Array) -> Float64Array:
     return axes * np.where(largest < 0.0, -1.0, 1.0)
 
 
-def sums_of_squares(rows: Rows, precision: type[np.floating[Any]] = np.float64) -> Float64Array:
-    """``rows.T @ rows`` in float64, (n, n), of blocks of the rows, (vertices, n), each in a precision."""
-    return _core.sums_of_squares(np.ascontiguousarray(rows), precision is np.float32, thread_count())
+def sums_of_squares(rows: Rows) -> Float64Array:
+    """Return ``rows.T @ rows`` in float64, (n, n), of rows (vertices, n)."""
+    return _core.sums_of_squares(np.ascontiguousarray(rows), False, thread_count())
 
 
 def product(left: Float64Array, right: Float64Array) -> Float64Array:
@@ -586,27 +525,8 @@ def orthonormal(vectors: Float64Array) -> Float64Array:
     return _core.orthonormal_columns(vectors).vectors.T
 
 
-def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
-    """Eigenvalues, falling, and eigenvectors; all but at most `least` of their sum, or all."""
-    size, total = len(squares), float(np.trace(squares))
-    count, found = FIRST_BLOCK, np.zeros((size, 0))
-    while count <= LARGEST_SHARE * size:
-        more = cosines(size, count)[:, found.shape[1] :]
-        block = product(squares, np.column_stack([found, more]))
-        for _ in range(PASSES):
-            block = product(squares, orthonormal(block))
-        block = orthonormal(block)
-        values, turned = eigen(product(block.T, product(squares, block)))
-        found = product(block, turned)
-        if total - float(values.sum()) <= least:
-            return np.maximum(values, 0.0), found
-        count *= 2
-    values, vectors = eigen(squares)
-    return np.maximum(values, 0.0), vectors
-
-
 def leading_span(rows: Rows, least: float) -> Span | None:
-    """Orthonormal vectors that span all but about :data:`SPANNED` of `least` of the rows' energy.
+    """Orthonormal vectors that span all but about :data:`SPAN_REST_SHARE` of `least` of the rows' energy.
 
     None where that takes so many that the squares are quicker.
 
@@ -617,21 +537,21 @@ def leading_span(rows: Rows, least: float) -> Span | None:
         Sum of squares.
     """
     vertices, size = rows.shape
-    most = int(LARGEST_SPAN * min(vertices, size))
-    if min(vertices, size) < WORTH_SUMS:
+    most = int(MAX_SPAN_SHARE * min(vertices, size))
+    if min(vertices, size) < SPAN_BLOCKS * SPAN_BLOCK:
         return None
     sums = _signed_sums(rows)
     axes = np.zeros((size, 0))
     before = math.inf
-    for block in range(SUM_BLOCKS):
-        signs = np.array([[-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SUM_BLOCKS)]])
-        left = _outside(product(signs, sums).reshape(SUMS, size).T, axes)
+    for block in range(SPAN_BLOCKS):
+        signs = np.array([[-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SPAN_BLOCKS)]])
+        left = _outside(product(signs, sums).reshape(SPAN_BLOCK, size).T, axes)
         energy = float(np.square(left).sum())
-        if energy <= SPANNED * least:
+        if energy <= SPAN_REST_SHARE * least:
             return products(rows, axes), axes
         # What is left falls more slowly from block to block.
-        blocks = min(most // SUMS, SUM_BLOCKS - 1) - block
-        if blocks <= 0 or (block > 1 and energy * math.prod([energy / before] * blocks) > SPANNED * least):
+        blocks = min(most // SPAN_BLOCK, SPAN_BLOCKS - 1) - block
+        if blocks <= 0 or (block > 1 and energy * math.prod([energy / before] * blocks) > SPAN_REST_SHARE * least):
             return None
         before = energy
         more = orthonormal(left)
@@ -642,8 +562,8 @@ def leading_span(rows: Rows, least: float) -> Span | None:
 
 
 def _signed_sums(rows: Rows) -> Float64Array:
-    """(SUM_BLOCKS, SUMS n) float64: each row is added to one of the sums, or taken from it."""
-    count = SUM_BLOCKS * SUMS
+    """(SPAN_BLOCKS, SPAN_BLOCK n) float64: each row is added to one of the sums, or taken from it."""
+    count = SPAN_BLOCKS * SPAN_BLOCK
     sums = np.zeros((count, rows.shape[1]), rows.dtype)
     hashed = (np.arange(len(rows), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     signs = (1.0 - 2.0 * (hashed & np.uint64(1))).astype(rows.dtype)
@@ -655,7 +575,7 @@ def _signed_sums(rows: Rows) -> Float64Array:
             sums[first : first + len(some_rows)] += some_rows * signs[some, None]
 
     in_shares(add_up, count)
-    return sums.astype(np.float64).reshape(SUM_BLOCKS, -1)
+    return sums.astype(np.float64).reshape(SPAN_BLOCKS, -1)
 
 
 def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
