@@ -115,10 +115,8 @@ def test_without_remarks_it_is_what_the_step_tells_at_least(tmp_path: Path) -> N
     assert farthest(tmp_path / "longer.pdeanim", more.points, 5) == 0.0
 
 
-def test_of_a_file_without_a_bound_the_models_are_compared_at_the_error_of_its_own(tmp_path: Path) -> None:
+def test_of_a_file_without_a_bound_there_is_nothing_to_compare(tmp_path: Path) -> None:
     pdecodec.encode(waves(24), tmp_path / "x.pdeanim", profile="paper")
     with pdecodec.open(tmp_path / "x.pdeanim") as animation:
         assert bound_of(animation) is None
-        (question,) = alternatives_of(animation)
-    other, paper = question.ways
-    assert other.size > 0.3 * paper.size  # at a bound of the whole diagonal a still mesh would do
+        assert alternatives_of(animation) == []

@@ -42,6 +42,9 @@ FINER_REFERENCE_BITS = 0.001
 """Bits a position that a reference frame of half the usual step may take more, to be taken without a search: on regular
 meshes of cloths and ropes it takes next to nothing, and the motion 1 to 8 % less."""
 
+SMALL_MESH_PATIENCE = 2
+"""Steps of the reference frame that are tried beyond the best one on small meshes."""
+
 Item = TypeVar("Item")
 
 
@@ -122,7 +125,7 @@ class GroupSearch:
         )
         found = list(dict.fromkeys(found))
         self.look(found)
-        return sorted(found, key=self.bits)
+        return found if self.fitter.is_large else sorted(found, key=self.bits)
 
     def choose(self, candidates: Sequence[Candidate]) -> ChosenGroup:
         """Walk the first candidate's step downhill; then those of others that are close with the same step."""
@@ -241,7 +244,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
         parts.append(part.choose(part.candidates(like, (usual.origin,))))
         part.fitter.put_aside()
     together = sum(part.bits + GROUP_BITS for part in parts)
-    if tuning.early_exit_ratio * bits < whole.bits:
+    if tuning.untuned_exit_ratio * bits < whole.bits:
         costs, group = (whole.bits * together / bits, together), None
     else:
         group = search.choose(choices)
@@ -518,9 +521,8 @@ class ModelSearch:
         if self.tuning.divides_groups:
             model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
-        first = model.groups[0]
-        questions = [*first.search.explain(first.choice), *(item for item in model.questions if item)]
-        del model, first  # and with it all that was found out on the way
+        questions = [item for item in model.questions if item]
+        del model  # and with it all that was found out on the way
         basis = made.result()
         finished = side_by_side(*(partial(finish, fitter, choice, basis) for fitter, choice in groups))
         return FinishedModel(reference, self.references.data(reference), basis, finished, questions)
@@ -561,17 +563,18 @@ class ModelSearch:
         beside = [steps[start + way] for way in (1, -1) if 0 <= start + way < len(steps)]
         found = side_by_side(*(partial(self._with_other_reference, usual, step) for step in beside))
         tried = dict(zip(beside, found, strict=True))
-        costs = {usual.reference.coded_step: self._cost(usual)}
+        costs, patience = {usual.reference.coded_step: self._cost(usual)}, 1 if self._is_large else SMALL_MESH_PATIENCE
         best = usual
         for direction in (1, -1):
-            index = start + direction
-            while 0 <= index < len(steps):
+            index, behind = start + direction, 0
+            while 0 <= index < len(steps) and behind < patience:
                 step = steps[index]
                 model = tried[step] if step in tried else self._with_other_reference(usual, step)
                 costs[step] = self._cost(model)
-                if costs[step] >= costs[best.reference.coded_step]:
-                    break
-                best, index = model, index + direction
+                behind += 1
+                if costs[step] < costs[best.reference.coded_step]:
+                    best, behind = model, 0
+                index += direction
             if best is not usual:
                 break
         names = {step: f"{step / self.bound:.3g} bounds" for step in sorted(costs)}
@@ -612,7 +615,8 @@ class ModelSearch:
         choices = searches.search(fitter, first).candidates(usual)
         space, question = self._best_space([(fitter, choices[0])], searches)
         division = divide(GroupSearch(fitter, bases.basis(space)), choices)
-        groups = division.groups
+        groups, first_group = division.groups, division.groups[0]
+        explained = first_group.search.explain(first_group.choice)
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # The temporal basis changed: rank the spatial bases again.
             other, question = self._best_space([(group.fitter, group.choice) for group in groups], searches)
@@ -623,7 +627,13 @@ class ModelSearch:
                     return searches.search(group.fitter, space).choose([group.choice])
 
                 groups = side_by_side(*(partial(again, group) for group in groups))
-        return _Model(reference, bases.basis(space), space, groups, (question, division.question))
+        return _Model(
+            reference,
+            bases.basis(space),
+            space,
+            groups,
+            (*explained, question, division.question) if self.times.size > 1 else (),
+        )
 
     def _with_other_reference(self, model: _Model, step: float) -> _Model:
         """Return a model with another reference frame and all else as it is, functions of time included."""

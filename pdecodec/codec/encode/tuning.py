@@ -131,7 +131,7 @@ class Tuning:
     finest_step: float = 0.7
     coarsest_step: float = 8.0
     step_stride: int = 2
-    mean_error: float = 0.26
+    mean_error: float = 0.3
     mean_error_of_dense: float = 0.4
     early_exit_ratio: float = 1.02
     untuned_exit_ratio: float = 1.05
