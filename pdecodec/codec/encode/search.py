@@ -309,9 +309,10 @@ def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, co
 def is_dense(fitter: GroupFitter) -> bool:
     """Return whether frames have so little in common that a group takes about as many trajectories as there are."""
     frames, vertices, tuning = fitter.frames, int(fitter.points.shape[1]), fitter.tuning
+    if not tuning.dense_group < frames < vertices:
+        return False  # a trajectory for each of few vertices tells nothing about frames
     most = min(3 * frames, vertices)
-    trajectories = fitter.displacements("reference").count("trajectories")
-    return frames > tuning.dense_group and trajectories > tuning.dense_share * most
+    return fitter.displacements("reference").count("trajectories") > tuning.dense_share * most
 
 
 @dataclass(frozen=True, eq=False)
