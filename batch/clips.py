@@ -20,6 +20,7 @@ from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import gather_frames, is_frame_pattern, sequence_name, sequences_in
 from pdecodec.formats.base.registry import known_extensions
+from pdecodec.system.arguments import shown
 from pdecodec.system.reading import read_regular
 from pdecodec.system.storage import RemoteFile, is_address
 
@@ -230,6 +231,9 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
             if not isinstance(source, str) or not isinstance(output, str):
                 there = f" among {', '.join(values)}" if values else ""
                 raise SettingsError(f"has no source{there}; name the file, pattern or folder of the clip")
+            for name in (source, output, *(one for one in values.values() if isinstance(one, str))):
+                if "\0" in name or not _is_encodable(name):
+                    raise SettingsError(f"no file can be called {shown(name)}; give another name")
             own = options.with_values(values)
         except SettingsError as error:
             raise SettingsError(f"clip {number}: {error}", code=error.code, path=path) from error
@@ -242,6 +246,15 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
         places.append((number, Clip(source=whole, output=_checked_output(output, path, number), options=own)))
     for (_, clip), named in zip(places, _named(unnamed, options), strict=True):
         yield clip if clip.output else replace(clip, output=named.output)
+
+
+def _is_encodable(name: str) -> bool:
+    """Whether the system has bytes for a name; half of a surrogate pair has none."""
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _rows(path: Path) -> list[tuple[int, Any]]:

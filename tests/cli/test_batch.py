@@ -391,6 +391,16 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
         clips_of("clips/m.csv")
 
 
+@pytest.mark.parametrize(
+    "row",
+    [{"source": "a\0b.npz"}, {"source": "\ud800.npz"}, {"source": "a.npz", "output": "a\0.pdeanim"}],
+)
+def test_a_manifest_with_a_name_that_no_file_has_is_refused(clips: Path, row: dict[str, str]) -> None:
+    Path("clips/m.json").write_text(json.dumps([row]))
+    with pytest.raises(SettingsError, match="clip 1: no file can be called '"):
+        clips_of("clips/m.json")
+
+
 def test_clips_whose_faces_change_are_coded_and_verified(
     clips: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
