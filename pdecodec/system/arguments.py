@@ -62,7 +62,7 @@ def as_numbers(values: ArrayLike, setting: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)
         if array.dtype.kind in "fiub":
-            return array if array.dtype == np.float64 else array.astype(np.float64)
+            return np.asarray(array, np.float64)
         # Numbers beyond 64 bits are objects. NumPy would read text, and take None for no number.
         if array.dtype.kind == "O" and all(isinstance(one, Real) for one in array.flat):
             return array.astype(np.float64)
