@@ -4,7 +4,7 @@ namespace pdeanim {
 
 namespace {
 
-// Angle of a regular polygon in units of 15 degrees, rounded down: 4 of a triangle, 6 of a square.
+// Interior angle of a regular polygon, in units of 15 degrees, rounded down: 4 for a triangle, 6 for a square.
 constexpr i32 corner_angle(i32 size) {
     const i32 counted = least(size, 24);
     return 12 + static_cast<i32>(floor_divide(-24, counted));
@@ -25,7 +25,7 @@ void Border::dequeue(i32 side) {
     sides[side].priority = -1;
 }
 
-// Put an open side at the front of the queue that it belongs to now; one that is there already keeps its place.
+// Move an open side to the front of the queue of its present priority. A side already in that queue keeps its position.
 void Border::enqueue(i32 side) {
     const i32 angle = vertices[sides[side].origin].angle;
     const i32 other = vertices[sides[sides[side].following].origin].angle;
@@ -48,7 +48,7 @@ i32 Border::next_side() {
     return side;
 }
 
-// Count the corners of a new face at their vertices; its sides have no other side yet.
+// Count the corners of a new face at their vertices; none of its sides has an opposite side yet.
 void Border::place_corners(i32 first, i32 size) {
     const i32 angle = corner_angle(size);
     i32 before = first + size - 1;
@@ -84,7 +84,7 @@ bool Border::is_one_edge(i32 side, i32 following) const {
            sides[side].origin == sides[sides[following].following].origin;
 }
 
-// Make a side and the one that follows it the two sides of one edge; they leave their ring.
+// Make a side and the one that follows it the two sides of one edge, and take both out of their ring.
 void Border::join(i32 side, i32 following) {
     const i32 before = sides[side].preceding, after = sides[following].following;
     sides[side].state = sides[following].state = inner;
@@ -110,7 +110,7 @@ void Border::attach(i32 gate, i32 first, i32 size, i32 begin, i32 end) {
     sides[gate].state = sides[first].state = inner;
     sides[gate].opposite = first;
     sides[first].opposite = gate;
-    i32 last = first + 1;  // it takes the place of the gate
+    i32 last = first + 1;  // takes the gate's position in the ring
     link(last, after == gate ? last : after);
     if (before != gate) {
         link(before, last);
@@ -140,7 +140,7 @@ void Border::attach(i32 gate, i32 first, i32 size, i32 begin, i32 end) {
     for (i32 side = first + 1; side < first + size; ++side) {
         if (sides[side].state != open) continue;
         enqueue(side);
-        // Sides of this face have a turn of their own.
+        // The loop itself queues the other sides of this face.
         const i32 preceding = sides[side].preceding, following = sides[side].following;
         if (preceding != side - 1) requeue(preceding);
         if (following != side + 1) requeue(following);

@@ -14,19 +14,20 @@ namespace pdeanim {
 
 namespace {
 
-// Polygons in their original order, as differences of vertex numbers.
+// Codes polygons in their original order, as differences of vertex numbers.
 //
-// The best there is for meshes that a program numbered row by row, and for lines; it takes any polygons at all. A polygon
-// is a sequence of numbers: its size, unless all have the same; the difference of its first corner to the first corner of
-// the polygon before; of every other corner to the corner before it. A number is, in this order, what the match model
-// proposes, the vertex after the highest so far, or spelled out. What the model has learnt helps with the next object.
+// This costs least for lines and for meshes that a program numbered row by row, and works for any polygons. A polygon
+// is a sequence of numbers: its size, unless all polygons have the same; the difference of its first corner from the
+// first corner of the polygon before; the difference of each other corner from the corner before it. A number is tried
+// in this order: as the prediction of the match model, as the vertex after the highest so far, and as a literal.
+// Statistics of one object help with the next.
 class PolygonModel {
 public:
     PolygonModel() { new_.fill(std::vector<BitModel>(1 << new_history_bits)); }
 
-    // Code the polygons of one object, read when encoding and written when decoding; CorruptError where the bits are not
-    // those of sound polygons. common_size: of every polygon, or 0 where they differ; smallest: least size of a polygon;
-    // corners are below `vertices`.
+    // Code the polygons of one object: `sizes` and `corners` are read when encoding and written when decoding.
+    // CorruptError if the bits are not those of valid polygons. common_size: size of every polygon, or 0 if sizes
+    // differ; smallest: smallest valid size of a polygon; corners are below `vertices`.
     template <Mode mode> void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
                                    std::span<i32> sizes, std::span<i32> corners) {
         constexpr const char *broken = "refers to a vertex that is not there, or has faces that do not fit it";
@@ -71,7 +72,7 @@ public:
     }
 
 private:
-    static constexpr int last_corner_phase = 3;  // corners from this on are alike; 0 to 2 have phases of their own
+    static constexpr int last_corner_phase = 3;  // corners from this one on share a phase; 0 to 2 have their own
     static constexpr int size_phase = 4, new_history_bits = 5;
 
     std::array<std::vector<BitModel>, MatchModel::phases> new_;
@@ -80,20 +81,21 @@ private:
     MatchModel match_;
 };
 
-constexpr i64 most_corners_of_object = (i64{1} << 31) - 1;  // they are numbered by int32
+constexpr i64 most_corners_of_object = (i64{1} << 31) - 1;  // corners are numbered by int32
 
-// How much more a surface may cost, order included: it tells apart what a mesh is from how it was numbered.
+// A surface, order included, may cost this many times the polygons: it separates the shape of a mesh from its
+// numbering.
 constexpr double surface_preference = 1.1;
 
 enum Kind { faces, lines };
-constexpr i32 smallest[] = {3, 1};  // corners that a face and a line have at least
+constexpr i32 smallest[] = {3, 1};  // fewest corners of a face and of a line
 
 // How the faces of an object are coded.
 struct Choice {
     bool is_surface = false, has_border = false, has_order = false;
 };
 
-// A model of some hundred kilobytes, made where it is first needed; copies are deep.
+// A model of some hundred kilobytes, created at its first use; copies are deep.
 template <class Model> class Lazy {
 public:
     Lazy() = default;
@@ -112,10 +114,10 @@ private:
     std::unique_ptr<Model> model_;
 };
 
-// What all parts of the coder have learnt.
+// Statistics of all parts of the coder.
 struct Models {
     std::array<std::array<NumberModel, 3>, 2>
-        heads;  // of faces and lines: how many, their common size or 0, their corners
+        heads;  // of faces and lines: their number, their common size or 0, their corners
     std::array<BitModel, 3> choices;
     Lazy<SurfaceModel> surface;
     Lazy<OrderModel> order;
@@ -136,7 +138,7 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Models &models, Kin
     head.count = count.code(coder, head.count);
     if (head.count == 0) return {0, 0, 0};
     head.size = size.code(coder, head.size);
-    // A size of 32 bits times a count of as many: the product is checked by the caller before anything is made of it.
+    // The product of two numbers of 32 bits: the caller checks it before it is used.
     head.corners = head.size ? head.count * head.size : corners.code(coder, head.corners);
     return head;
 }
@@ -154,7 +156,7 @@ template <Mode mode> void encode_polygons(RangeCoder<mode> &coder, PolygonModel 
     model.code(coder, common_size(sizes), smallest[kind], vertices, std::span<i32>(own_sizes), std::span<i32>(corners));
 }
 
-// Whether faces and vertices stand in the order of their coding.
+// Whether faces and vertices of the source already stand in the order in which they are coded.
 bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::span<const i32> used) {
     i32 first = 0;
     for (std::size_t face = 0; face < order.firsts.size(); ++face) {
@@ -167,9 +169,9 @@ bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::sp
     return true;
 }
 
-enum class Order { kept, left_out, free };  // free: not coded, whatever it is
+enum class Order { kept, left_out, free };  // free: any order will do, none is coded
 
-// The cheaper way for each object; learns as coding will.
+// Choose the cheaper way for each object; the models learn as they will when coding.
 std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted) {
     std::vector<Choice> choices;
     Models models;
@@ -201,7 +203,7 @@ std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted
 }
 
 void check_head(Kind kind, const Head &head, i64 most_corners) {
-    // The product of two 32-bit numbers may not fit 64 bits signed; divided, it does.
+    // The product of two 32-bit numbers may overflow a signed 64-bit number: divide instead.
     const bool overflows = head.size && head.count > most_corners_of_object / head.size;
     if ((head.size && head.size < smallest[kind]) || overflows || head.corners > most_corners_of_object ||
         head.count > head.corners / smallest[kind]) {
@@ -268,7 +270,7 @@ std::vector<CodedOrder> coded_orders(std::span<const ConnectivityView> parts) {
         for (i64 vertex = 0; vertex < part.vertices; ++vertex) {
             if (!is_used[vertex]) order.vertices.push_back(static_cast<i32>(vertex));
         }
-        // Of each source face, the coded corner that is its first, and with it the face's coded corners.
+        // For each source face, find the coded corner that comes first in it, and so the face's coded corners.
         std::vector<i32> starts(coded.sizes.size() + 1), face_of(coded.border.sides.size());
         for (std::size_t face = 0; face < coded.sizes.size(); ++face) {
             starts[face + 1] = starts[face] + coded.sizes[face];

@@ -8,14 +8,14 @@ namespace pdeanim {
 
 namespace {
 
-// Sides of a recent face that are looked at, and corners of a face that can name it, counted from its first corner: few
-// faces have more, and they must not take time each time.
+// Sides of a recent face that are candidates, and corners of a face, from its first one, that can name it. Few faces
+// have more, and the limit keeps the time linear.
 constexpr int most_sides = 16;
 
 constexpr int most_listed =
-    32;  // corners at a vertex that can be named by it: keeps time linear at vertices of many faces
+    32;  // corners per vertex that can be named by it: keeps the time linear at vertices of many faces
 
-// A surface, and how much of its order has been told.
+// A surface, and the part of its order that is coded so far.
 class Records {
 public:
     struct Corner {
@@ -50,18 +50,18 @@ public:
         const i32 face = corners[corner].face;
         return corner == starts[face] ? starts[face + 1] - 1 : corner - 1;
     }
-    // A corner is left until its face has been named: then it is passed over, and taken out where that happens.
+    // A corner is left until its face has been named. Named corners are skipped, and unlinked when a list is walked.
     bool is_left(i32 corner) const { return !is_named_[corners[corner].face]; }
     i32 number_at(i32 corner) const { return vertices[corners[corner].vertex].number; }
 
-    // The first corner left at a vertex, or -1.
+    // Return the first corner left at a vertex, or -1.
     i32 first_left(i32 vertex) {
         i32 corner = vertices[vertex].first_there;
         while (corner >= 0 && !is_left(corner)) corner = corners[corner].next_there;
         return vertices[vertex].first_there = corner;
     }
 
-    // The next corner left at the same vertex, or -1.
+    // Return the next corner left at the same vertex, or -1.
     i32 next_left(i32 corner) {
         i32 following = corners[corner].next_there;
         while (following >= 0 && !is_left(following)) following = corners[following].next_there;
@@ -86,17 +86,17 @@ public:
     }
 
     std::vector<Corner> corners;
-    std::vector<i32> starts;  // the first corner of each face, and the number of corners
+    std::vector<i32> starts;  // first corner of each face; the last entry is the number of corners
     std::vector<Vertex> vertices;
-    std::vector<i32> vertex_of;  // the vertex of each number, or -1
+    std::vector<i32> vertex_of;  // vertex of each number, or -1
     RankedSet left_faces, left_numbers;
-    RankedSet live;  // numbers of vertices with corners left
+    RankedSet live;  // numbers of the vertices with corners left
 
 private:
     std::vector<bool> is_named_;
 };
 
-// A corner across a side of a recent face, which is left, and that side's slot.
+// A corner left across a side of a recent face, and the slot of that side.
 struct Candidate {
     i32 corner;
     int slot;
@@ -140,7 +140,7 @@ private:
 
     [[noreturn]] void broken() const { throw CorruptError("holds an order that does not fit section CONN"); }
 
-    // Name the next face; `slot` becomes how. The corner that it is entered by.
+    // Name the next face and return the corner by which it is entered; `slot` receives how it was named.
     i32 code_entry(i32 position, i32 wanted, int &slot) {
         const i32 face = encoding ? records_.corners[wanted].face : -1;
         if (!candidates_.empty()) {
@@ -159,7 +159,7 @@ private:
         return records_.starts[code_place(last, face)];
     }
 
-    // First case: which of the candidates is on `face`, if any.
+    // First case: code which of the candidates lies on `face`, if any.
     std::optional<Candidate> code_side(i32 face) {
         const int count = static_cast<int>(candidates_.size());
         int place = encoding ? 0 : count;
@@ -171,7 +171,7 @@ private:
                                      model_.found_weights_.data(), place < count);
         model_.found_history_ = (2 * model_.found_history_ + found) & 255;
         if (!found) return std::nullopt;
-        // The slot that came last time is tried before the others: most orders repeat themselves.
+        // Try the slot of last time before the others: most orders repeat themselves.
         int &usual = model_.expected_[last][before];
         int expected = 0;
         while (expected < count && candidates_[expected].slot != usual) ++expected;
@@ -191,7 +191,7 @@ private:
         return candidates_[tried];
     }
 
-    // Second case: the first corner of the face, or nothing where the case does not hold.
+    // Second case: return the first corner of the face, or nothing if the case does not apply.
     std::optional<i32> code_by_vertex(i32 first) {
         i32 steps = -1, wanted = -1, vertex = -1;
         if constexpr (encoding) {
@@ -208,7 +208,8 @@ private:
         return code_listed(code_vertex_there(vertex), static_cast<i32>(told), wanted);
     }
 
-    // How many steps after `first` the first corner with a number is; -1 if it is too far, or too far in its list.
+    // Return the steps from `first` to the first corner whose vertex has a number; -1 if it is too far in the face or
+    // in the list of its vertex.
     i32 first_known(i32 first) {
         i32 corner = first, steps = 0;
         while (records_.number_at(corner) < 0) {
@@ -224,7 +225,7 @@ private:
         return listed == corner ? steps : -1;
     }
 
-    // How many steps after the first the corner is that names the face, -1 for none.
+    // Code the steps from the first corner to the corner that names the face, -1 for none.
     i64 code_corner(i32 steps) {
         const int recent = model_.corner_history_;
         int told = 0;
@@ -241,7 +242,7 @@ private:
         return further ? told + further - 1 : -1;
     }
 
-    // A vertex that has a number and corners left.
+    // Code a vertex that has a number and corners left.
     i32 code_vertex_there(i32 vertex) {
         const i64 reference = records_.number_at(last_first_);
         const i64 numbers = static_cast<i64>(records_.vertex_of.size());
@@ -265,7 +266,8 @@ private:
         return vertex;
     }
 
-    // Which of the corners left at `vertex` it is, `steps` after the first of its face; that first one.
+    // Code which of the corners left at `vertex` is the one `steps` after the first of its face; return that first
+    // corner.
     i32 code_listed(i32 vertex, i32 steps, i32 wanted) {
         i32 listed = records_.first_left(vertex), first;
         for (int place = 0;; ++place) {
@@ -284,7 +286,7 @@ private:
         return first;
     }
 
-    // The corner some steps before in the face; -1 where that goes all the way round.
+    // Return the corner `steps` before in the face; -1 if that goes all the way round.
     i32 corner_back(i32 corner, i32 steps) const {
         i32 found = corner;
         for (i32 step = 0; step < steps; ++step) {
@@ -294,9 +296,9 @@ private:
         return found;
     }
 
-    // How the numbers of a face that begins at `first` lie to each other, compared with the last two faces: four digits to
-    // base 3, of the last face and the one before, of the second corner and the third. 0 if its difference to the first
-    // corner is another, 1 if it is not known, 2 if it is the same.
+    // Compare the numbers of a face that begins at `first` with those of the last two faces. The result has four digits
+    // to base 3: second and third corner against the last face, second and third against the face before it. A digit is
+    // 0 if the corner's difference from the first corner is another, 1 if it is not known, 2 if it is the same.
     int resemblance(i32 first) const {
         const i32 second = records_.after(first);
         const i32 number = records_.number_at(first), second_number = records_.number_at(second);
@@ -313,7 +315,7 @@ private:
         return ((last_second * 3 + last_third) * 3 + before_second) * 3 + before_third;
     }
 
-    // Third case: a face by its rank among those left, compared with that of the last face.
+    // Third case: code the rank of a face among those left, relative to the rank of the last face.
     i32 code_place(i32 last, i32 face) {
         const i64 rank = records_.left_faces.rank_of(last);
         const i64 distance = model_.place_.code(coder_, face >= 0 ? records_.left_faces.rank_of(face) - rank : 0);
@@ -338,7 +340,7 @@ private:
         return number >= 0 && number < static_cast<i64>(records_.vertex_of.size()) && records_.vertex_of[number] < 0;
     }
 
-    // The number of the vertex at `corner`, which has none yet.
+    // Code the number of the vertex at `corner`, which has none yet.
     i64 code_number(int phase, int slot, i32 corner, i64 number) {
         const i64 last = last_number_;
         if (const auto difference = model_.numbers_.code(coder_, phase, number - last)) {
@@ -384,8 +386,8 @@ private:
         return records_.left_numbers.member_at(rank + distance);
     }
 
-    // The number that a regular grid would have at `corner`, -1 where what it follows from is not known: in a triangle by
-    // the parallelogram with the face across the opposite side, in a quad by the other corners.
+    // Predict the number at `corner` as on a regular grid: in a triangle by the parallelogram with the face across the
+    // opposite side, in a quad by the other corners. -1 if one of the numbers needed is not known.
     i64 grid_number(i32 corner) const {
         const i32 following = records_.after(corner), preceding = records_.before(corner);
         const i64 one = records_.number_at(following), other = records_.number_at(preceding);
@@ -400,7 +402,7 @@ private:
         return one >= 0 && other >= 0 && beyond >= 0 ? one + other - beyond : -1;
     }
 
-    // Which corner of a face, named in the way `slot`, is its first, going round from `entry`.
+    // Code which corner of a face named by `slot` is its first, going round from `entry`.
     i32 code_first(int slot, i32 entry, i32 first) {
         i32 lowest = entry, highest = entry, lowest_number = records_.number_at(entry), highest_number = lowest_number;
         for (i32 corner = records_.after(entry); corner != entry; corner = records_.after(corner)) {
@@ -429,7 +431,7 @@ private:
         return corner;
     }
 
-    // Make a face that has been named the last one, named in the way `slot`.
+    // Make the face that begins at `first`, named by `slot`, the last one.
     void remember(i32 first, int slot) {
         model_.slot_long_before_ = model_.slot_before_;
         model_.slot_before_ = model_.slot_now_;
@@ -442,7 +444,8 @@ private:
         differences_[1] = records_.number_at(records_.after(second)) - number;
     }
 
-    // The candidates after a face has been named: those across its sides, and those left of the ones before.
+    // Collect the candidates after a face has been named: corners across its sides, then the former candidates still
+    // left.
     void list_candidates(i32 first) {
         latest_.clear();
         i32 corner = first;
@@ -467,9 +470,8 @@ private:
     Records records_;
     const SourceOrder *source_;
     std::vector<Candidate> candidates_, latest_;
-    i32 last_first_ = -1;  // the first corner of the last face
-    std::array<i32, 4>
-        differences_{};  // of the numbers of its second and third corner to the first's; of the face before
+    i32 last_first_ = -1;               // the first corner of the last face
+    std::array<i32, 4> differences_{};  // second and third number minus the first, of the last face and the one before
     i64 last_number_ = -1, highest_ = -1;
 };
 
@@ -491,7 +493,7 @@ template <Mode mode> void OrderModel::encode(RangeCoder<mode> &coder, const Code
         std::size_t end = k + 1;
         while (end < used.size() && used[end] == used[end - 1] + 1) ++end;
         gap_.code(coder, used[k] - at);
-        // What a run leaves is told, not its length: most sets are one run.
+        // The number of vertices after a run is coded, not the run's length: most sets are a single run.
         rest_.code(coder, static_cast<i64>(used.size() - end));
         at = static_cast<i64>(used[end - 1]) + 1;
         k = end;

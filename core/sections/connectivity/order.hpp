@@ -1,14 +1,14 @@
-// The order that faces and vertices had in the source, given the surface.
+// Code the order that faces and vertices had in the source, given the surface.
 //
-// The source's faces are named one after the other, each by how it lies to those before:
+// The source's faces are named one after the other, each by its relation to those named before:
 //
 // 1. by a side that it shares with one of the last four faces; or
-// 2. by a vertex whose number is there: which of the face's corners has it, the number, and which of the faces left
-//    there; or
-// 3. by its place on the surface, as a difference to that of the face before.
+// 2. by a vertex that already has a number: which corner of the face lies there, the vertex's number, and which of the
+//    faces left at the vertex; or
+// 3. by its position on the surface, as a difference from that of the face before.
 //
-// Vertices that come with a face for the first time get their numbers, passing over those on no face; then it is coded
-// which corner of the face is the first, unless the second case has said it.
+// Vertices that a named face uses for the first time then get their numbers, which count only vertices on faces. Last
+// comes which corner of the face is the first, unless the second case has told it.
 #pragma once
 
 #include <span>
@@ -20,13 +20,13 @@
 
 namespace pdeanim {
 
-// Sets of numbers below n that give how many of their members lie below a number, and which is the k-th.
+// Set of numbers below n that tells how many of its members lie below a number, and which member is the k-th.
 //
 // A binary indexed tree (Fenwick 1994, "A new data structure for cumulative frequency tables"): each operation takes a
 // number of steps that grows with the logarithm of n.
 class RankedSet {
 public:
-    // All numbers below `size`, or none, with room for those.
+    // All numbers below `size`, or an empty set with room for them.
     RankedSet(i64 size, bool is_full) : tree_(size + 1) {
         if (!is_full) return;
         for (i64 place = 0; place <= size; ++place) tree_[place] = static_cast<i32>(place & -place);
@@ -37,14 +37,14 @@ public:
     void add(i64 number) { change(number, 1); }
     void remove(i64 number) { change(number, -1); }
 
-    // How many members are below `number`.
+    // Return how many members are below `number`.
     i64 rank_of(i64 number) const {
         i64 found = 0;
         for (i64 place = number; place > 0; place -= place & -place) found += tree_[place];
         return found;
     }
 
-    // The member that has `rank` members below it, 0 to count() - 1.
+    // Return the member that has `rank` members below it, 0 to count() - 1.
     i64 member_at(i64 rank) const {
         const i64 size = static_cast<i64>(tree_.size());
         i64 place = 0, step = 1;
@@ -75,7 +75,7 @@ struct Faces {
     std::vector<i32> indices;  // vertex of each corner
 };
 
-// What the coder of orders has learnt; it goes on learning from object to object.
+// Statistics of the order coder, kept from object to object.
 class OrderModel {
 public:
     OrderModel();
@@ -84,24 +84,23 @@ public:
     template <Mode mode> void encode(RangeCoder<mode> &coder, const CodedSurface &surface, const SourceOrder &order,
                                      std::span<const i32> used);
 
-    // Undo `encode`; CorruptError if there is no such order.
+    // Undo `encode`; CorruptError if the bits describe no valid order.
     Faces decode(RangeCoder<Mode::decode> &coder, const CodedSurface &surface, i64 vertices);
 
 private:
     template <Mode mode> friend class OrderCoder;
 
-    static constexpr int recent_faces = 4;  // faces whose neighbours are looked at first: two quads cut into triangles
+    static constexpr int recent_faces = 4;  // faces whose neighbours are tried first: two quads cut into triangles
     static constexpr int sides_told = 4;    // sides of a recent face that have slots of their own
-    // How a face was named: by a side of a recent face, a slot for each; in the third case; in the second.
+    // The slot tells how a face was named: one per side of a recent face, one for the third case, one for the second.
     static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
-    static constexpr int corners_told = 3;  // corners that the second case tells by yes and no
-    static constexpr int jump_classes = 8;  // contexts of a difference of ranks: that before, up to 3, and its sign
-    static constexpr int proposals = 6;     // of a vertex's number, besides those of the match model
-    static constexpr int farthest = 20;     // differences of numbers are alike from this on, where they are a context
+    static constexpr int corners_told = 3;  // corners that the second case codes by yes and no
+    static constexpr int jump_classes = 8;  // contexts of a difference of ranks: the last one, up to 3, and its sign
+    static constexpr int proposals = 6;     // for a vertex's number, besides the match model's
+    static constexpr int farthest = 20;     // differences of numbers are clamped to this in contexts
 
     using Models = std::vector<BitModel>;
 
-    // Faces.
     Models found_, found_slots_, side_, side_slots_, list_, list_recent_;
     std::array<Models, corners_told> corner_, corner_slot_;
     std::array<Models, 4> first_, first_slot_;
@@ -113,17 +112,17 @@ private:
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
     i64 last_jump_ = 0;
-    std::array<int, slots> firsts_after_{};                 // which corners were the first after each slot
-    std::array<std::array<int, slots>, slots> expected_{};  // which slot came after two slots the last time
+    std::array<int, slots> firsts_after_{};                 // which corners were the first, for each slot
+    std::array<std::array<int, slots>, slots> expected_{};  // which slot came last time, for each two slots before it
 
-    // Vertices' numbers.
+    // Numbers of vertices.
     std::array<Models, proposals> proposal_, proposal_around_;
     std::array<Weights<2>, proposals> proposal_weights_;
     std::array<SignedModel, 4> rank_;
     MatchModel numbers_;
     int proposal_history_ = 0;
 
-    NumberModel gap_, rest_;  // of the set of vertices that are on faces
+    NumberModel gap_, rest_;  // for the set of vertices that are on faces
 };
 
 }  // namespace pdeanim

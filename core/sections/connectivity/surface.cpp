@@ -9,9 +9,8 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int farthest =
-    200;  // steps along the border within which a vertex met before is looked for: keeps time linear
-constexpr i32 last_told_size = 10;  // sizes up to this one are told by yes and no, larger ones by their number
+constexpr int farthest = 200;       // steps along the border in which a known vertex is sought: keeps the time linear
+constexpr i32 last_told_size = 10;  // sizes up to this are coded by yes and no, larger ones as numbers
 
 }  // namespace
 
@@ -60,13 +59,13 @@ SourceMesh::SourceMesh(std::span<const i32> sizes, std::span<const i32> indices)
     }
 }
 
-// What has been coded of a mesh that is encoded.
+// The state of encoding a mesh.
 struct SurfaceEncoding {
     explicit SurfaceEncoding(const SourceMesh &source)
         : mesh(source), next_of_group(source.group_starts_), is_coded(source.faces()), numbers(source.used_.size(), -1),
           corner_of(source.corners()) {}
 
-    // The first corner on a face not coded yet whose side runs the other way, -1 if there is none.
+    // Return the first corner on a face not yet coded whose side runs the other way, -1 if there is none.
     i32 face_across(i32 corner) {
         const i32 group = mesh.across_[corner];
         if (group < 0) return -1;
@@ -77,7 +76,7 @@ struct SurfaceEncoding {
         return -1;
     }
 
-    // The first corner of the next face that is not coded.
+    // Return the first corner of the next face that is not coded.
     i32 next_seed() {
         while (is_coded[seed]) ++seed;
         return mesh.firsts_[seed];
@@ -85,7 +84,7 @@ struct SurfaceEncoding {
 
     i32 size_of_face(i32 corner) const { return mesh.sizes_[mesh.face_[corner]]; }
 
-    // Note that the face of `corner` is coded, that corner first, its corners from `first` on.
+    // Note that the face of `corner` is coded: its corners, beginning with `corner`, are numbered from `first` on.
     void take(i32 corner, i32 first) {
         const i32 face = mesh.face_[corner], begin = mesh.firsts_[face], size = mesh.sizes_[face];
         is_coded[face] = true;
@@ -109,8 +108,8 @@ struct SurfaceEncoding {
     const SourceMesh &mesh;
     std::vector<i32> next_of_group;
     std::vector<bool> is_coded;
-    std::vector<i32> numbers;    // of each vertex, the number that it has got, or -1
-    std::vector<i32> corner_of;  // of each coded corner, the source's
+    std::vector<i32> numbers;    // coded number of each vertex, or -1
+    std::vector<i32> corner_of;  // source corner of each coded corner
     i32 seed = 0;
 };
 
@@ -180,7 +179,7 @@ private:
     int faces(i32 vertex) const { return least(border_.vertices[vertex].faces, i32{SurfaceModel::most_faces}); }
     int angle(i32 vertex) const { return least(border_.vertices[vertex].angle / 2, i32{SurfaceModel::most_angle}); }
 
-    // Corners of the face that `gate` is a side of, counted up to most_size.
+    // Return the number of corners of the face that has the side `gate`, at most most_size.
     int inner_size(i32 gate) const {
         int size = 1;
         for (i32 corner = sides_[gate].before; corner != gate && size < SurfaceModel::most_size; ++size) {
@@ -189,7 +188,7 @@ private:
         return size;
     }
 
-    // Whether there is no face across `gate`.
+    // Code whether there is no face across `gate`.
     bool code_border(i32 gate, bool is_closed) {
         const i32 before = sides_[gate].preceding, after = sides_[gate].following;
         const int beside = 2 * (sides_[before].state == Border::closed) + (sides_[after].state == Border::closed);
@@ -202,7 +201,7 @@ private:
         return bit;
     }
 
-    // How many corners the face across `gate` has, or one that begins anew where `gate` is -1.
+    // Code the number of corners of the face across `gate`, or of a face that begins a new component (`gate` is -1).
     i32 code_size(i32 gate, i32 size) {
         int inner = 0, from_faces = 0, to_faces = 0, from_angle = 0, to_angle = 0;
         if (gate >= 0) {
@@ -232,7 +231,8 @@ private:
         return told;
     }
 
-    // Which corners of the face across `gate` are the border's vertices before and after it; `begin` to `end` - 1 are not.
+    // Code which corners of the face across `gate` lie at the border's vertices before and after it; the others are
+    // `begin` to `end` - 1.
     void code_closing(i32 gate, i32 first, i32 size, i32 &begin, i32 &end) {
         const i32 start = sides_[gate].origin, stop = sides_[sides_[gate].following].origin;
         const i32 neighbour_after = sides_[sides_[sides_[gate].following].following].origin;
@@ -242,7 +242,7 @@ private:
         int closings = 0;
         for (int way = 0; way < 2; ++way) {
             i32 border = way ? sides_[gate].following : sides_[gate].preceding;
-            // The closing corner is complete if the candidate is a corner of the face.
+            // `closing` is complete if the candidate is a corner of the face.
             i32 closing = way ? stop : start, other = way ? start : stop;
             int closed = 0;
             while (begin < end && border != gate && sides_[border].state == Border::open) {
@@ -278,8 +278,8 @@ private:
         model_.closed_recently_ = (4 * model_.closed_recently_ + closings) & 63;
     }
 
-    // Distance of a vertex from `gate` along its ring, 0 if it is not within `farthest` steps: the vertices after the
-    // gate's own are at 1, 3, 5, ..., those before it at 2, 4, 6, ...
+    // Return the distance of a vertex from `gate` along its ring, 0 if it is farther than `farthest` steps. The
+    // vertices after the gate's own are at 1, 3, 5, ..., those before it at 2, 4, 6, ...
     i32 distance_of(i32 gate, i32 vertex) const {
         i32 ahead = sides_[gate].following, behind = gate;
         for (i32 step = 1; step <= farthest; ++step) {
@@ -300,7 +300,8 @@ private:
         return sides_[distance % 2 ? ahead : behind].origin;
     }
 
-    // A vertex that closes nothing: `known`, if it is new (-1 stands for that when encoding), or one before.
+    // Code a vertex that closes nothing. The result is `known` for a new vertex (-1 when encoding), else an earlier
+    // one.
     i32 code_vertex(i32 gate, i32 place, i32 known, i32 vertex) {
         const bool anew = gate < 0;
         if (coder_.bit(model_.new_vertex_[4 * anew + least(place, 3)], vertex < 0)) return known;

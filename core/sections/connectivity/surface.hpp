@@ -1,14 +1,14 @@
-// Coding of a surface, face after face across the border of what is known.
+// Code a surface face after face, across the border of the part that is known.
 //
-// The surface grows from a first face. At the side that is next (`Border`) it is coded whether there is a face
-// across, how many corners it has, and where these are: at the border's next vertex on either side, at a vertex not met
-// before, or at one met elsewhere. On a closed triangle mesh that is Edgebreaker's alphabet (Rossignac 1999), its symbols
-// split into yes and no; a vertex is complete when the border closes over it, so what the symbols spell is the valences
-// (Touma and Gotsman 1998, "Triangle mesh compression"), each with all that is known around it as context. When no side
-// is left, the next face begins anew.
+// The surface grows from a first face. At the next side (`Border`) the coder tells whether there is a face across, how
+// many corners it has, and where these lie: at the border's next vertex on either side, at a new vertex, or at a vertex
+// met elsewhere. On a closed triangle mesh this is Edgebreaker's alphabet (Rossignac 1999), with its symbols split into
+// yes and no. A vertex is complete when the border closes over it, so the symbols amount to the valences (Touma and
+// Gotsman 1998, "Triangle mesh compression"), each with its known surroundings as context. When no side is left, the
+// next face begins a new component.
 //
-// Nothing is asked of the mesh: a face that no side leads to begins anew as well, at vertices named by their number.
-// Vertices and faces come out in the order of their coding; connectivity/order.hpp restores theirs.
+// Any mesh can be coded: a face that no side leads to also begins a new component, at vertices given by their numbers.
+// Vertices and faces come out in the order in which they are coded; connectivity/order.hpp restores the original order.
 #pragma once
 
 #include <span>
@@ -20,55 +20,58 @@
 
 namespace pdeanim {
 
-// The border of a growing surface: rings of sides that lack a face across, and which of them is next.
+// The border of a growing surface: rings of sides that lack a face across, and a queue that tells which is next.
 //
-// Faces are numbered as they are added, and so are their corners. The side of a corner runs from its vertex to that of the
-// next corner of its face. Sides without a face on their other side form rings: every side is followed by one that begins
-// where it ends. That is all that holds on any input; on a manifold surface the rings are its borders.
+// Faces are numbered as they are added, and so are their corners. The side of a corner runs from its vertex to the
+// vertex of the next corner of its face. Sides without a face on their other side form rings: every side is followed by
+// one that begins where it ends. Nothing more holds for arbitrary input; on a manifold surface the rings are its
+// borders.
 //
-// The next side is that where the surface is most nearly closed already, measured by the angles that regular polygons
-// would have there (Alliez and Desbrun 2001, "Valence-driven connectivity encoding for 3D meshes", choose by valence).
-// Growing in this way, a surface stays without bays, whose shores would meet later at places that cost bits to name.
+// The next side is the one where the surface is closest to closing, measured by the angles that regular polygons would
+// have there (Alliez and Desbrun 2001, "Valence-driven connectivity encoding for 3D meshes", choose by valence). A
+// surface that grows in this way stays without bays, whose shores would meet later at vertices that are costly to name.
 class Border {
 public:
-    enum State : i32 { open, closed, inner };  // may have a face across, has none, has one and is in no ring
+    // open: may have a face across; closed: has none; inner: has one and is in no ring
+    enum State : i32 { open, closed, inner };
 
     struct Side {
-        i32 origin = 0;                    // the vertex that it begins at
-        i32 before = 0;                    // the corner before in its face
+        i32 origin = 0;                    // vertex at which it begins
+        i32 before = 0;                    // previous corner of its face
         i32 following = 0, preceding = 0;  // in its ring
         i32 state = open;
         i32 opposite = 0;            // the side across, or -1
         i32 later = 0, earlier = 0;  // neighbours in the queue of its priority, or -1
-        i32 priority = 0;            // -1 where it is not queued
+        i32 priority = 0;            // -1 if it is not queued
     };
 
     struct Vertex {
         i32 faces = 0;    // corners there
-        i32 angle = 0;    // the sum of their angles, in units of 15 degrees
-        i32 border = -1;  // a side from there that was in a ring when it was last looked at, or -1
+        i32 angle = 0;    // sum of their angles, in units of 15 degrees
+        i32 border = -1;  // a side that begins there and was in a ring when last checked, or -1
     };
 
     Border(i64 corners, i64 vertices) : sides(corners), vertices(vertices), queues_(priorities, -1) {}
 
-    // Take the front side of the highest queue, -1 if all are empty.
+    // Take the front side of the highest queue that is not empty; -1 if all are empty.
     i32 next_side();
 
-    // Make the sides of a face that no side leads to a ring of its own; the origins of its corners are set.
+    // Make the sides of a face that no side leads to a ring of its own. The origins of its corners are set before.
     void start_ring(i32 first, i32 size);
 
-    // Put a face across the side `gate`, which is in no queue, and mend the rings. The side of the face's first corner lies
-    // across the gate; its corners `begin` to `end` - 1 are at vertices that the gate says nothing about: where such a
-    // vertex is in a ring already, the rings are cut and joined crosswise.
+    // Put a face across the side `gate`, which is in no queue, and update the rings. The side of the face's first
+    // corner lies across the gate. The corners `begin` to `end` - 1 are not neighbours of the gate in its ring: if the
+    // vertex of such a corner is in a ring already, the rings are cut and joined crosswise.
     void attach(i32 gate, i32 first, i32 size, i32 begin, i32 end);
 
     std::vector<Side> sides;
     std::vector<Vertex> vertices;
 
 private:
-    // Queues: a vertex of five triangles, 5 * 4, beside another of as many is at 60; the last one holds all above.
+    // Number of queues. Two adjacent vertices of five triangles each (5 * 4) have priority 60; the last queue holds
+    // all above.
     static constexpr i32 priorities = 128;
-    static constexpr i32 most_angle = 1 << 16;  // far above all queues: sums stay numbers of 32 bits in any file
+    static constexpr i32 most_angle = 1 << 16;  // far above all queues: keeps sums within 32 bits for any file
 
     void enqueue(i32 side);
     void dequeue(i32 side);
@@ -78,11 +81,11 @@ private:
     void join(i32 side, i32 following);
     void requeue(i32 side);
 
-    std::vector<i32> queues_;  // the first side of each, or -1
-    i32 highest_ = 0;          // no queue above this one holds any
+    std::vector<i32> queues_;  // first side of each queue, or -1
+    i32 highest_ = 0;          // queues above this one are empty
 };
 
-// Faces in the order of their coding.
+// Faces in the order in which they are coded.
 struct CodedSurface {
     CodedSurface(i64 faces, i64 corners, i64 most_vertices) : sizes(faces), border(corners, most_vertices) {}
 
@@ -98,7 +101,7 @@ struct CodedSurface {
     i32 vertex_count = 0;  // vertices that are on a face
 };
 
-// A mesh that is encoded: which sides run against each other, and what has been coded of it.
+// A mesh to encode, with the sides that run in opposite directions.
 class SourceMesh {
 public:
     // sizes: corners of each face, at least one face; indices: vertex of each corner.
@@ -116,36 +119,36 @@ private:
     std::vector<i32> vertex_;   // of each corner, numbered among those used
     std::vector<i32> face_;     // of each corner
     std::vector<i32> across_;   // of each corner, the group of corners whose sides run the other way, or -1
-    std::vector<i32> members_;  // corners, group after group: those of a group have sides between the same vertices
+    std::vector<i32> members_;  // corners by group: the sides of a group join the same two vertices, in one direction
     std::vector<i32> group_starts_;
     std::vector<i32> firsts_;  // first corner of each face
 };
 
-// How a coded surface's faces and vertices stood in the source.
+// The source's order, in terms of the coded surface.
 struct SourceOrder {
-    std::vector<i32> firsts;   // of each of the source's faces, the first corner
-    std::vector<i32> numbers;  // of each vertex, its place among the source's vertices that are on a face
+    std::vector<i32> firsts;   // coded corner that comes first in each source face
+    std::vector<i32> numbers;  // number of each coded vertex among the source's vertices that are on a face
 };
 
-// What the coder of surfaces has learnt; it goes on learning from object to object.
+// Statistics of the surface coder, kept from object to object.
 class SurfaceModel {
 public:
     SurfaceModel();
 
-    // Encode a mesh, or measure what that costs. `has_border` is false only where coding it with true found none.
+    // Encode a mesh, or measure its cost. `has_border` may be false only if coding with true found no border.
     template <Mode mode>
     CodedSurface encode(RangeCoder<mode> &coder, const SourceMesh &mesh, bool has_border, SourceOrder &order);
 
-    // Undo `encode`; CorruptError where the bits are not those of a sound surface. common_size: corners of every face, or
-    // 0 where they differ; vertices: no more can be on faces.
+    // Undo `encode`; CorruptError if the bits are not those of a valid surface. common_size: corners of every face, or
+    // 0 if they differ; vertices: upper bound of those on faces.
     CodedSurface decode(RangeCoder<Mode::decode> &coder, i32 common_size, bool has_border, i64 faces, i64 corners,
                         i64 vertices);
 
 private:
     template <Mode mode> friend class SurfaceCoder;
 
-    static constexpr int most_faces = 11, most_angle = 23, most_size = 7;  // counts are alike from these on
-    static constexpr int told_sizes = 4;  // sizes 3, 4, 5 and those from 6 on have models of their own
+    static constexpr int most_faces = 11, most_angle = 23, most_size = 7;  // counts are clamped to these
+    static constexpr int told_sizes = 4;  // sizes 3, 4, 5 and from 6 on have models of their own
     static constexpr int F = most_faces + 1, A = most_angle + 1, S = most_size + 1;
 
     struct SizeModels {
@@ -167,8 +170,8 @@ private:
     NumberModel distance_, number_, large_size_;
 
     int borders_ = 0;                      // the last 8 decisions "no face across", the latest in bit 0
-    int closed_recently_ = 0;              // whether the last 3 faces closed on either side, 2 bits each
-    i32 last_size_ = 0, size_before_ = 0;  // of the last two faces that were told
+    int closed_recently_ = 0;              // on which sides the last 3 faces closed, 2 bits per face
+    i32 last_size_ = 0, size_before_ = 0;  // of the last two faces whose size was coded
 };
 
 }  // namespace pdeanim

@@ -6,10 +6,10 @@ namespace {
 
 constexpr std::size_t bytes_each = sizeof(double);
 
-// Bits of a double as a number in the same order, and back.
+// Map the bits of a double to an integer of the same order, and back.
 i64 flipped(i64 bits) { return bits ^ ((bits >> 63) & INT64_MAX); }
 
-// Second differences of the places of times among all doubles: first bytes of all, then second bytes.
+// Take second differences of the ranks of times among all doubles; first bytes of all come first, then second bytes.
 std::vector<u8> bytes_of(std::span<const double> times) {
     std::vector<u8> bytes(bytes_each * times.size());
     i64 before = 0, step_before = 0;
