@@ -62,7 +62,7 @@ struct Reference {
     std::array<double, 3> origin{};  // [scene units]
     double step = 0.0;               // of the grid [scene units]
     bool is_smoothed = false;
-    std::vector<double> points;      // (vertices, 3) [scene units]
+    std::vector<double> points;  // (vertices, 3) [scene units]
 };
 
 // From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity ->

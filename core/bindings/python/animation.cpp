@@ -172,8 +172,7 @@ nb::object reference(PyAnimation &self) {
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
     return named("Reference", to_rows(std::move(grid), 3),
-                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step,
-                 found.is_smoothed);
+                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step, found.is_smoothed);
 }
 
 nb::object model(PyAnimation &self) {
