@@ -11,10 +11,10 @@ namespace pdeanim {
 
 namespace {
 
-// Corners of a block, unless its last face has more: what they take stays in the nearest cache.
+// Corners of a block, unless its last face has more: their data stay in the first-level cache.
 constexpr i64 block_corners = 128;
 
-// atan(q) / q for q from 0 to 1, as a polynomial of q^2 fitted at Chebyshev's points: at most 2e-8 of it off.
+// atan(q) / q for q from 0 to 1, as a polynomial of q^2 fitted at Chebyshev's points: relative error at most 2e-8.
 constexpr double arctangent[] = {0.999999984242636,  -0.333330667806907,  0.199924835784912,
                                  -0.142025705116405, 0.106367540979346,   -0.0749544544299354,
                                  0.0425876074622067, -0.0160050305020123, 0.00283406429872349};
@@ -29,8 +29,8 @@ struct Vectors {
 
 double length_of(double x, double y, double z) { return std::sqrt(x * x + y * y + z * z); }
 
-// The angles whose sines and cosines are these, both times the same number; sines are not negative. No branches, so that
-// several are found at once.
+// Compute angles from their sines and cosines, both times the same factor; sines are not negative. No branches, so that
+// several are computed at once.
 PDEANIM_INLINE void find_angles(const double *sines, const double *cosines, double *angles, i64 count) {
     for (i64 i = 0; i < count; ++i) {
         const double size = std::abs(cosines[i]);
@@ -99,7 +99,7 @@ void CornerNormals::find(const float *points, float *normals) const {
             const i32 size = face_sizes_[face];
             double x = product.x[first], y = product.y[first], z = product.z[first], length = sines[first];
             if (size > 3) {
-                // From the first corner, so that far from the origin nothing cancels.
+                // Measure from the first corner, so that nothing cancels far from the origin.
                 x = y = z = 0;
                 for (i64 k = first + 1; k + 1 < first + size; ++k) {
                     const double ax = at.x[k] - at.x[first], ay = at.y[k] - at.y[first], az = at.z[k] - at.z[first];

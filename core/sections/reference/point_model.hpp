@@ -1,8 +1,9 @@
-// Residuals of predicted grid coordinates.
+// Code residuals of predicted grid coordinates.
 //
-// A residual is coded as its length, its number of binary digits: beginning with the length that the neighbours' residuals
-// make likely and going up or down from there, each decision mixing three inputs. Then come the digits below the first,
-// and the sign. Where a shape repeats itself, as the rings of a regular tube do, a match model proposes residuals first.
+// A residual is coded as its length, its number of binary digits. The coder begins with the length that the neighbours'
+// residuals make likely and goes up or down from there; each decision mixes three inputs. Then come the digits below
+// the first, and the sign. For shapes that repeat themselves, such as the rings of a regular tube, a match model
+// proposes residuals first.
 #pragma once
 
 #include <optional>
@@ -21,29 +22,30 @@ public:
     template <Mode mode> void code_weights(RangeCoder<mode> &coder, TermWeights &weights);
     template <Mode mode> void code_weights(RangeCoder<mode> &coder, SmoothingWeights &weights);
 
-    // Grid coordinates of all vertices in prediction order; read when encoding, written when decoding. CorruptError where
-    // the bits hold one out of range.
+    // Code the grid coordinates of all vertices in prediction order; read when encoding, written when decoding.
+    // CorruptError if the bits hold a coordinate out of range.
     template <Mode mode>
     void code(RangeCoder<mode> &coder, const std::vector<i32> &order, const TermWeights &weights, Predictor &points);
 
 private:
-    enum Way { first, up, down, ways };  // decisions on the length: the first one, and those up and down from there
+    enum Way { first, up, down, ways };  // decisions on the length: the first one, and those going up and down from it
 
     static constexpr int nearnesses = 4;
-    // Decisions that are told apart: whether a residual is zero, by how near to a grid point the prediction lies; whether it
-    // has each length from 2 to 12; and longer ones.
+    // Rows of contexts: whether a residual is zero, by how close to a grid point the prediction lies; whether it has
+    // each length from 2 to 12; and one for longer ones.
     static constexpr int rows = 16;
-    static constexpr int sizes = 48;  // sizes that are told apart, two to an octave
+    static constexpr int sizes = 48;  // number of size classes, two per octave
     static constexpr i64 half = 1 << (fraction_bits - 1);
 
-    // Size of a number that is not negative, two to an octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and 7, ...
+    // Return the class of a number that is not negative, two classes per octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and
+    // 7, ...
     static int grade(i64 value) {
         const int digits = bit_length(value);
         if (digits < 2) return digits;
         return least<int>(2 * digits - 2 + static_cast<int>((value >> (digits - 2)) & 1), sizes - 1);
     }
 
-    // A term in whole steps, -2 to 2, plus 2.
+    // Return a term in whole steps, clamped to -2 to 2, plus 2.
     static int leaning(i64 term) { return static_cast<int>(clamp<i64>((term + half) >> fraction_bits, -2, 2)) + 2; }
 
     std::optional<MatchModel> matches_;
@@ -60,7 +62,7 @@ private:
     std::array<std::array<BitModel, 4>, grid_bits + 1> digits_;
     std::array<BitModel, 3> weight_;  // of terms, of terms along the normal, of smoothing
     std::array<BitModel, weight_digits> weight_digits_;
-    // By the way and how far a length is from the first one tried; one for each kind of sign.
+    // For lengths, by direction and distance from the first length tried; for signs, one for each kind.
     Weights<3> first_;
     std::array<Weights<3>, farthest> up_, down_;
     std::array<Weights<3>, sign_kinds> sign_weights_;
@@ -73,7 +75,7 @@ inline PointModel::PointModel(bool repeats)
     if (repeats) matches_.emplace();
 }
 
-// Zero or not, size in seven digits, sign.
+// Code a zero flag, the absolute value in seven digits, and the sign.
 template <Mode mode> void PointModel::code_weight(RangeCoder<mode> &coder, int set, i32 &weight) {
     i32 size = 0;
     if (coder.bit(weight_[set], weight != 0)) {

@@ -10,19 +10,18 @@ namespace pdeanim {
 namespace {
 
 constexpr int reciprocal_bits = 15;
-constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; the sum of them has 4 more
-constexpr int edge_bits = 20;    // of the largest component of two edges whose cross product is taken
-constexpr i64 largest_miss = i64{1} << 30;  // [1/16]: sums of misses stay far from overflow
-constexpr int weight_bits = 5;              // fraction bits of the weights of terms
-constexpr i64 largest_turned =
-    i64{1} << 32;  // of a term's component that is turned into the normal's direction [1/512]
+constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; their sum has 4 more
+constexpr int edge_bits = 20;    // of the largest component of two edges before their cross product
+constexpr i64 largest_miss = i64{1} << 30;    // [1/16]: keeps sums of misses far from overflow
+constexpr int weight_bits = 5;                // fraction bits of the weights of terms
+constexpr i64 largest_turned = i64{1} << 32;  // limit of a term's component before its projection on the normal [1/512]
 
-// 1 / n in 1/32768, rounded; every sum has at most two terms a corner.
+// 1 / n in 1/32768, rounded; every sum has at most two terms per corner.
 constexpr i64 reciprocal(i64 count) { return count ? ((i64{1} << (reciprocal_bits + 1)) + count) / (2 * count) : 0; }
 
 }  // namespace
 
-// Add the normal of the triangle a, b, d, brought to normal_bits.
+// Add the normal of the triangle a, b, d, scaled to normal_bits.
 void Predictor::add_normal(i32 a, i32 b, i32 d, Vector &normal) const {
     i64 largest = 0;
     for (int k = 0; k < 3; ++k) {
@@ -107,14 +106,14 @@ Around Predictor::look_around(i32 vertex) const {
         if (last_ >= 0) {
             for (int k = 0; k < 3; ++k) {
                 found.base[k] = grid[last_][k] << fraction_bits;
-                // Of the first vertex there is no earlier one of its kind; it is the last one then.
+                // The first seed has no earlier one; the last vertex takes its place.
                 found.terms[neighbours][k] = (grid[last_seed_][k] - grid[last_][k]) * (1 << fraction_bits);
             }
         }
         found.errors = seed_errors_;
         return found;
     }
-    // A mean in 1/16: the sum times 2^15 / n, less 11 bits.
+    // A mean in 1/16: the sum times 2^15 / n, shifted by 11 bits.
     constexpr int shift = reciprocal_bits - fraction_bits;
     constexpr i64 half = i64{1} << (shift - 1);
     const auto mean = [&](i64 sum, i64 count) { return (sum * reciprocal(count) + half) >> shift; };
@@ -173,15 +172,14 @@ void Predictor::learn(i32 vertex, const Around &around, const Vector &residual) 
 
 namespace {
 
-constexpr std::size_t least_vertices = 8;    // of a kind under which its weights cost more than they save
-constexpr std::size_t most_vertices = 2048;  // of a kind that are looked at, evenly spread
+constexpr std::size_t least_vertices = 8;    // kinds with fewer vertices: weights cost more than they save
+constexpr std::size_t most_vertices = 2048;  // largest sample of a kind, evenly spread
 constexpr int rounds = 5;            // of reweighted least squares; later ones change the size by less than 0.1 %
-constexpr double weight_cost = 9.0;  // bits that a weight takes
-constexpr double half_step =
-    1 << (fraction_bits - 1);  // residuals below this are rounded to zero: size is of no matter
+constexpr double weight_cost = 9.0;  // bits per weight
+constexpr double half_step = 1 << (fraction_bits - 1);  // smaller residuals are rounded to zero
 constexpr double largest_weight = 127.0, weight_unit = 32.0;
-constexpr double ridge = 1e-6;      // added to the diagonal relatively: holds columns apart that say the same
-constexpr double dependent = 1e-9;  // a pivot this small, relatively, is rounding: its column is left out
+constexpr double ridge = 1e-6;      // relative, added to the diagonal: separates columns that are nearly equal
+constexpr double dependent = 1e-9;  // relative; a smaller pivot is rounding: its column is left out
 constexpr int most_columns = 2 * term_count;
 
 struct Row {
@@ -197,8 +195,8 @@ double target_left(const Row &row, const Solution &solution, int width) {
     return left;
 }
 
-// Iteratively reweighted least squares, always in the same order of operations: minimises the sum of residuals' sizes, or
-// of log(size + half_step); smaller sizes count as half_step.
+// Iteratively reweighted least squares, with a fixed order of operations: minimise the sum of the residuals' absolute
+// values, or of log(absolute value + half_step); smaller values count as half_step.
 Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithmic) {
     Solution solution{};
     for (int round = 0; round < rounds; ++round) {
@@ -213,7 +211,7 @@ Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithm
                 for (int k = 0; k <= j; ++k) matrix[j][k] += weighted * row.columns[k];
             }
         }
-        // Cholesky, in place: the lower triangle becomes the factor.
+        // Factor in place by Cholesky: the lower triangle becomes the factor.
         bool kept[most_columns];
         for (int j = 0; j < width; ++j) {
             const double whole = matrix[j][j] * (1.0 + ridge);
@@ -239,7 +237,7 @@ Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithm
     return solution;
 }
 
-// Bits of residuals: the entropy of their numbers of digits, the digits below the first, the signs.
+// Estimate the bits of residuals: the entropy of their numbers of digits, the digits below the first, the signs.
 double residual_bits(const std::vector<Row> &rows, const Solution &solution, int width) {
     std::array<i64, 64> counts{};
     double digits_in_all = 0.0;
@@ -258,11 +256,11 @@ double residual_bits(const std::vector<Row> &rows, const Solution &solution, int
     return entropy + digits_in_all;
 }
 
-// Weights [1/32], by what they save; all zero where nothing does.
+// Choose weights [1/32] by the bits that they save; all zero if they save none.
 void cheapest(const std::vector<Row> &rows, int width, double cost,
               std::array<std::array<i32, term_count>, 2> &weights) {
     double lowest = residual_bits(rows, {}, width);
-    // By absolute values, and by their logarithms, which cares for the many that can be predicted to the step.
+    // Fit by absolute values, and by their logarithms, which favours the many residuals that become zero.
     for (const bool is_logarithmic : {false, true}) {
         const Solution solution = fit_robustly(rows, width, is_logarithmic);
         Solution rounded{};
@@ -298,7 +296,7 @@ TermWeights choose_term_weights(const std::vector<i32> &order, Predictor &points
     for (int kind = 0; kind < kind_count; ++kind) {
         std::vector<Seen> &members = by_kind[kind];
         if (members.size() < least_vertices) continue;
-        // By number, so that those looked at come from all over the mesh.
+        // Sort by number, so that the sample comes from all over the mesh.
         std::sort(members.begin(), members.end(), [](const Seen &a, const Seen &b) { return a.vertex < b.vertex; });
         const bool has_normal = kind >= first_of_parallelograms;
         const std::size_t stride = (members.size() + most_vertices - 1) / most_vertices;

@@ -14,16 +14,16 @@ namespace pdeanim {
 
 namespace {
 
-// Which vertices lie on the same point: seams and soups of polygons become surfaces again.
+// Vertices that lie on the same point: welding them turns seams and soups of polygons into surfaces again.
 //
-// Vertices are met polygon by polygon, then the remaining ones. Of each it is coded whether it lies on a point that is
-// there already, and on which: first come those that would close a gap in the surface, then those met last.
+// Vertices are visited polygon by polygon, then the remaining ones. For each, it is coded whether it lies on a known
+// point, and on which: first candidates are the points that would close a gap in the surface, then the latest ones.
 
-constexpr int most_followed = 16;  // corners at a point that are looked at: bounded where all vertices lie on one point
-constexpr int most_recent = 64;    // corners back in the list that are looked at
+constexpr int most_followed = 16;  // corners per point that are examined, even if all vertices lie on one point
+constexpr int most_recent = 64;    // corners that are examined going back in the list
 constexpr int most_digits = 31;    // of a distance between two points
 constexpr int places = 4, ranks = 8;
-constexpr int histories = 16;  // of the last four vertices, whether each lay on a point that was there
+constexpr int histories = 16;  // of the last four vertices: whether each lay on a known point
 
 template <Mode mode> class WeldCoder {
 public:
@@ -73,7 +73,7 @@ private:
 
     i32 point_at(i32 corner) const { return point_of_[corners_.vertex(corner)]; }
 
-    // Whether a vertex lies on a point that is there already; else it gets a new one.
+    // Code whether a vertex lies on a known point; if not, it gets a new one.
     bool code_is_old(BitModel &model, i64 vertex) {
         const bool is_old = coder_.bit(model, point_of_[vertex] < points_);
         history_ = (2 * history_ + is_old) % histories;
@@ -81,7 +81,7 @@ private:
         return is_old;
     }
 
-    // A number from 1 on: its count of digits, then the digits below the first.
+    // Code a number from 1 on: its number of digits, then the digits below the first.
     i64 code_distance(i64 distance) {
         const int wanted = bit_length(distance);
         int digits = 1;
@@ -91,7 +91,7 @@ private:
         return value;
     }
 
-    // Which point that is there already a corner lies on.
+    // Code which known point a corner lies on.
     i32 code_point(i32 corner) {
         const i32 polygon = corners_.polygon[corner];
         const i32 first = static_cast<i32>(corners_.polygons.starts[polygon]);
@@ -125,7 +125,7 @@ private:
         return static_cast<i32>(found);
     }
 
-    // Note which edges of a polygon meet others, and let its corners be found at their points.
+    // Note which edges of a polygon meet others, and add its corners to the lists of their points.
     void enter_polygon(i32 first, i32 end) {
         for (i32 corner = first; corner < end; ++corner) {
             const i32 following = point_at(corners_.next[corner]);
@@ -151,9 +151,9 @@ private:
     std::vector<i32> &point_of_;
     std::vector<bool> is_met_;
     std::vector<i32> latest_;          // last corner at each point, or -1
-    std::vector<i32> earlier_;         // the corner at the same point before each corner
-    std::vector<bool> edge_met_;       // whether a polygon beside goes along the edge from each corner the other way
-    std::vector<i32> tried_, within_;  // the corner that tried each point last, and the polygon that had it last
+    std::vector<i32> earlier_;         // for each corner, the previous one at the same point
+    std::vector<bool> edge_met_;       // whether another polygon runs along the edge from each corner, the other way
+    std::vector<i32> tried_, within_;  // for each point, the last corner that tried it, the last polygon that has it
     i64 points_ = 0;
     int history_ = 0;
     std::array<BitModel, histories * places * 4> old_;
@@ -162,13 +162,14 @@ private:
     std::array<BitModel, most_digits + 1> digits_;
 };
 
-// Code the point of each vertex, numbered as they are met: read when encoding, written when decoding. How many points
-// there are; CorruptError where the bits say a point that is not there.
+// Code the point of each vertex, numbered in the order in which they are visited: read when encoding, written when
+// decoding. Return the number of points. CorruptError if the bits name an unknown point.
 template <Mode mode> i64 code_welds(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of) {
     return WeldCoder<mode>(coder, corners, point_of).code();
 }
 
-// Point of each vertex, numbered as the corners and then the other vertices meet them; empty if none is shared.
+// Return the point of each vertex, numbered in the order in which the corners and then the other vertices visit them;
+// empty if no two vertices share one.
 template <class Place> std::vector<i32> shared_points(const Polygons &mesh, std::span<const Place> grid) {
     const i64 vertices = static_cast<i64>(grid.size());
     std::vector<i32> by_place(vertices), place(vertices);
@@ -197,7 +198,7 @@ Polygons welded(Polygons mesh, const std::vector<i32> &point_of, i64 points) {
     return mesh;
 }
 
-// A surface that is predicted across: the mesh, or the mesh with its welds, which are coded first.
+// The surface for prediction: the mesh, or the mesh with its welds, which are coded first.
 struct Surface {
     Surface(const Polygons &mesh, std::span<const Vector> grid, const std::vector<i32> *point_of)
         : points(grid.begin(), grid.end()) {
@@ -236,7 +237,7 @@ struct Surface {
     TermWeights weights;
 };
 
-// Of each point the coordinates of a vertex that lies on it.
+// Return for each point the coordinates of a vertex that lies on it.
 template <class Place>
 std::vector<Place> at_points(std::span<const Place> places, const std::vector<i32> &point_of, i64 points) {
     std::vector<Place> found(points);
@@ -273,7 +274,7 @@ std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const 
 
 CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing) {
     const std::vector<i32> point_of = smoothing ? smoothing->point_of : shared_points(mesh, grid);
-    const bool must_weld = smoothing && !point_of.empty();  // smoothing goes across the welds
+    const bool must_weld = smoothing && !point_of.empty();  // smoothing works across the welds
     const u8 always = smoothing ? smooths_points : 0;
     CodedReference best{0, {}};
     std::optional<Surface> best_surface;

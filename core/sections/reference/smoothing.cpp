@@ -1,9 +1,9 @@
-// Smoothing of the decoded grid coordinates (7.7 of the specification): an adaptive filter, as video codecs have in their
-// loops (Tsai et al. 2013, "Adaptive loop filtering for video coding").
+// Smoothing of the decoded grid coordinates (7.7 of the specification): an adaptive filter, like the loop filters of
+// video codecs (Tsai et al. 2013, "Adaptive loop filtering for video coding").
 //
-// A vertex moves by a weighted sum of its Laplacian, the mean of its neighbours less itself, and the Laplacian of that. The
-// weights are those of its class, by the size of the Laplacian: where that is small against the step, most of it is the
-// quantiser's noise; where it is large, it is the shape.
+// A vertex moves by a weighted sum of its Laplacian, the mean of its neighbours minus itself, and the Laplacian of the
+// Laplacian. Its class, by the size of the Laplacian, selects the weights: a Laplacian that is small against the step
+// is mostly the quantiser's noise; a large one is part of the shape.
 #include <algorithm>
 #include <cmath>
 
@@ -17,10 +17,10 @@ constexpr i64 unit = i64{1} << smooth_bits;
 constexpr int smoothing_weight_bits = 4;  // fraction bits of weights
 constexpr double largest_smoothing = 127.0;
 
-// Least sizes of the Laplacian of each class but the first [1/64 steps].
+// Smallest size of the Laplacian in each class but the first [1/64 steps].
 constexpr std::array<i64, smoothing_classes - 1> class_sizes = {16, 32, 48, 64, 96, 160};
 
-// Of the mean error of a smoothed frame to that of the frame: what is above is not worth its weights.
+// Largest error ratio of a smoothed frame to the frame that is worth its weights.
 constexpr double worthwhile_ratio = 0.97;
 
 struct Neighbours {
@@ -32,14 +32,14 @@ struct Neighbours {
             for (i64 row = begin; row < end; ++row) {
                 const i32 corner = corners.fan[row], before = corners.previous[corner];
                 vertices.push_back(corners.vertex(corners.next[corner]));
-                // Inside a surface the vertex before is the vertex after of the corner beside it.
+                // Inside a surface, the vertex before is also the vertex after of the adjacent corner.
                 if (neighbourhood_at(corners, corner).before_counts) vertices.push_back(corners.vertex(before));
             }
             starts.push_back(static_cast<i64>(vertices.size()));
         }
     }
 
-    // The mean of the neighbours less the vertex itself, times `scale`, rounded; 0 without neighbours.
+    // Return the mean of the neighbours minus the vertex itself, times `scale`, rounded; 0 without neighbours.
     std::vector<Vector> laplacian(std::span<const Vector> values, i64 scale) const {
         std::vector<Vector> found(values.size());
         for (std::size_t v = 0; v < values.size(); ++v) {
@@ -58,7 +58,7 @@ struct Neighbours {
     std::vector<i32> vertices;
 };
 
-// What smoothing moves vertices by.
+// The quantities that smoothing moves vertices by.
 struct Bends {
     Bends(const CornerTable &corners, std::span<const Vector> grid) {
         const Neighbours neighbours(corners);
@@ -76,7 +76,7 @@ struct Bends {
         return clamp((sum + (1 << (smoothing_weight_bits - 1))) >> smoothing_weight_bits, -unit / 2, unit / 2);
     }
 
-    std::vector<Vector> first, second;  // the Laplacian, and that of it [1/64 steps]
+    std::vector<Vector> first, second;  // the Laplacian and its Laplacian [1/64 steps]
 };
 
 i32 rounded_weight(double weight) {
@@ -84,7 +84,7 @@ i32 rounded_weight(double weight) {
         clamp(std::nearbyint(weight * (1 << smoothing_weight_bits)), -largest_smoothing, largest_smoothing));
 }
 
-// Sums of a least squares fit of two columns.
+// Sums of a least squares fit with two columns.
 struct Fit {
     double first = 0.0, both = 0.0, second = 0.0, first_target = 0.0, second_target = 0.0;
 

@@ -13,11 +13,12 @@ namespace pdeanim {
 
 namespace {
 
-// Share of the squared norm that must be left after one pass for the second to be skipped: then little more than one
-// binary digit was lost.
+// The second pass is skipped if at least this fraction of the squared norm is left after the first: then little more
+// than one binary digit was lost.
 constexpr double once_is_enough = 0.125;
 
-// Of the share that must be new of a unit vector, so much less is certainly too little, however it is computed.
+// A unit vector of whose squared norm less than this fraction of the threshold is new is too dependent, however it is
+// computed.
 constexpr double certainly = 0.5;
 
 void grow(AlignedArray<double> &numbers, i64 size) {
@@ -39,7 +40,7 @@ double OrthonormalFunctions::squared_norm(const double *column) const {
     return sum_of_products(column, column, width_);
 }
 
-// Take away from columns what lies along functions `first` to `end` - 1.
+// Subtract from columns their components along the functions `first` to `end` - 1.
 void OrthonormalFunctions::take_away(std::span<Column *const> columns, i64 first, i64 end) {
     std::array<double *, columns_at_once> values;
     for (std::size_t k = 0; k < columns.size(); ++k) values[k] = columns[k]->values;
@@ -47,7 +48,7 @@ void OrthonormalFunctions::take_away(std::span<Column *const> columns, i64 first
     for (Column *own : columns) own->left = squared_norm(own->values);
 }
 
-// A second time, along all of the first `end` functions, from those of which little was left.
+// Subtract components along the first `end` functions a second time, from the columns of which little was left.
 void OrthonormalFunctions::take_away_again(std::span<Column *const> columns, i64 end) {
     std::array<Column *, columns_at_once> again;
     std::size_t count = 0;
@@ -73,7 +74,7 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
     std::array<i64, columns_at_once> added;
     added.fill(-1);
     for (i64 begin = 0, end = 0; begin < columns && !is_complete(); begin = end) {
-        // No more than can be added, if none of them is dropped.
+        // At most as many as can be added if none is dropped.
         end = least(columns, begin + missing());
         const std::span<Column *const> some{all.data() + begin, all.data() + end};
         take_away(some, first, known);
@@ -92,7 +93,7 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
 
 void OrthonormalFunctions::note_nearest(double left) { nearest = std::min(nearest, std::abs(left - 1.0)); }
 
-// Add what is left of a column.
+// Normalise the rest of a column and add it, unless too little is left; return its function or -1.
 i64 OrthonormalFunctions::keep(const Column &column, double share) {
     if (share > 0.0) {
         const double least_left = share * column.before;
@@ -106,7 +107,7 @@ i64 OrthonormalFunctions::keep(const Column &column, double share) {
 }
 
 void OrthonormalFunctions::add_unit_vectors(double share) {
-    // Of the squares of unit vectors, what is along no function: next to nothing of those that come last.
+    // Part of each squared unit vector that lies along no function: almost nothing for the last ones.
     std::vector<double> left(points_, 1.0);
     for (i64 j = 0, known = 0; j < points_ && !is_complete(); ++j) {
         for (; known < count_; ++known) {
@@ -130,12 +131,12 @@ void OrthonormalFunctions::add_zeros() {
 namespace {
 
 constexpr int sum_bits = 61;          // of a sum of squares of one coordinate: three of them stay below 2^63
-constexpr int moment_bits = 30;       // of moments as rotations are chosen by them: products of two stay below 2^63
+constexpr int moment_bits = 30;       // of the moments that choose rotations: products of two stay below 2^63
 constexpr int turn_bits = 30;         // fraction bits of sines and cosines
-constexpr int uncorrelated_bits = 8;  // two are turned where their correlation's square exceeds 2 to minus this
-constexpr i64 floor_moment = 16;      // added to moments that are compared: rounding is not correlated with anything
+constexpr int uncorrelated_bits = 8;  // coordinates are rotated if their squared correlation exceeds 2 to minus this
+constexpr i64 floor_moment = 16;      // added to moments that are compared: rounding errors correlate with nothing
 constexpr int most_sweeps = 8;        // of rotations; three or four are enough
-constexpr int thinnest_bits = 20;     // a coordinate with less of all sums of squares is none: it is mostly rounding
+constexpr int thinnest_bits = 20;     // coordinates with less than 2 to minus this of all sums of squares are rounding
 
 using Axis = std::vector<i64>;
 
@@ -153,7 +154,7 @@ void turn(Axis &a, Axis &b, i64 cosine, i64 sine) {
     }
 }
 
-// The largest integer whose square is at most `square`, 0 to 2^62.
+// Return the largest integer whose square is at most `square`, 0 to 2^62.
 i64 integer_root(i64 square) {
     i64 root = static_cast<i64>(std::sqrt(static_cast<double>(square)));
     while (root * root > square) --root;
@@ -161,12 +162,12 @@ i64 integer_root(i64 square) {
     return root;
 }
 
-// Turn two coordinates so that they are not correlated; false where they hardly are.
+// Rotate two coordinates until they are uncorrelated; return false if they already nearly are.
 bool decorrelate(Axis &a, Axis &b, int shift) {
     const i64 first = moment(a, a), second = moment(b, b), mixed = moment(a, b);
     const i64 apart = ((first >> shift) + floor_moment) * ((second >> shift) + floor_moment) >> uncorrelated_bits;
     if ((mixed >> shift) * (mixed >> shift) <= apart) return false;
-    // Half of the angle whose cosine and sine are |across| / root and along / root.
+    // Compute half of the angle whose cosine and sine are |across| / root and along / root.
     const i64 across = (second - first) >> shift, along = (2 * mixed) >> shift;
     const i64 root = integer_root(across * across + along * along);
     const i64 twice = (size_of(across) << turn_bits) / root;
@@ -180,7 +181,7 @@ bool decorrelate(Axis &a, Axis &b, int shift) {
 
 int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i32> vertices) {
     const i64 size = static_cast<i64>(vertices.size());
-    // About their mean, with as many binary digits as sum_bits has room for.
+    // Take coordinates about their mean, with as many binary digits as sum_bits allows.
     i64 largest = 0;
     for (int k = 0; k < 3; ++k) {
         axes[k].resize(size);
@@ -217,9 +218,9 @@ int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i3
 
 namespace {
 
-// A polynomial, a function along a piece, a unit vector is dropped where no more than this share of its squared norm is
-// new. That of unit vectors is below 1 / points, so that they always complete the space of a patch; functions along a piece
-// are kept as long as they are more than rounding.
+// A polynomial, a function along a piece or a unit vector is dropped unless more than this fraction of its squared norm
+// is new. The threshold of unit vectors is below 1 / points, so that they always complete the space of a patch.
+// Functions along a piece are kept as long as they are more than rounding.
 constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-12};
 
 }  // namespace
@@ -238,7 +239,7 @@ int ElementFunctions::locate(i64 element) {
     return found;
 }
 
-// The constant and as many local coordinates as make `count` functions.
+// Add the constant and as many local coordinates as make `count` functions.
 void ElementFunctions::add_affine(i64 count) {
     for (i64 j = 0; j < affine_count; ++j) made_[j] = j < count ? j : -1;
     for (i64 k = 0; k < count; ++k) {
@@ -251,11 +252,11 @@ void ElementFunctions::add_affine(i64 count) {
     }
 }
 
-// A polynomial's column is number k of the next ones; false where nothing is added for it.
+// Write the values of a polynomial to column k; return false if it adds nothing.
 bool ElementFunctions::set_column(int polynomial, i64 k) {
     const Polynomial &own = polynomials[polynomial];
     made_[polynomial] = -1;
-    // A multiple of a dropped polynomial is nothing new.
+    // A multiple of a dropped polynomial adds nothing new.
     const auto is_dropped = [&](int lower) { return lower >= 0 && made_[lower] < 0; };
     if (std::any_of(own.lower.begin(), own.lower.end(), is_dropped)) return false;
     const double *lower = functions_.function(made_[own.lower[own.along]]);
@@ -265,14 +266,15 @@ bool ElementFunctions::set_column(int polynomial, i64 k) {
     return true;
 }
 
-// Those of a degree beside each other. The product of x p with a function q is that of p with x q: nothing, where x q is of
-// lower degree than p and made of functions that there are (Stieltjes' recurrence, in several coordinates). So x p has parts
-// along functions of the last two degrees and of its own alone, unless a factor of x or y was dropped.
+// Add the polynomials, several of one degree at a time. The product of x p with a function q equals that of p with x q:
+// zero if x q is of lower degree than p and a combination of functions already made (Stieltjes' recurrence, in several
+// coordinates). So x p has components only along functions of the last two degrees and of its own, unless a factor of x
+// or y was dropped.
 void ElementFunctions::add_polynomials() {
     constexpr int normal = 2;
     std::array<i64, largest_degree + 1> first = {
-        0, 1, least<i64>(affine_count - 1, functions_.count())};  // function of each degree
-    bool is_closed = true;  // functions times x or y are made of functions, as far as their degree was reached
+        0, 1, least<i64>(affine_count - 1, functions_.count())};  // first function of each degree
+    bool is_closed = true;  // every function times x or y is a combination of functions, up to the degree reached
     for (int j = affine_count; j < polynomial_count && !functions_.is_complete();) {
         const int degree = polynomials[j].degree();
         const bool is_normal = polynomials[j].along == normal;

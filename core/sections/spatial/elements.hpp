@@ -1,10 +1,10 @@
-// Elements, patches of a mesh or pieces of its curves, and the orthonormal functions on each.
+// Elements (patches of a mesh or pieces of its curves) and the orthonormal functions on each.
 //
-// The affine four, 1, x, y and z, come first, then polynomials of local coordinates by degree, or the functions of Eqs. 14
-// and 16 along a piece, then unit vectors. How many of them there are is in the file (`SpaceLayout`).
+// The four affine functions 1, x, y and z come first, then polynomials of local coordinates by degree, or the functions
+// of Eqs. 14 and 16 along a piece, then unit vectors. Their number is in the file (`SpaceLayout`).
 //
-// A polynomial is made of one that is orthonormal already, times a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
-// "Vandermonde with Arnoldi"): little of it cancels then, where powers of coordinates are nearly dependent.
+// A polynomial is made from an orthonormal one, times a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
+// "Vandermonde with Arnoldi"): little of it cancels then, even where powers of coordinates are nearly dependent.
 #pragma once
 
 #include <array>
@@ -22,18 +22,18 @@
 
 namespace pdeanim {
 
-// Orthonormal functions on the points of an element, made some at a time.
+// Orthonormal functions on the points of an element, made a few at a time.
 //
-// Gram-Schmidt, a second time where the first cancels, which is as orthogonal as rounding allows (Giraud, Langou and
-// Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"); where products with the first
-// functions are known to be nothing but rounding, and not computed, that rounding grows along with the degree, to 1e-8 at
-// worst. The functions are floating-point numbers that no decision hangs on but one, whether a column is dropped, and the
-// encoder keeps clear of it (`nearest`).
+// Gram-Schmidt, with a second pass where the first cancels, which is as orthogonal as rounding allows (Giraud, Langou
+// and Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"). Products with the
+// first functions are left out where they are known to be only rounding; that rounding grows with the degree, to 1e-8
+// at worst. The functions are floating-point numbers. Only one decision depends on them, whether a column is dropped,
+// and the encoder keeps well away from its threshold (`nearest`).
 class OrthonormalFunctions {
 public:
     static constexpr i64 columns_at_once = 8;
 
-    // Begin anew, for so many points and functions at most.
+    // Start an element of `points` points, with at most `most` functions.
     void begin(i64 points, i64 most);
 
     i64 count() const { return count_; }
@@ -41,35 +41,34 @@ public:
     bool is_complete() const { return missing() == 0; }
     const double *function(i64 k) const { return functions_.data() + k * width_; }
 
-    // A row for each.
+    // Return all functions, one per row.
     Strided<double> all() const { return {functions_.data(), width_, 1}; }
 
-    // What is added next: a number for each point.
+    // The k-th column to add next: one number per point.
     double *column(i64 k = 0) { return columns_.data() + k * width_; }
 
-    // Orthonormalise columns on the functions that there are and on each other, and add them as long as functions are
-    // missing; which function each has become, -1 for none: too little of it is new, or none is missing. What becomes of a
-    // column does not depend on how many functions are wanted. `share`: that of its squared norm that must be; 0 where the
-    // column is one that the file names. Of such a column that is all old the function is zero. `first`: the functions
-    // before it have no part in any of the columns, but for rounding.
+    // Orthonormalise columns against the functions so far and against each other, and add them as long as functions are
+    // missing. Return the function that each column has become; -1 if too little of it is new, or none is missing. The
+    // result for a column does not depend on how many functions are wanted. `share`: fraction of its squared norm that
+    // must be new; 0 for a column that the file names, whose function is zero if nothing is new. `first`: the functions
+    // before it have no component in any of the columns, except for rounding.
     std::array<i64, columns_at_once> add(i64 columns, double share, i64 first);
 
-    // Add one; whether it was.
+    // Add one column; return whether it was added.
     bool add(double share) { return add(1, share, 0)[0] >= 0; }
 
-    // Add unit vectors, point after point, as long as functions are missing. None are then, where `share` is below
-    // 1 / points: as long as one is, some point has not been looked at or has more than that to add.
+    // Add unit vectors, point after point, as long as functions are missing. If `share` is below 1 / points, none is
+    // missing afterwards: as long as one is, some point has not been tried or has more than `share` to add.
     void add_unit_vectors(double share);
 
-    // Make the functions zero that are missing.
+    // Set the missing functions to zero.
     void add_zeros();
 
-    // The least distance of a column's new share from the one that decides, relative to it; so far.
+    // Smallest distance so far between a column's new fraction and the deciding one, relative to the latter.
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
-    // One that is being orthonormalised, and squared norms: as it was given, when what was taken away last began to be, and
-    // now.
+    // A column in work, with its squared norm: as given, before the last subtraction, and now.
     struct Column {
         double *values;
         double before, begun, left;
@@ -80,21 +79,21 @@ private:
     void take_away_again(std::span<Column *const> columns, i64 end);
     i64 keep(const Column &column, double share);
 
-    // `left`: of the share that decides, how much is new of a column.
+    // left: the new part of a column, as a multiple of the part that decides.
     void note_nearest(double left);
 
     i64 points_ = 0, most_ = 0, count_ = 0;
-    i64 width_ = 0;  // of a function in memory, where zeros follow it
+    i64 width_ = 0;  // of a function in memory, padded with zeros
     AlignedArray<double> columns_, functions_;
 };
 
 // Local coordinates of an element: about its mean, along its principal axes, the widest first.
 //
-// They are found by one-sided Jacobi rotations in integers, so that everyone finds the same. Coordinates that are hardly
-// correlated are left as they are: axes of equal width have no direction of their own, and where rounding chose one, every
-// element would have another.
+// One-sided Jacobi rotations in integers find them, so that every machine finds the same. Coordinates that are nearly
+// uncorrelated stay as they are: axes of equal width have no direction of their own, and rounding would choose another
+// one for every element.
 struct LocalCoordinates {
-    // Find those of these vertices; how many of the coordinates, from the first, are more than rounding.
+    // Find the coordinates of these vertices; return how many of them, from the first, are more than rounding.
     int locate(std::span<const GridPoint> grid, std::span<const i32> vertices);
 
     std::array<std::vector<i64>, 3> axes;
@@ -110,9 +109,9 @@ struct Elements {
 
     SpaceForm form;
     std::shared_ptr<const Patches> patches;
-    std::span<const GridPoint> grid;        // the caller's
-    std::array<double, sort_count> shares;  // of a column's squared norm that must be new for it to be kept
-    std::vector<double> series;             // of pieces: their functions at each vertex in order, not orthonormal yet
+    std::span<const GridPoint> grid;        // owned by the caller
+    std::array<double, sort_count> shares;  // fraction of a column's squared norm that must be new
+    std::vector<double> series;             // functions of pieces at each vertex in order, not yet orthonormal
 };
 
 // Sums of an element's affine functions times 1, x, y and z about its first vertex.
@@ -123,17 +122,17 @@ class ElementFunctions {
 public:
     explicit ElementFunctions(const Elements &elements) : elements_(elements) {}
 
-    // Sums of an element's affine functions. `local`: how many local coordinates these take, -1 for as many as are more than
-    // rounding; returns how many.
+    // Compute the sums of an element's affine functions. `local`: number of local coordinates that these use, -1 for as
+    // many as are more than rounding; return this number.
     int describe(i64 element, int local, AffineSums &sums);
 
-    // The first functions of an element, at most its points, of which so many are affine. Those that are still missing are
-    // zero.
+    // Make the first `count` functions of an element, at most its points, `affine` of them affine. Missing functions
+    // are zero.
     void make(i64 element, i64 affine, i64 count);
 
-    // Memory that it takes for elements of so many points and functions at most.
+    // Memory for elements of at most `points` points and `functions` functions [bytes].
     static u64 bytes(i64 points, i64 functions) {
-        constexpr i64 coordinates = 9;  // of a point: on the grid, local ones, and these as they are multiplied
+        constexpr i64 coordinates = 9;  // per point: grid coordinates, local ones, and factors of polynomials
         constexpr i64 padding = cache_line / sizeof(double);
         const i64 columns = least(functions, points) + OrthonormalFunctions::columns_at_once + coordinates;
         return sizeof(double) * static_cast<u64>((points + padding) * columns);
@@ -152,8 +151,8 @@ private:
     const Elements &elements_;
     OrthonormalFunctions functions_;
     LocalCoordinates local_;
-    std::array<std::vector<double>, 3> axes_;  // the same coordinates
-    std::array<i64, polynomial_count> made_;   // which function each polynomial has become, -1 for none
+    std::array<std::vector<double>, 3> axes_;  // the local coordinates as floating-point numbers
+    std::array<i64, polynomial_count> made_;   // function that each polynomial has become, -1 for none
     i64 points_ = 0;
 };
 

@@ -32,7 +32,7 @@ SpaceSelection::SpaceSelection(const SpaceLayout &layout, std::span<const i64> s
 
 namespace {
 
-// An encoder leaves out an axis where no more than this share of its squared norm is new.
+// The encoder leaves out an axis if no more than this fraction of its squared norm is new.
 constexpr double dependent = 0x1p-16;
 
 }  // namespace
@@ -50,7 +50,8 @@ PartitionTree::PartitionTree(const Elements &elements, const std::vector<AffineS
     layout_ = std::make_shared<SpaceLayout>(elements.form, elements.patches, std::move(local), std::move(masks));
 }
 
-// `local`: local coordinates that each element takes. `masks`: what nodes keep, or where it is found.
+// `local`: number of local coordinates of each element. `masks`: functions that each node keeps, read, or written if
+// `chooses`.
 void PartitionTree::build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements,
                                    const std::vector<u8> &local, std::vector<u8> &masks, bool chooses) {
     const Patches &patches = *elements.patches;
@@ -76,7 +77,7 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
                 stacked[k] = sums[a][k];
                 continue;
             }
-            // About the first vertex of the node, which is that of its first half.
+            // Refer the sums to the first vertex of the node, which is the first vertex of its first half.
             const std::array<double, affine_count> &row = sums[b][k - affine[a]];
             for (int c = 0; c < affine_count; ++c) {
                 const double away = c > 0 ? static_cast<double>(to[c - 1] - from[c - 1]) : 0.0;
@@ -84,10 +85,10 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
             }
         }
         functions.begin(size, size);
-        functions.nearest = std::numeric_limits<double>::infinity();  // what is chosen here is in the file
+        functions.nearest = std::numeric_limits<double>::infinity();  // the choice is stored in the file
         for (int c = 0; c < affine_count && !functions.is_complete(); ++c) {
             if (!chooses && !(masks[node] >> c & 1)) continue;
-            // About the node's mean: seen from afar, x would hardly differ from a constant.
+            // Subtract the node's mean: far from the origin, x would hardly differ from a constant.
             double along = 0.0, square = 0.0;
             for (i64 k = 0; k < size; ++k) {
                 along += stacked[k][c] * stacked[k][0];
@@ -141,7 +142,7 @@ template <class Real> void PartitionTree::analyse(std::span<double> affine, Real
         for (i64 k = 0; k < own; ++k) add_up(k, affine.data() + (affine_count * node + k) * channels);
         for (i64 k = own; k < size; ++k) {
             const i64 function = wavelet + k - own, row = selection ? selection->tree_rows[function] : function;
-            if (row < 0) break;  // none of the node's is selected
+            if (row < 0) break;  // none of the node's wavelets is selected
             add_up(k, of_wavelet.data());
             put(of_wavelet.data(), row);
         }

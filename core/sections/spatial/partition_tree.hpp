@@ -1,8 +1,8 @@
-// The partition tree: what the affine functions of two halves have in common, they share.
+// The partition tree: the affine functions that two halves have in common are stored once, in their parent.
 //
-// A node's affine functions are an orthogonal combination of those of its halves; the rest of the combinations are the
-// node's wavelets. Which of 1, x, y and z a node keeps is in the file, so that no decoder need find out what depends on
-// what. (Alpert 1993, "A class of bases in L2 for the sparse representation of integral operators": multiwavelets, here on
+// A node's affine functions are an orthogonal combination of those of its halves; the remaining combinations are the
+// node's wavelets. The file tells which of 1, x, y and z a node keeps, so that no decoder needs to find dependences.
+// (Alpert 1993, "A class of bases in L2 for the sparse representation of integral operators": multiwavelets, here on
 // the vertices of a mesh.)
 #pragma once
 
@@ -17,52 +17,52 @@
 
 namespace pdeanim {
 
-// Some of a space basis' functions: those of some subbands, which follow each other as all do.
+// A selection of subbands of a space basis, numbered in the order of the whole.
 //
-// An encoder looks at some elements, and at the nodes of the partition tree above them, and takes these for the whole mesh.
+// An encoder examines some elements, and the nodes of the partition tree above them, as a sample of the whole mesh.
 struct SpaceSelection {
-    // `subbands`: ascending, the first of them that of the whole's affine functions.
+    // `subbands`: ascending; the first is that of the whole mesh's affine functions.
     SpaceSelection(const SpaceLayout &layout, std::span<const i64> subbands);
 
     bool has_element(i64 element) const { return element_rows[element] >= 0; }
 
     i64 functions = 0;
     std::vector<i64> elements;      // ascending
-    std::vector<i64> tree_rows;     // of each function of the whole and of all nodes, where it stands, or -1
-    std::vector<i64> element_rows;  // of each element, where its first function stands that is not affine, or -1
-    std::vector<u8> has_elements;   // of each node: whether some of these are below it, or are it
+    std::vector<i64> tree_rows;     // row of each function of the whole mesh and of all nodes, or -1
+    std::vector<i64> element_rows;  // row of each element's first function that is not affine, or -1
+    std::vector<u8> has_elements;   // whether a node is or contains one of the elements
 };
 
 class PartitionTree {
 public:
     static constexpr int most_functions = 2 * affine_count;  // of two halves
 
-    // Orthogonal: rows are a node's affine functions and then its wavelets, columns the first half's affine functions and
-    // then the second's.
+    // Orthogonal: rows are a node's affine functions and then its wavelets, columns the affine functions of the first
+    // half and then of the second.
     using Matrix = std::array<std::array<double, most_functions>, most_functions>;
 
-    // Over elements with the sums of their affine functions.
+    // sums: of the affine functions of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
                   std::shared_ptr<const SpaceLayout> layout);
 
-    // The same, and choose what nodes keep; `local`: local coordinates that each element takes.
+    // The same, but choose the functions that nodes keep; `local`: number of local coordinates of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::vector<u8> local);
 
     const std::shared_ptr<const SpaceLayout> &layout() const { return layout_; }
 
-    // Of a node that is no element. Two children follow for each such node, in order.
+    // Matrix of a node that is not an element. Each such node has two children that follow each other, in order.
     const Matrix &matrix(i64 node) const { return matrices_[(layout_->patches()->children[node] - 1) / 2]; }
 
-    // From the affine coefficients of elements to those of the whole and of the wavelets, upwards. `affine`: four rows of
-    // `channels` a node, those of elements given; `coefficients`: a row a function, of all or of a selection, written for
-    // those of the whole and of nodes.
+    // Transform the affine coefficients of elements, upwards, to those of the whole mesh and of the wavelets. `affine`:
+    // four rows of `channels` per node, those of elements given; `coefficients`: one row per function, of all or of a
+    // selection; the rows of the whole mesh and of nodes are written.
     template <class Real>
     void analyse(std::span<double> affine, Real *coefficients, i64 channels, const SpaceSelection *selection) const;
 
-    // Undo `analyse`: affine coefficients of every node, downwards.
+    // Undo `analyse`: compute the affine coefficients of every node, downwards.
     void synthesise(const double *coefficients, std::span<double> affine, i64 channels) const;
 
-    // The least relative distance of a share from its threshold.
+    // Smallest relative distance of a new fraction from its threshold.
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
@@ -70,7 +70,7 @@ private:
                         const std::vector<u8> &local, std::vector<u8> &masks, bool chooses);
 
     std::shared_ptr<const SpaceLayout> layout_;
-    std::vector<Matrix> matrices_;  // of nodes that are no elements, in order
+    std::vector<Matrix> matrices_;  // of nodes that are not elements, in order
 };
 
 }  // namespace pdeanim

@@ -7,7 +7,7 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int term_count = 14;  // at |rate x| <= 12 and n = 4 the first left-out term, 12^60 / 60!, is below 7e-18
+constexpr int term_count = 14;  // at |rate x| <= 12 and n = 4 the first omitted term, 12^60 / 60!, is below 7e-18
 
 // (n k + j)! / (n (k - 1) + j)! for k = 1, 2, ...
 template <int order> constexpr std::array<std::array<double, order>, term_count> quotients = [] {
@@ -22,7 +22,7 @@ template <int order> constexpr std::array<std::array<double, order>, term_count>
     return found;
 }();
 
-// Squares rather than pow(): products are rounded alike everywhere.
+// Squares instead of pow(): products are rounded alike everywhere.
 template <int order> double power(double x) {
     const double square = x * x, fourth = square * square;
     return order == 4 ? fourth : fourth * fourth;

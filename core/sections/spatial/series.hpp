@@ -12,14 +12,15 @@ namespace pdeanim {
 
 constexpr int space_functions = 8;  // functions along a curve (Eqs. 14 and 16)
 
-// phi_0 to phi_(order - 1) at each of some points, |rate * x| at most 12: row after row. Of order 4 or 8.
+// Return phi_0 to phi_(order - 1) at each point, row after row, for |rate * x| at most 12 and order 4 or 8.
 //
 // A power series of additions, products and quotients alone, so that every machine gets the same bits. All terms of one
-// function have the same sign: nothing cancels.
+// function have the same sign, so nothing cancels.
 std::vector<double> series_functions(std::span<const double> points, double rate, int order);
 
-// Parameter u in [-1, 1] along each piece, by arc length of the reference frame; by index where all points of a piece
-// coincide, 0 for a piece of one point. Pieces stand one after the other in `order`, from each of `starts` on.
+// Return the parameter u in [-1, 1] along each piece, by arc length of the reference frame; by index if all points of a
+// piece coincide, 0 for a piece of one point. Pieces lie one after the other in `order`, each beginning at one of
+// `starts`.
 std::vector<double> arc_length_parameters(std::span<const GridPoint> grid, std::span<const i32> order,
                                           std::span<const i64> starts);
 

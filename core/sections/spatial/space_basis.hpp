@@ -1,10 +1,11 @@
 // Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 //
-// How many functions there are, and of what kind, is in the file (`SpaceLayout`). The values of the functions are
-// floating-point numbers, and may be computed in any way: see `SpaceForm::threshold`.
+// The number and kind of functions is in the file (`SpaceLayout`). The values of the functions are floating-point
+// numbers and may be computed in any way: see `SpaceForm::threshold`.
 //
-// This folder makes the functions of space (9, 10 and 11 of the specification). Begin here; then space_layout counts the
-// functions, elements makes those of patches and pieces of curves (series: Eqs. 14 and 16), and partition_tree joins them.
+// This folder makes the functions of space (9, 10 and 11 of the specification). Begin here; then space_layout counts
+// the functions, elements makes those of patches and pieces of curves (series: Eqs. 14 and 16), and partition_tree
+// joins them.
 #pragma once
 
 #include <atomic>
@@ -22,10 +23,10 @@ namespace pdeanim {
 
 class SpaceBasis {
 public:
-    // `grid`: of the reference frame, kept by the caller.
+    // `grid`: of the reference frame, owned by the caller.
     SpaceBasis(std::shared_ptr<const SpaceLayout> layout, std::span<const GridPoint> grid, int threads);
 
-    // The same, and choose the layout.
+    // The same, but choose the layout.
     SpaceBasis(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid,
                int threads);
 
@@ -35,36 +36,36 @@ public:
     i64 functions() const { return layout().functions(); }
     const SpaceLayout &layout() const { return *tree_.layout(); }
 
-    // Make all functions of all elements, which an encoder needs; a decoder makes those that it needs on the way.
+    // Make all functions of all elements, for an encoder; a decoder makes only those that it needs, when it needs them.
     void make_functions(int threads);
 
-    // Of these, the ones of an element, function after function; nothing as long as they are not made.
+    // Return an element's functions from `make_functions`, one after the other; empty before that call.
     std::span<const double> functions_of(i64 element) const;
 
-    // From now on keep those that are made on the way: other groups of frames need them again.
+    // Keep from now on the functions that are made when needed: other groups of frames need them again.
     void keep_functions() { kept_ = std::vector<Kept>(elements_.count()); }
 
-    // What it takes at most to keep them [bytes].
+    // Upper bound of the memory of all kept functions [bytes].
     i64 bytes_to_keep() const;
 
-    // The first functions of an element, a row each; they stay until `making` makes others or `kept` is gone.
+    // The first functions of an element, one per row; valid until `making` makes others or `kept` is destroyed.
     struct FirstFunctions {
         Strided<double> values;
-        std::shared_ptr<const std::vector<double>> kept;  // where they lie, if they are kept
+        std::shared_ptr<const std::vector<double>> kept;  // owner of the values, if they are kept
     };
     FirstFunctions first_functions(i64 element, i64 count, ElementFunctions &making) const;
 
-    // The least relative distance of a share from its threshold: whether every decoder drops the same columns, however it
-    // rounds. Of the elements' functions, too, once they are made.
+    // Smallest relative distance of a new fraction from its threshold, including the elements' functions once they are
+    // made. It tells whether every decoder drops the same columns, however it rounds.
     double nearest() const { return nearest_; }
 
-    // Coefficients of values on vertices, both with a row of `channels` each, float or double; of a selection of functions
-    // alone where there is one. Functions are made on the way unless they are there.
+    // Return the coefficients of values on vertices; both have a row of `channels` each, float or double. With a
+    // selection, return only those of its functions. Functions that are not yet made are made on the way.
     template <class Real> LargeArray<Real> project(std::span<const Real> values, i64 channels,
                                                    const SpaceSelection *selection, int threads) const;
 
 private:
-    // Of an element as many functions as anybody has needed.
+    // As many functions of an element as have been requested so far.
     struct Kept {
         std::mutex lock;
         i64 count = 0;
@@ -73,7 +74,7 @@ private:
 
     Elements elements_;
     PartitionTree tree_;
-    mutable std::vector<Kept> kept_;  // empty unless they are kept
+    mutable std::vector<Kept> kept_;  // empty unless `keep_functions` was called
     std::once_flag once_;
     std::atomic<bool> is_made_ = false;
     LargeArray<double> made_;

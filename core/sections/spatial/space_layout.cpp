@@ -12,7 +12,7 @@ namespace {
 
 constexpr int most_local = affine_count - 1;
 
-// Code how many local coordinates each element takes, by how many the one before does.
+// Code the number of local coordinates of each element, with that of the previous element as context.
 template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &local) {
     std::array<std::array<BitModel, most_local>, most_local + 1> models;
     int before = most_local;
@@ -25,11 +25,11 @@ template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &l
     }
 }
 
-// Code which of 1, x, y and z the nodes keep, upwards. `affine`: how many affine functions each node has, those of
-// elements given.
+// Code which of 1, x, y and z the nodes keep, upwards. `affine`: number of affine functions of each node; given for
+// elements, written for other nodes.
 template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children,
                                      std::vector<i64> &affine, std::vector<u8> &masks) {
-    std::array<std::array<BitModel, affine_count>, 3> models;  // by how many halves have all four functions, and axis
+    std::array<std::array<BitModel, affine_count>, 3> models;  // by the number of full halves, and axis
     for (i64 node = static_cast<i64>(children.size()); node-- > 0;) {
         const i64 half = children[node];
         if (half < 0) continue;
@@ -84,7 +84,7 @@ SpaceLayout::SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> p
         if (half >= 0) functions += affine_[half] + affine_[half + 1] - affine_[node];
     }
     coefficient_starts_[0] = functions;
-    // Unit vectors complete whatever polynomials leave open.
+    // Unit vectors fill up what polynomials leave.
     const i64 most = form.is_affine ? form.functions : least(form.functions, space_functions);
     for (i64 e = 0; e < elements(); ++e) {
         coefficient_starts_[e + 1] = coefficient_starts_[e] + least(patches_->size(e), most) - affine(e);
@@ -108,7 +108,7 @@ SpaceLayout SpaceLayout::of_bytes(const SpaceForm &form, std::shared_ptr<const P
 std::vector<u8> SpaceLayout::to_bytes() const {
     RangeCoder<Mode::encode> coder;
     std::vector<u8> local = local_, masks = masks_;
-    std::vector<i64> affine = affine_;  // coding leaves the numbers as they are
+    std::vector<i64> affine = affine_;  // coding does not change the numbers
     code_local(coder, local);
     code_masks(coder, patches_->children, affine, masks);
     return coder.finish();
