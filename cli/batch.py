@@ -40,20 +40,20 @@ if TYPE_CHECKING:
     from pdecodec.batch.work import Result, Work
 
 SAID_EVERY = 30.0
-"""Seconds between lines that say how far a batch is, where there is no terminal for a bar."""
+"""Seconds between progress lines, where there is no terminal for a progress bar."""
 
 _OF_CLIPS = (
     "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",
     "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "displacement", "transforms",
     "skip_unsupported", "isolate", "asset_folders", "up_axis", "scale", "unit",
 )  # fmt: skip
-"""Options of `encode` that hold for every clip whose manifest says nothing else."""
+"""Options of `encode` that apply to every clip whose manifest does not set them."""
 
 PART = re.compile(r"(\d+)/(\d+)")
 
 
 def _part(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """Click callback: ``3/40``."""
+    """Click callback: parse ``3/40``."""
     if value is None:
         return None
     found = PART.fullmatch(value.strip())
@@ -71,31 +71,40 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
 @_with_options_of_clips
 @click.command()
 @click.argument("clips", metavar="MANIFEST|PATTERN|FOLDER|FILE...", nargs=-1, required=True)
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the files; made where it is not there.")
-@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Clips at once.  [default: one a processor]")
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the files; it is created if missing.")
+@click.option(
+    "--jobs", type=click.IntRange(1), metavar="N", help="Clips to encode at once.  [default: one per processor]"
+)
 @click.option(
     "--max-memory",
     callback=parse_bytes,
     metavar="BYTES",
-    help="Memory that clips at once may take, by estimate; others wait.  [default: most of what is free]",
+    help="Memory that clips encoded at once may take, by estimate; other clips wait.  [default: most of what is free]",
 )
 @click.option(
     "--dask",
     "scheduler",
     metavar="ADDRESS",
-    help="Have the workers of a Dask cluster do the clips: tcp://host:8786, or the path of its scheduler file.",
+    help="Encode the clips on the workers of a Dask cluster: tcp://host:8786, or the path of its scheduler file.",
 )
-@click.option("--part", callback=_part, metavar="K/N", help="Only every N-th clip from the K-th on, for farms.")
-@click.option("--verify", is_flag=True, help="Decode every file again, and measure it beside its source.")
 @click.option(
-    "--thorough", is_flag=True, help="Read every source to learn whether it is as it was, though its times say so."
+    "--part",
+    callback=_part,
+    metavar="K/N",
+    help="Encode only every N-th clip, starting with the K-th; for render farms.",
 )
-@click.option("--dry-run", is_flag=True, help="Say what would be done with each clip; write nothing.")
+@click.option("--verify", is_flag=True, help="Decode every file and measure its error against the source.")
+@click.option(
+    "--thorough",
+    is_flag=True,
+    help="Compare the contents of every source with those encoded before, even if its modification time is the same.",
+)
+@click.option("--dry-run", is_flag=True, help="Print what would be done with each clip; write nothing.")
 @growth_options(
     "The summary.json of an earlier batch, for --fail-if-larger.",
-    "With --compare: exit with 1 where a file grew by more than this.",
+    "With --compare: exit with code 1 if a file grew by more than this.",
 )
-@click.option("-y", "--overwrite", is_flag=True, help="Replace files in DIR that are not of this batch.")
+@click.option("-y", "--overwrite", is_flag=True, help="Replace files in DIR that another batch or program wrote.")
 @loudness_options
 @json_option
 @click.pass_context
@@ -118,18 +127,18 @@ def batch(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Encode every clip of manifests, patterns, folders or a shell's list of files.
+    """Encode every clip of manifests, patterns, folders or lists of files.
 
-    MANIFEST is a .csv, .json or .jsonl file with a source for each clip, an output if it is not to be named after it,
-    and any option of a clip under its name here (tolerance, fps, up_axis); options given here hold for the others.
-    A PATTERN stands in quotes ('shots/**/*.abc'). Of a FOLDER every clip in it and below is taken. FILEs that a shell
-    lists (shots/*.abc) are a clip each, frames of one sequence (walk.*.obj) one clip.
+    MANIFEST is a .csv, .json or .jsonl file. For each clip it has a source, and optionally an output and any option of
+    a clip by its name here (tolerance, fps, up_axis); options on the command line apply to clips that do not set them.
+    Quote a PATTERN ('shots/**/*.abc'). A FOLDER stands for every clip in it and its subfolders. Of the FILEs that a
+    shell lists (shots/*.abc), each is a clip; frames of one sequence (walk.*.obj) are one clip.
 
-    A run that was cut off goes on where it was: a clip is done when its file is whole, and its options and its source
-    are those that it was made with (DIR/.batch keeps what is needed to tell). A clip that fails is said in one line,
-    and the others go on. DIR gets a summary: summary.csv, summary.json, summary.md.
+    An interrupted run resumes where it stopped: a clip is done if its file is complete and was made with the same
+    options from the same source (DIR/.batch keeps the records). A clip that fails is reported in one line, and the
+    others go on. The results are summarised in DIR: summary.csv, summary.json, summary.md.
 
-    The exit code is 1 when a clip failed, or a file grew.
+    The exit code is 1 if a clip failed, or if a file grew (--fail-if-larger).
     """
     from pdecodec.batch.clips import clips_of
     from pdecodec.batch.summary import as_json as summary_json
@@ -138,7 +147,7 @@ def batch(
 
     check_growth(compare, fail_if_larger)
     if scheduler is not None and jobs is not None:
-        raise SettingsError("--jobs is for this machine; with --dask the workers' threads say how many clips at once")
+        raise SettingsError("--jobs is for this machine, and with --dask the workers' threads set it; leave out --jobs")
     chosen = clips_of(clips, _clip_options(options))
     if part is not None:
         chosen = chosen[part[0] - 1 :: part[1]]
@@ -161,7 +170,7 @@ def batch(
     say(f"{counted(len(results), 'clip')}: {states}" + (f"; {sizes}" if totals.clips else ""))
     rounded = sum((item.figures.get("rounding") or 0) > (item.figures.get("bound") or math.inf) for item in results)
     if rounded:
-        say(f"warning: rounding to float32 takes more than the bound of {counted(rounded, 'clip')}; -v says of which")
+        say(f"warning: rounding to float32 exceeds the bound of {counted(rounded, 'clip')}; -v lists them")
     if as_json:
         print_json(summary_json(results), outputs_are_written=not dry_run and not failures)
     if failures:
@@ -181,12 +190,12 @@ def _make_folder(folder: str) -> None:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"this folder cannot be made ({error.strerror or error})", code="output-unwritable", path=folder
+            f"this folder cannot be created ({error.strerror or error})", code="output-unwritable", path=folder
         ) from error
 
 
 def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
-    """What would become of each clip, said as it is found."""
+    """Return what would be done with each clip, and print it as it is found."""
     from pdecodec.batch.work import plan_clip
 
     results = []
@@ -202,7 +211,7 @@ def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
 def _done(
     clips: Sequence[Clip], work: Work, jobs: int | None, max_memory: int | None, scheduler: str | None
 ) -> list[Result]:
-    """Every clip done with, in the order of the manifest."""
+    """Encode every clip; return the results in the order of the manifest."""
     from pdecodec.batch.cluster import run_on_cluster
     from pdecodec.batch.local import run_local
 
@@ -219,14 +228,14 @@ def _done(
         except KeyboardInterrupt as error:
             through = f"{len(found):,} of {counted(len(clips), 'clip')}"
             raise PartlyDoneError(
-                f"interrupted after {through}; their files stay, and the same command goes on"
+                f"interrupted after {through}; their files are kept, and the same command resumes"
             ) from error
     return [found[clip.output] for clip in clips]
 
 
 @contextmanager
 def _logs_off() -> Iterator[None]:
-    """Keep Dask's log from standard error: tracebacks of what is told in one line."""
+    """Keep Dask's log off standard error: its tracebacks repeat what one line says already."""
     import logging
 
     logging.disable(logging.CRITICAL)
@@ -238,7 +247,7 @@ def _logs_off() -> Iterator[None]:
 
 @contextmanager
 def _said(clips: Sequence[Clip]) -> Iterator[Callable[[Result], None]]:
-    """What says how far a batch is: a bar on a terminal, else a line now and then, with an estimate of what is left."""
+    """Yield a function that reports progress: a bar on a terminal, otherwise a line now and then with the time left."""
     began = said = time.monotonic()
     done = kept = 0
     with progress_bar() as progress:
@@ -255,7 +264,7 @@ def _said(clips: Sequence[Clip]) -> Iterator[Callable[[Result], None]]:
                 progress(done, len(clips), "clips")
             elif time.monotonic() - said >= SAID_EVERY:
                 said = time.monotonic()
-                # What was there already says nothing of how long a clip takes.
+                # Clips that were kept say nothing about how long a clip takes.
                 left = (said - began) / max(1, done - kept) * (len(clips) - done)
                 say(f"{done:,} of {counted(len(clips), 'clip')}, {left / 60:.0f} minutes left")
 

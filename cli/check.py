@@ -1,4 +1,4 @@
-"""`pdecodec check`: everything that is wrong with a `.pdeanim` file."""
+"""`pdecodec check`: report every fault of `.pdeanim` files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("sources", metavar="FILE|-...", nargs=-1, required=True)
-@click.option("--deep", is_flag=True, help="Decode everything as well, within the limits.")
+@click.option("--deep", is_flag=True, help="Also decode everything, within the limits.")
 @limit_options
 @loudness_options
 @json_option
@@ -34,11 +34,11 @@ def check(
     max_output: int | None,
     as_json: bool,
 ) -> None:
-    """Look for all that is wrong with .pdeanim files: structure, checksums, ranges; with --deep by decoding everything.
+    """Check .pdeanim files for faults: structure, checksums and ranges; with --deep also by decoding everything.
 
-    A FILE may be at an address (https://...), and one of - is standard input. Findings go to standard output, a line
-    each, or as JSON; each begins with a code that stays what it is (docs/errors.md lists them). The exit code is 4
-    where there is one that is more than a note.
+    A FILE may be an address (https://...) or, once, - for standard input. Findings go to standard output, one per line,
+    or as JSON; each begins with a stable code (see docs/errors.md). The exit code is 4 if any finding is more than a
+    note.
     """
     from pdecodec.codec.checking import FileCheck, check_file
 
@@ -46,7 +46,7 @@ def check(
         if Path(source).is_dir():
             raise InputError("is a folder; check takes .pdeanim files", code="invalid-input", path=source)
     if sources.count(STREAM) > 1:
-        raise SettingsError("standard input can be read once; leave out one -")
+        raise SettingsError("standard input can be read only once; leave out one -")
     limits = decode_limits(max_memory, max_output)
     checked, sizes = list[FileCheck](), list[int]()
     for source in sources:
@@ -76,7 +76,7 @@ def _line(finding: Finding) -> str:
 
 def _summary(checked: FileCheck, size: int) -> str:
     errors = sum(finding.severity == "error" for finding in checked.findings)
-    what = "decoded" if checked.is_deep else "looked at"
+    what = "decoded" if checked.is_deep else "checked"
     extent = f"{counted(checked.frames, 'frame')} in {counted(checked.groups, 'group')} {what}"
     return f"{'sound' if checked.is_sound else counted(errors, 'fault')}, {byte_size(size)}, {extent}"
 

@@ -1,4 +1,4 @@
-"""`pdecodec coefficients`: the 32 coefficients of Eq. 17 out of a `.pdeanim` file, and all that they multiply."""
+"""`pdecodec coefficients`: write the 32 coefficients of Eq. 17 from a `.pdeanim` file, and all that they multiply."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ AXES = "xyz"
 @within_limits
 @overwrite_option
 def coefficients(*, source: str, output: str, overwrite: bool) -> None:
-    """Write the 32 coefficients of each curve, axis and segment of time of FILE, encoded with --profile paper.
+    """Write the 32 coefficients of each curve, axis and time segment of FILE, which was encoded with --profile paper.
 
-    They are those of Eq. 17. A .npz file holds all that Eq. 18 needs, an array each: coefficients (groups, pieces,
-    axes, 4 of time, 8 of space), condition, order, starts, reference, u, r, times, and for each group alpha, centre,
-    half_length, first_frame. A .csv file has a row for each group, piece and axis: alpha, r, condition, c_w1 to c_w32.
+    They are the coefficients of Eq. 17. A .npz file holds everything that Eq. 18 needs, as arrays: coefficients
+    (groups, pieces, axes, 4 of time, 8 of space), condition, order, starts, reference, u, r, times, and for each group
+    alpha, centre, half_length, first_frame. A .csv file has one row per group, piece and axis: alpha, r, condition,
+    c_w1 to c_w32.
     """
     from pdecodec.codec.opening import open_animation
 
@@ -40,7 +41,7 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
         raise SettingsError("coefficients are written as .npz or .csv; choose one of these", path=output)
     check_output(output, overwrite=overwrite)
     if not is_address(source) and not Path(source).is_file():
-        raise InputError("there is no such file", code="file-missing", path=source)
+        raise InputError("this file does not exist", code="file-missing", path=source)
     check_apart([source], [output])
     with naming_file(source), open_animation(source) as animation:
         forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]

@@ -1,4 +1,4 @@
-"""`pdecodec compare`: how far one sequence is from another, and whether they are the same mesh."""
+"""`pdecodec compare`: measure the distance between two sequences, and whether they have the same mesh."""
 
 from __future__ import annotations
 
@@ -16,17 +16,22 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
 
 TIME_TOLERANCE = 1e-6
-"""Seconds by which equal times may differ: formats that count frames round theirs to the frame rate."""
+"""Largest difference of times that count as equal [s]: formats that count frames round times to the frame rate."""
 
 
 @click.command()
 @click.argument("reference", metavar="A")
 @click.argument("other", metavar="B")
 @click.option(
-    "--tolerance", type=fraction, metavar="X|P%", help="Fail above this maximum error, relative to the diagonal."
+    "--tolerance",
+    type=fraction,
+    metavar="X|P%",
+    help="Fail if the maximum error, relative to the diagonal, exceeds this.",
 )
-@click.option("--max-error", type=float, metavar="X", help="Fail above this maximum error in scene units.")
-@click.option("--at-frames", is_flag=True, help="Evaluate B, a .pdeanim, at the times of A's frames.")
+@click.option("--max-error", type=float, metavar="X", help="Fail if the maximum error exceeds this many scene units.")
+@click.option(
+    "--at-frames", is_flag=True, help="Evaluate B, which must be a .pdeanim file, at the times of A's frames."
+)
 @within_limits
 @fps_option
 @assets_option(expose_value=False)
@@ -43,12 +48,12 @@ def compare(
     fps: float | None,
     as_json: bool,
 ) -> None:
-    """Measure how far B is from A.
+    """Measure the error of B against A.
 
     Frames and vertices are compared one by one, in order. Errors are Euclidean distances in scene units; relative
-    ones are over the diagonal of the bounding box of A's frame 0. Where faces and lines are equal, lengths of edges in
-    space and time (a spatio-temporal edge difference after Vasa and Skala 2011) and normals are compared as well. The
-    exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
+    errors are divided by the diagonal of the bounding box of A's frame 0. If A and B have the same faces and lines,
+    edge lengths in space and time (a spatio-temporal edge difference after Vasa and Skala 2011) and normals are
+    compared as well. The exit code is 1 if faces or counts differ, or if the error exceeds a limit given here.
     """
     from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
     from pdecodec.formats.base.scene_space import bake_transforms
@@ -63,7 +68,7 @@ def compare(
         say_notices(first.notices)
         say_notices(second.notices)
         other_frames = _at_times_of(first, second) if at_frames else second
-        # Transforms that were kept, here or there, are part of where vertices are.
+        # Transforms that either sequence keeps separately are part of its vertex positions.
         with rounding_noticed() as rounding:
             result = _compare(changed(first, bake_transforms), changed(other_frames, bake_transforms))
     if result["diagonal"] is not None:
@@ -118,7 +123,7 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
 
 
 def _failures(result: dict[str, Any], tolerance: float | None, max_error: float | None) -> list[str]:
-    """What is wrong with B, a line each; empty when it passes."""
+    """Return what is wrong with B, one line each; empty if it passes."""
     failures = [
         f"A has {result[counted][0]} {counted}, B has {result[counted][1]}"
         for counted in ("frames", "vertices")
@@ -135,7 +140,7 @@ def _failures(result: dict[str, Any], tolerance: float | None, max_error: float 
 
 
 def _are_alike(first: MeshSequence, second: MeshSequence, test: Callable[[MeshSequence, MeshSequence], bool]) -> bool:
-    """Whether runs at the same frames are alike, for each frame at which one of either begins."""
+    """Return whether both sequences pass `test` at every frame where a run of either begins."""
     frames = sorted({*first.run_starts.tolist(), *second.run_starts.tolist()})
     return frames[-1] < min(first.frame_count, second.frame_count) and all(
         test(first.runs[first.run_number_of(frame)], second.runs[second.run_number_of(frame)]) for frame in frames

@@ -1,4 +1,4 @@
-"""What a person sees: standard error for words and progress, standard output for data alone."""
+"""Output for people on standard error, data on standard output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence, Progress
 
 PIPE_WIDTH = 200
-"""Columns of a table that goes to a file or a pipe, where nobody counts them."""
+"""Width of a table that goes to a file or a pipe [columns]."""
 
 
 STANDARD_OUTPUT = "standard output"
@@ -27,11 +27,11 @@ STANDARD_OUTPUT = "standard output"
 
 
 class PartlyDoneError(Exception):
-    """A person ended a command, of which something is done: what it says takes the place of the usual words."""
+    """A command was interrupted after part of its work; the message replaces the usual one."""
 
 
 class ReportLostError(PdecodecError):
-    """The outputs of a command are written, but standard output did not take the report on them."""
+    """The outputs are written, but the report on them could not go to standard output."""
 
     exit_code = 6
 
@@ -47,11 +47,11 @@ class _NamedOutput(io.FileIO):
 
 
 def open_streams() -> None:
-    """Put the null device in the place of closed standard streams, and give standard output its name in errors.
+    """Open closed standard streams on the null device, and give standard output its name in errors.
 
     Otherwise the next file to be opened takes the number of a closed stream, and gets whatever is written to it. The
-    null device is opened the wrong way round for input and output: reading and writing fail, so that no result is lost
-    without an error. What goes to a closed standard error is dropped.
+    null device is opened for the opposite direction of input and output, so that reading and writing fail and no result
+    is lost without an error. Text for a closed standard error is dropped.
     """
     if sys.stdin is None:
         sys.stdin = os.fdopen(_open_null(os.O_WRONLY), "r", closefd=False)
@@ -65,14 +65,14 @@ def open_streams() -> None:
 
 
 def _open_null(flags: int) -> int:
-    """Return the number of a new stream, the lowest that is free: that of the closed one."""
+    """Return the number of a new stream: the lowest that is free, which is that of the closed one."""
     number = os.open(os.devnull, flags)
     os.set_inheritable(number, True)
     return number
 
 
 def drop_unwritten() -> None:
-    """Drop what standard streams could not take: at its end Python would try again, and change the exit code."""
+    """Drop text that standard streams could not take: at exit Python would try again, and change the exit code."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -81,7 +81,7 @@ def drop_unwritten() -> None:
 
 
 def unwritable_output(error: OSError) -> PdecodecError:
-    """Return the error about standard output that cannot be written to."""
+    """Return the error for standard output that cannot be written to."""
     return unreadable(error, STANDARD_OUTPUT, "check where it goes", doing="written")
 
 
@@ -89,31 +89,31 @@ _loudness = 0
 
 
 def set_loudness(level: int) -> None:
-    """How much is said: -1 nothing but errors, 0 results and notes, 1 what is done as well."""
+    """Set how much is printed: -1 errors only, 0 results and notes, 1 also what is being done."""
     global _loudness
     _loudness = level
 
 
 def visible(text: str) -> str:
-    """Text that cannot steer a terminal: control characters, and those that turn its direction, as escapes.
+    """Return text that cannot control a terminal: control and bidirectional characters become escapes.
 
-    Names in files and parts of messages are what somebody wrote: an escape sequence would be obeyed.
+    Names in files and parts of messages come from strangers: a terminal would obey an escape sequence in them.
     """
     kept = (one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode() for one in text)
     return "".join(kept)
 
 
 def say(text: str, *, level: int = 0, nl: bool = True) -> None:
-    """One line to standard error, unless less is to be said; lost where standard error cannot be written to."""
+    """Print a line on standard error unless it is silenced; drop it if standard error cannot be written to."""
     if level <= _loudness:
         with suppress(OSError):
             click.echo(visible(text), err=True, nl=nl)
 
 
 def in_options(line: PdecodecError | Notice, parameters: Iterable[click.Parameter]) -> str:
-    """Return the line of an error or a notice, with the option that sets it in the place of a setting or a limit.
+    """Return the message of an error or a notice, with the command's option in place of the setting or limit.
 
-    The options of a command are called as the settings of the library that they set: they are the table.
+    Options are named like the settings of the library that they set, so the parameters serve as the table.
     """
     wanted = line.limit or line.setting
     for option in parameters:
@@ -125,39 +125,39 @@ def in_options(line: PdecodecError | Notice, parameters: Iterable[click.Paramete
 
 
 def say_notices(notices: Iterable[str]) -> None:
-    """What a reader or a writer wants a person to know, a line each."""
+    """Print the notices of a reader or a writer, one per line."""
     for notice in notices:
         parameters = click.get_current_context().command.params
         say(f"note: {in_options(notice, parameters) if isinstance(notice, Notice) else notice}")
 
 
 def say_rounding(distance: float, scale: float) -> None:
-    """A line where rounding moves positions noticeably, beside the diagonal of the scene."""
+    """Print a note if rounding moves positions noticeably, compared with the diagonal of the scene."""
     from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
     if distance > REPORTED_ROUNDING * scale:
-        say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")
+        say(f"note: {rounding_words(distance)}; float32 has too few digits this far from the origin")
 
 
 def put(text: str = "", *, nl: bool = True) -> None:
-    """Text to standard output, as it is."""
+    """Print text on standard output, as it is."""
     click.echo(text, nl=nl)
 
 
 @contextmanager
 def outputs_written() -> Iterator[None]:
-    """Raise ReportLostError where standard output does not take the report on outputs that are written."""
+    """Raise ReportLostError if standard output does not take the report on outputs that are written."""
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
-        message = f"cannot be written ({error.strerror}), but the outputs are written; check where it goes"
+        message = f"cannot be written ({error.strerror}), but the output files are complete; check where it goes"
         raise ReportLostError(message, code="output-unwritable", path=STANDARD_OUTPUT) from error
 
 
 def print_json(data: Mapping[str, Any], *, outputs_are_written: bool = False) -> None:
-    """One JSON object to standard output: the result of a command, or a report on outputs that are written."""
+    """Print one JSON object on standard output: the result of a command, or a report on outputs that are written."""
     with outputs_written() if outputs_are_written else nullcontext():
         put(json.dumps(data, indent=2, allow_nan=False))
 
@@ -165,7 +165,7 @@ def print_json(data: Mapping[str, Any], *, outputs_are_written: bool = False) ->
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None, show_lines: bool = False
 ) -> None:
-    """A table to standard output, framed if it has a title or lines; in a file or a pipe no wider than it need be."""
+    """Print a table on standard output, framed if it has a title or lines; narrow in a file or a pipe."""
     from rich.console import Console
     from rich.table import Table
 
@@ -174,7 +174,7 @@ def print_table(
         table.box = None
     for row in rows:
         table.add_row(*row)
-    # Names in files may hold square brackets: they are no markup.
+    # Names in files may contain square brackets, which are not markup.
     if sys.stdout.isatty():
         Console(file=sys.stdout, markup=False).print(table)
         return
@@ -184,7 +184,7 @@ def print_table(
 
 
 def print_rows(rows: Sequence[Sequence[str]]) -> None:
-    """Rows of texts to standard output, in columns as wide as what they hold."""
+    """Print rows of texts on standard output, in columns as wide as their contents."""
     rows = [[visible(text).replace("\n", "\\n").replace("\t", "\\t") for text in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
@@ -192,7 +192,7 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
 
 
 def alternatives_in_rows(questions: Sequence[Question]) -> list[tuple[str, str, str]]:
-    """What was chosen, what that takes, and what else would have taken how much; a row for each choice."""
+    """Return one row for each decision of the encoder: the choice, its cost, and the cost of the alternatives."""
     rows = []
     for question in questions:
         taken = [f"{item.way}: {item.size:,}" for item in question.ways if item.chosen]
@@ -203,20 +203,20 @@ def alternatives_in_rows(questions: Sequence[Question]) -> list[tuple[str, str, 
 
 
 def print_alternatives(questions: Sequence[Question]) -> None:
-    """:func:`alternatives_in_rows` to standard output."""
+    """Print :func:`alternatives_in_rows` on standard output."""
     if questions:
-        print_rows([("choice", "taken, in bytes", "instead of"), *alternatives_in_rows(questions)])
+        print_rows([("choice", "chosen, in bytes", "instead of"), *alternatives_in_rows(questions)])
 
 
 def say_alternatives(questions: Sequence[Question]) -> None:
-    """The same to standard error."""
+    """Print :func:`alternatives_in_rows` on standard error."""
     for what, taken, others in alternatives_in_rows(questions):
         say(f"{what}: {taken} bytes; instead of {others}")
 
 
 @contextmanager
 def progress_bar() -> Iterator[Progress | None]:
-    """A progress callable for the library that draws a bar on standard error; None when that is no terminal."""
+    """Yield a progress callback that draws a bar on standard error, or None if that is not a terminal."""
     if not sys.stderr.isatty() or _loudness < 0:
         yield None
         return
@@ -230,12 +230,12 @@ def progress_bar() -> Iterator[Progress | None]:
 
 
 def counted(count: int, noun: str) -> str:
-    """``1 quad``, ``1,200 quads``."""
+    """Return a count with its noun: ``1 quad``, ``1,200 quads``."""
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
 def byte_size(count: int) -> str:
-    """A byte count for people, decimal units: ``812 bytes``, ``35.8 kB``, ``0.31 MB``, ``42.0 MB``."""
+    """Return a byte count in decimal units: ``812 bytes``, ``35.8 kB``, ``0.31 MB``, ``42.0 MB``."""
     if count < 1000:
         return counted(count, "byte")
     if count < 100_000:
@@ -244,14 +244,14 @@ def byte_size(count: int) -> str:
 
 
 def ratio(raw: int, coded: int) -> str:
-    """``135:1``, with one decimal below ten and two digits below one."""
+    """Return a ratio such as ``135:1``, with one decimal below ten and two digits below one."""
     value = raw / max(1, coded)
     digits = f"{value:.0f}" if value >= 10 else f"{value:.1f}" if value >= 1 else f"{value:.2g}"
     return f"{digits}:1"
 
 
 def extent(sequence: MeshSequence) -> str:
-    """``60 frames of 19,968 vertices``, ``1 frame of 1 vertex``, ``60 frames of at most 300 vertices in 12 runs``."""
+    """Return the size of a clip: ``60 frames of 19,968 vertices``, ``60 frames of at most 300 vertices in 12 runs``."""
     frames, vertices, runs = sequence.frame_count, sequence.most_vertices, len(sequence.runs)
     most, of_runs = ("at most ", f" in {runs:,} runs") if runs > 1 else ("", "")
     return f"{counted(frames, 'frame')} of {most}{vertices:,} {'vertex' if vertices == 1 else 'vertices'}{of_runs}"

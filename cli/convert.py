@@ -1,4 +1,4 @@
-"""`pdecodec convert`: a mesh sequence from one format to another, streamed by blocks of frames."""
+"""`pdecodec convert`: convert mesh sequences between formats, streamed in blocks of frames."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 def convert(**options: Any) -> None:
     """Convert mesh sequences to another format.
 
-    Frames are kept as they are; what OUT's format cannot hold is said. A .pdeanim file among IN is decoded at its
-    frames; an OUT of that kind is encoded, as by `pdecodec encode`, with its options. Several IN go to a folder:
-    -o folder/ --to glb. Frames that a shell lists (walk.*.obj) are one sequence. Velocities are a .pdeanim file's own,
-    else central differences.
+    Frames are kept as they are; notes list what OUT's format cannot store. A .pdeanim IN is decoded at its frames; a
+    .pdeanim OUT is encoded as by `pdecodec encode`, with the options of that command. Several IN go to a folder: -o
+    folder/ --to glb. Frames that a shell lists (walk.*.obj) are one sequence. Velocities come from a .pdeanim IN
+    itself; for other formats they are central differences.
     """
     for_each_job(_convert)(**options)
 
@@ -75,7 +75,7 @@ def _convert(
         sequence = choose(whole, asked, job.source_name)
         job = job.with_frames(sequence, dry_run=dry_run)
         bound = None if velocities and not rigid else rigid_bound(whole, asked.scale, job.output, rigid)
-        # What a glTF file keeps of another one is not lost.
+        # Notices about materials and textures do not apply if OUT, a glTF file, keeps them.
         kept = getattr(whole, "notices_with_looks", whole.notices) if is_gltf(job.output) else whole.notices
         own = [one for one in sequence.notices if one not in whole.notices]
         say_notices([*kept, *own])

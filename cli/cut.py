@@ -1,4 +1,4 @@
-"""`pdecodec cut` and `pdecodec join`: parts of files, and files one after the other, as they are coded."""
+"""`pdecodec cut` and `pdecodec join`: cut and join `.pdeanim` files without coding their frames again."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
 
 Number = TypeVar("Number", int, float)
 
-coded_effort_option = effort_option("Of frames that are coded.")
+coded_effort_option = effort_option("Effort for frames that are coded again or added.")
 
 part_options = option_group(within_limits, overwrite_option, loudness_options, json_option)
 
@@ -43,12 +43,14 @@ part_options = option_group(within_limits, overwrite_option, loudness_options, j
 @click.command()
 @click.argument("source", metavar="FILE")
 @output_option
-@click.option("--frames", metavar="A:B", help="These frames, counted from 0, B excluded, as a Python slice.")
-@click.option("--times", metavar="A:B", help="Frames at these times and between [s].")
+@click.option(
+    "--frames", metavar="A:B", help="Cut out these frames: positions counted from 0, B excluded, as in a Python slice."
+)
+@click.option("--times", metavar="A:B", help="Cut out the frames from time A to time B, both included [s].")
 @click.option(
     "--recode",
     is_flag=True,
-    help="Where a group of frames is cut through, code its frames again; the bounds add up for them.",
+    help="If the cut goes through a group of frames, code its frames again; their error may reach twice the bound.",
 )
 @coded_effort_option
 @part_options
@@ -63,13 +65,13 @@ def cut(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Write some consecutive frames of a .pdeanim file as a file of their own, as they are coded.
+    """Write consecutive frames of a .pdeanim file to a new file, without coding them again.
 
-    Frames are coded in groups, and cuts are made between them: elsewhere a cut is refused, and the nearest places are
-    named; or with --recode the frames of a group that is cut through are coded again, from what they decode to, within
-    the bound of the file: they are up to twice as far from what was encoded first. All other frames decode to the very
-    same positions. Between frames positions follow a spline through all frames of the file: near a cut it is another
-    one.
+    Frames are coded in groups, and cuts fall between groups. A cut elsewhere is refused, and the message names the
+    nearest possible ones. With --recode the frames of a group that is cut through are decoded and coded again within
+    the bound of the file, so they may differ from the original input by up to twice that bound. All other frames decode
+    to exactly the same positions. Between frames, positions follow a spline through all frames of a file; near a cut
+    this spline changes.
     """
     from pdecodec.codec.editing import cut_animation
     from pdecodec.codec.opening import open_animation
@@ -91,9 +93,15 @@ def cut(
 @click.argument("source", metavar="A")
 @click.argument("others", metavar="B...", nargs=-1, required=True)
 @output_option
-@click.option("--shift", is_flag=True, help="Move the times of each B to one frame after what is before it.")
 @click.option(
-    "--recode", is_flag=True, help="Code frames of a .pdeanim of another model again; the bounds add up for them."
+    "--shift",
+    is_flag=True,
+    help="Shift the times of each B so that it starts one frame after the end of what precedes it.",
+)
+@click.option(
+    "--recode",
+    is_flag=True,
+    help="If a .pdeanim B has another model, code its frames again; their error may reach the sum of both bounds.",
 )
 @coded_effort_option
 @read_options
@@ -110,11 +118,11 @@ def join(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Write A, a .pdeanim file, and what comes after it as one file.
+    """Append sequences to A, a .pdeanim file, and write the result to a new file.
 
-    B may be a .pdeanim file that was cut from the same one as A: its groups of frames are taken as they are coded. Or
-    it is a sequence of any other format, of the same mesh: its frames are coded with the reference frame, the functions
-    of space and the bound of A, and nothing of A is coded again. All frames of A decode to the very same positions.
+    If B is a .pdeanim file that was cut from the same file as A, its groups of frames are copied without coding them
+    again. If B is a sequence of another format with the same mesh, its frames are coded with the reference frame, the
+    spatial basis and the bound of A. All frames of A decode to exactly the same positions.
     """
     from contextlib import ExitStack
 
@@ -149,12 +157,12 @@ def join(
 
 def _check_output(output: str, sources: list[str]) -> None:
     if not output.lower().endswith(".pdeanim"):
-        raise SettingsError("this writes .pdeanim files; for other formats use pdecodec decode", path=output)
+        raise SettingsError("the output is a .pdeanim file here; for other formats use pdecodec decode", path=output)
     check_apart(sources, [output])
 
 
 def _span(option: str, text: str, convert: Callable[[str], Number], remark: str) -> tuple[Number | None, Number | None]:
-    """Both ends of A:B, None where one is left out."""
+    """Return both ends of A:B, None for one that is left out."""
     found = SPAN.fullmatch(text)
     try:
         if found is None:
@@ -169,7 +177,7 @@ def _frames(animation: Animation, text: str) -> tuple[int, int]:
     begin, end = _span("--frames", text, int, "positions counted from 0, B excluded")
     chosen = range(animation.frame_count)[begin:end]
     if not chosen:
-        raise SettingsError(f"--frames {text}: none of the {animation.frame_count} frames is left")
+        raise SettingsError(f"--frames {text}: selects none of the {animation.frame_count} frames; choose others")
     return chosen.start, chosen.stop
 
 
@@ -181,7 +189,9 @@ def _frames_at(animation: Animation, text: str) -> tuple[int, int]:
     first = 0 if begin is None else int(np.searchsorted(times, begin, "left"))
     stop = len(times) if end is None else int(np.searchsorted(times, end, "right"))
     if not first < stop:
-        raise SettingsError(f"--times {text}: there is no frame; they run from {times[0]:g} to {times[-1]:g} s")
+        raise SettingsError(
+            f"--times {text}: there is no frame in this interval; frames run from {times[0]:g} to {times[-1]:g} s"
+        )
     return first, stop
 
 

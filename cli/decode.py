@@ -1,4 +1,4 @@
-"""`pdecodec decode`: a `.pdeanim` file into any other format, at its frames or at any other times."""
+"""`pdecodec decode`: decode a `.pdeanim` file to any other format, at its frames or at any other times."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
     from pdecodec.mesh.times import Outside
 
 MUCH_OUTPUT = 10 * 10**9
-"""Bytes of positions from which on a line is worth it: longer than most disks have room for, or a person waits for."""
+"""Bytes of positions above which a note is printed: more than many disks have free, and a long wait."""
 
 
 @click.command()
 @job_options
-@click.option("--at", multiple=True, type=float, metavar="T", help="Decode at this time in seconds; may be repeated.")
-@click.option("--times", metavar="FILE", help="Decode at the times in seconds that a text file lists.")
-@click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
+@click.option("--at", multiple=True, type=float, metavar="T", help="Decode at this time [s]; may be repeated.")
+@click.option("--times", metavar="FILE", help="Decode at the times that this text file lists [s].")
+@click.option("--fps", type=float, metavar="F", help="Decode at this frame rate, from the first time to the last.")
 @frames_option
 @objects_option
 @click.option(
@@ -57,23 +57,28 @@ MUCH_OUTPUT = 10 * 10**9
     type=click.Choice(["refuse", "clamp", "loop"]),
     default="refuse",
     show_default=True,
-    help="What a time before the first frame or after the last one means.",
+    help="What to do with a time before the first frame or after the last one.",
 )
 @click.option(
     "--onto",
     metavar="ORIGINAL",
-    help="Write ORIGINAL again, with all that it has (materials, textures, cameras, skeletons, custom attributes), and "
-    "this motion in the place of its own: Alembic, USD, glTF and OBJ, OUT of the same format.",
+    help="Write a copy of ORIGINAL with everything in it (materials, textures, cameras, skeletons, custom "
+    "attributes), but with this motion instead of its own. For Alembic, USD, glTF and OBJ; OUT has the "
+    "same format.",
 )
-@click.option("--clip", metavar="NAME", help="Which animation of ORIGINAL the motion replaces (glTF); the first.")
-@click.option("--layer", is_flag=True, help="USD: write only a layer over ORIGINAL: points, normals and velocities.")
+@click.option(
+    "--clip", metavar="NAME", help="Animation of ORIGINAL that the motion replaces (glTF).  [default: the first]"
+)
+@click.option(
+    "--layer", is_flag=True, help="USD: write only a layer over ORIGINAL with points, normals and velocities."
+)
 @assets_option(expose_value=False)
 @write_options
 @place_options
 @click.option(
     "--salvage",
     is_flag=True,
-    help="Of a damaged file, decode every frame that is not, and say which ones are missing.",
+    help="Decode all undamaged frames of a damaged file, and list the missing ones.",
 )
 @limit_options
 @overwrite_option
@@ -83,13 +88,13 @@ MUCH_OUTPUT = 10 * 10**9
 def decode(context: click.Context, /, **options: Any) -> None:
     """Decode .pdeanim files at their frames, or at any time.
 
-    Velocities go into OUT where its format holds them (Alembic, USD), else to a second file, OUT with '.velocities'.
-    Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
-    a pattern (out.####.obj) or a file that holds them all. Several IN go
-    to a folder: -o folder/ --to glb.
+    Velocities go into OUT if its format holds them (Alembic, USD), otherwise to a second file named OUT with
+    '.velocities'. Times are sorted, and repeated times are dropped. One frame may go to a single .obj file; several
+    frames go to a folder, a pattern (out.####.obj) or a file that holds them all. Several IN go to a folder: -o folder/
+    --to glb.
 
-    With --salvage the exit code is 1 where a file was decoded and something of it is missing, 4 where nothing could be
-    saved. Frames come at their own times; files numbered by frame count up from the first.
+    With --salvage the exit code is 1 if a file was decoded with parts missing, and 4 if nothing could be saved. Frames
+    keep their own times; numbered files count up from the first frame.
     """
     if not for_each_job(_decode, only_animations=True)(**options):
         context.exit(PdecodecError.exit_code)
@@ -106,7 +111,7 @@ def _decode(
     as_json: bool,
     **options: Any,
 ) -> bool:
-    """Do one job; returns whether nothing is missing. `options` are fields of InputOptions and the classes below."""
+    """Do one job; return whether nothing is missing. `options` are fields of InputOptions and the classes below."""
     from pdecodec.formats.base.choosing import InputOptions
 
     started = time.perf_counter()
@@ -118,14 +123,14 @@ def _decode(
     writing.check()
     outputs = writing.outputs(job.output)
     if len(outputs) > 1 and job.output_name == STREAM:
-        raise SettingsError("-o -: velocities go to a file of their own, beside this format's; name a file")
+        raise SettingsError("-o -: this format puts velocities in a second file; name a file instead of -")
     job.check(outputs, [times.times, writing.onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", code="invalid-input", path=source)
     if salvage and (times.given or writing.velocities):
         what = times.given[0] if times.given else "--velocities"
-        raise SettingsError(f"--salvage gives frames as they are; leave out {what}")
-    # What is decoded is compared with --max-output, not all of the file.
+        raise SettingsError(f"--salvage decodes frames at their own times; leave out {what}")
+    # --max-output limits what is decoded, not the whole file.
     with _opened(source, decode_limits(max_memory, None), is_damaged=salvage) as (animation, saved):
         positions, speeds = _decoded(animation, times, place, job.source_name, with_speeds=writing.velocities)
         job = job.with_frames(positions, dry_run=dry_run)
@@ -166,7 +171,7 @@ def _decode(
 
 @dataclass(frozen=True)
 class _Part:
-    """Some of the options, which belong together."""
+    """A set of options that belong together."""
 
     @classmethod
     def taken(cls, options: Mapping[str, Any]) -> Self:
@@ -175,7 +180,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Times(_Part):
-    """Which frames, or which times, are decoded."""
+    """The frames or the times to decode."""
 
     at: tuple[float, ...]
     times: str | None
@@ -185,7 +190,7 @@ class _Times(_Part):
 
     @property
     def given(self) -> list[str]:
-        """The options that say so."""
+        """Return the options that choose frames or times."""
         options = (("--at", self.at), ("--times", self.times), ("--fps", self.fps), ("--frames", self.frames))
         return [name for name, value in options if value]
 
@@ -200,7 +205,7 @@ class _Times(_Part):
             )
 
     def of(self, animation: Animation) -> MeshSequence:
-        """The animation at these times or frames."""
+        """Return the animation at these times or frames."""
         from pdecodec.codec.resampling import sampled
         from pdecodec.formats.base.choosing import select_frames
         from pdecodec.mesh.times import times_at_rate
@@ -209,7 +214,7 @@ class _Times(_Part):
             return sampled(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), self.fps))
         for time_asked in self.at:
             if not math.isfinite(time_asked):
-                raise SettingsError(f"--at {time_asked}: is no time; give seconds")
+                raise SettingsError(f"--at {time_asked}: is not a time; give seconds")
         wanted = list(self.at) if self.times is None else _read_times(self.times)
         if wanted:
             return sampled(animation, sorted(set(wanted)), outside=self.outside)
@@ -218,7 +223,7 @@ class _Times(_Part):
 
 @dataclass(frozen=True)
 class _Writing(_Part):
-    """How what is decoded is written."""
+    """How to write the decoded frames."""
 
     velocities: bool
     web: bool
@@ -241,17 +246,17 @@ class _Writing(_Part):
             raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {other}")
 
     def rigid_bound(self, source: MeshSequence, scale: float, output: str) -> float | None:
-        """The bound within which objects move rigidly; None where nobody asks, and nodes are not to be found."""
+        """Return the bound within which objects count as rigid; None if rigid parts are not to be found."""
         if self.onto is not None or self.velocities:
             return None
         return rigid_bound(source, scale, output, self.rigid)
 
     def outputs(self, output: str) -> list[str]:
-        """The file of positions, and that of velocities where its format holds none."""
+        """Return the output for positions, and one for velocities if its format does not hold them."""
         return [output, _velocity_path(output)] if self.velocities and not _holds_velocities(output) else [output]
 
     def write(self, sequence: MeshSequence, path: str, *, bound: float | None, **options: Any) -> tuple[str, ...]:
-        """Write a sequence, its rigid parts within a bound as nodes; returns what was left out."""
+        """Write a sequence, its rigid parts (within `bound`) as nodes; return what was left out."""
         if self.onto is not None:
             from pdecodec.formats import write_onto
 
@@ -274,14 +279,14 @@ class _Writing(_Part):
 
     @property
     def is_small(self) -> bool:
-        """Whether all is asked for that makes a glTF file smaller."""
+        """Return whether every option is set that makes a glTF file smaller."""
         return self.web or (self.meshopt and (self.quantize or self.onto is not None))
 
 
 def _decoded(
     animation: MeshSequence, times: _Times, place: InputOptions, name: str, *, with_speeds: bool
 ) -> tuple[MeshSequence, MeshSequence | None]:
-    """What is written: positions, and velocities where they are wanted. What was salvaged has the frames it has."""
+    """Return the positions to write, and the velocities if wanted. A salvaged sequence keeps the frames that it has."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.resampling import sampled
     from pdecodec.formats.base.choosing import choose
@@ -312,7 +317,7 @@ def _say_written(job: Job, result: Mapping[str, Any], size: str, writing: _Writi
 
 @contextmanager
 def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[tuple[MeshSequence, Salvage | None]]:
-    """The animation; or what is undamaged of it, and what is missing."""
+    """Yield the animation; of a damaged one the undamaged frames, and what is missing."""
     if is_damaged:
         from pdecodec.codec.salvaging import salvage
 
@@ -337,7 +342,7 @@ def _say_missing(saved: Salvage, source: str) -> None:
 
 
 def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str) -> None:
-    """Refuse what is more than is wanted; without a limit, say before it begins that it is a lot."""
+    """Refuse outputs above the limit `most` [bytes]; without a limit, print a note about a very large output."""
     size = sum(12 * sequence.position_count for sequence in sequences)
     what = f"{extent(sequences[0])}, {byte_size(size)}"
     if most is not None and size > most:
@@ -364,7 +369,7 @@ def _velocity_path(output: str) -> str:
 
 
 def _read_times(path: str) -> list[float]:
-    """Times of a text file: numbers apart by blanks, commas or line ends."""
+    """Return the times in a text file: numbers separated by blanks, commas or line ends."""
     try:
         words = Path(path).read_text(encoding="utf-8").replace(",", " ").split()
     except UnicodeDecodeError as error:
@@ -373,11 +378,11 @@ def _read_times(path: str) -> list[float]:
         numbers = [float(word) for word in words]
     except ValueError as error:
         raise InputError(
-            f"{error}; list times in seconds, apart by blanks or line ends", path=path, code="invalid-times"
+            f"{error}; list times in seconds, separated by blanks or line ends", path=path, code="invalid-times"
         ) from error
     if not numbers:
-        raise InputError("there is no time in it; list times in seconds", path=path, code="invalid-times")
+        raise InputError("this file lists no times; list times in seconds", path=path, code="invalid-times")
     for number in numbers:
         if not math.isfinite(number):
-            raise InputError(f"{number} is no time; list times in seconds", path=path, code="invalid-times")
+            raise InputError(f"{number} is not a time; list times in seconds", path=path, code="invalid-times")
     return numbers

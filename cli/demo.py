@@ -1,4 +1,4 @@
-"""`pdecodec demo`: the cube-rope simulated, encoded, decoded and measured; a table and a picture."""
+"""`pdecodec demo`: simulate, encode, decode and measure the cube-rope; print tables and draw a picture."""
 
 from __future__ import annotations
 
@@ -25,11 +25,10 @@ if TYPE_CHECKING:
 def demo(*, output: str, as_json: bool) -> None:
     """Simulate, encode, decode and measure the cube-rope.
 
-    It is decoded at its frames and between them; a table shows what that costs, and a picture where the extra `report`
-    is installed.
-    Files of an earlier demonstration in DIR are replaced.
+    It is decoded at its frames and between them. Tables show sizes, errors and times; a picture is drawn if the extra
+    `report` is installed. Files of an earlier demonstration in DIR are replaced.
     """
-    say("simulating, encoding and decoding; about half a minute")
+    say("simulating, encoding and decoding takes about half a minute")
     from pdecodec.report.demo import demonstrate, draw
 
     started = time.perf_counter()
@@ -42,7 +41,7 @@ def demo(*, output: str, as_json: bool) -> None:
         draw(found, picture)
         drawn = f"picture: {picture}"
     except MissingExtraError as error:
-        drawn = f"note: there is no picture: {error}"
+        drawn = f"note: no picture was drawn: {error}"
     seconds = time.perf_counter() - started
     with outputs_written():
         if as_json:
@@ -61,7 +60,7 @@ def demo(*, output: str, as_json: bool) -> None:
 
 
 def _print(found: Demonstration) -> None:
-    """Three tables: the encodings, what is between frames, and where bytes go."""
+    """Print three tables: the encodings, the frames left out, and the bytes per section."""
     from pdecodec.codec.encode.report import SECTION_TITLES
 
     clip, each, between = found.sequence, found.encodings, found.between

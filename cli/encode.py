@@ -1,4 +1,4 @@
-"""`pdecodec encode`: a mesh sequence into a `.pdeanim` file."""
+"""`pdecodec encode`: encode mesh sequences into `.pdeanim` files."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
 
 SAMPLED_POSITIONS = 2**20
-"""A clip of no more is encoded for --dry-run, in a second or two, to tell how large its file becomes; of a longer one
-so much, for the file to grow on evenly: of its first few frames hardly anything follows."""
+"""Positions that --dry-run encodes at most, in a second or two, to estimate the size of the file. The sample must be
+this large for the file to grow linearly from there on: the first few frames predict little."""
 
 
 @click.command()
@@ -39,73 +39,82 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
     "--tolerance",
     type=fraction,
     metavar="X|P%",
-    help="Largest vertex distance allowed, as a fraction of the diagonal of frame 0's bounding box, or in percent of "
-    "it. Default 0.001 (0.1%); none under --profile paper.",
+    help="Largest error of a vertex, as a fraction of the diagonal of frame 0's bounding box, or in percent of it. "
+    "Default 0.001 (0.1%); none with --profile paper.",
 )
-@click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
+@click.option(
+    "--max-error", type=float, metavar="X", help="Largest error of a vertex in scene units, instead of --tolerance."
+)
 @click.option(
     "--rms",
     type=fraction,
     metavar="X|P%",
-    help="Root mean square vertex distance allowed, as a fraction of the same diagonal, instead of --tolerance; "
-    "encodes several times.",
+    help="Largest root mean square error, as a fraction of the same diagonal, instead of --tolerance; encodes several "
+    "times.",
 )
 @click.option(
     "--size",
     callback=parse_bytes,
     metavar="BYTES",
-    help="Largest file, such as 200kB or 1.5MiB, as accurate as fits, instead of --tolerance; encodes several times.",
+    help="Largest size of the file, such as 200kB or 1.5MiB, with the smallest error that fits, instead of "
+    "--tolerance; encodes several times.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["auto", "paper"]),
     default="auto",
     show_default=True,
-    help="auto: what costs least at the asked accuracy. paper: the functions of Fang et al. 2024 in closed form, "
-    "32 coefficients per curve, axis and segment of time.",
+    help="auto: the smallest file at the requested accuracy. paper: the closed-form functions of Fang et al. 2024, 32 "
+    "coefficients per curve, axis and time segment.",
 )
-@click.option("--segment-frames", type=int, metavar="N", help="Frames of a time segment, 11 by default. Profile paper.")
+@click.option("--segment-frames", type=int, metavar="N", help="Profile paper: frames per time segment.  [default: 11]")
 @click.option(
-    "--piece-points", type=int, metavar="N", help="Points of a curve piece, whole curves by default. Profile paper."
-)
-@click.option(
-    "--alpha", type=float, metavar="X", help="Rate of the time functions (Eq. 12); chosen by error. Profile paper."
+    "--piece-points", type=int, metavar="N", help="Profile paper: points per piece of a curve.  [default: whole curves]"
 )
 @click.option(
-    "--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error. Profile paper."
+    "--alpha",
+    type=float,
+    metavar="X",
+    help="Profile paper: rate of the functions of time (Eq. 12).  [default: that of the smallest error]",
+)
+@click.option(
+    "--r",
+    type=float,
+    metavar="X",
+    help="Profile paper: rate of the functions of space (Eqs. 14, 16).  [default: that of the smallest error]",
 )
 @click.option(
     "--group-frames",
     type=int,
     metavar="N",
-    help="Frames of a group at most: a file that is streamed from afar, or cut, is read by whole groups. Profile auto.",
+    help="Profile auto: most frames per group. Streaming, random access and cutting work on whole groups.",
 )
 @click.option(
     "--uv-tolerance",
     type=float,
     metavar="X",
-    help="How far texture coordinates may be off, such as 1e-4 (of the texture); they are kept exactly by default.",
+    help="Largest error of texture coordinates, such as 1e-4 (1 is the whole texture).  [default: lossless]",
 )
 @click.option(
     "--order",
     type=click.Choice(["keep", "free"]),
     default="keep",
     show_default=True,
-    help="keep: vertices and faces come back in the order they have. free: in one that costs no bytes.",
+    help="keep: decode vertices and faces in their original order. free: in an order that costs no bytes.",
 )
-@effort_option("fast: no search on large clips, for previews. best: all bases, for archives. Profile auto.")
+@effort_option("Profile auto: fast skips the search on large clips, for previews; best tries all bases, for archives.")
 @click.option(
     "--why",
     is_flag=True,
-    help="Tell what else was tried and what it would have cost, and keep that in the file for pdecodec info --why. "
-    "Takes no more time.",
+    help="Print which alternatives the encoder tried and what each would have cost, and keep that in the file for "
+    "pdecodec info --why. Takes no extra time.",
 )
 @click.option(
     "--max-memory",
     callback=parse_bytes,
     metavar="BYTES",
-    help="Memory to encode within, about, such as 1G: groups of frames become shorter, which costs bytes; and what a "
-    ".pdeanim IN may ask for.",
+    help="Approximate memory to encode within, such as 1G: groups of frames become shorter, which costs bytes. Also "
+    "the limit for a .pdeanim IN.",
 )
 @max_output_option
 @input_options
@@ -115,9 +124,9 @@ so much, for the file to grow on evenly: of its first few frames hardly anything
 def encode(*, extension: str | None, max_output: int | None, **options: Any) -> None:
     """Encode mesh sequences into .pdeanim files.
 
-    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns. Of
-    float64 positions those that they are rounded to count, and a warning says where that moves them beyond the bound.
-    Several IN go to a folder: -o folder/.
+    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns. Float64
+    positions are rounded to float32 first; a warning tells where that alone exceeds the bound. Several IN go to a
+    folder: -o folder/.
     """
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
@@ -138,7 +147,7 @@ def _encode(
     size: int | None,
     **options: Any,
 ) -> None:
-    """Do one job; `options` are fields of the two classes of settings and of InputOptions."""
+    """Do one job; `options` are fields of the two settings classes and of InputOptions."""
     from pdecodec.codec.encoding import encode as encode_sequence
     from pdecodec.codec.settings import EncodeSettings, PaperSettings
     from pdecodec.formats.base.choosing import InputOptions, open_clip
@@ -150,9 +159,7 @@ def _encode(
         for kind in (EncodeSettings, PaperSettings)
     )
     if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
-        raise SettingsError(
-            "give one of --tolerance, --max-error, --rms and --size, not several", code="conflicting-settings"
-        )
+        raise SettingsError("give only one of --tolerance, --max-error, --rms and --size", code="conflicting-settings")
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
     checked = EncodeSettings(**settings, paper=PaperSettings(**given))
     if not output.lower().endswith(".pdeanim"):
@@ -184,7 +191,7 @@ def _encode(
     say(report.summary)
     say_alternatives(report.alternatives)
     if report.bound is not None and (rms is not None or size is not None):
-        say(f"tolerance {report.bound / report.scale:.4g} taken, rms error {report.rms_error / report.scale:.3g}")
+        say(f"tolerance {report.bound / report.scale:.4g} chosen, rms error {report.rms_error / report.scale:.3g}")
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
         f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "
@@ -197,7 +204,7 @@ def _encode(
 
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
-    """The report with the names and ratios that scripts want."""
+    """Return the report with the names and ratios that scripts expect."""
     from pdecodec.codec.container import CONSTANT_SECTIONS
     from pdecodec.codec.encode.report import to_json
     from pdecodec.mesh.metrics import bits_per_vertex_frame

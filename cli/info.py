@@ -1,4 +1,4 @@
-"""`pdecodec info` and `pdecodec formats`: what a mesh sequence or a `.pdeanim` file holds, and what can be read."""
+"""`pdecodec info` and `pdecodec formats`: show the contents of a file, and list the supported formats."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("source", metavar="FILE|-")
 @read_options
-@click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
+@click.option("--all-frames", is_flag=True, help="Read every frame, to give the bounds of the whole sequence.")
 @click.option("--tree", "as_tree", is_flag=True, help="Show objects as a tree of their names.")
 @click.option(
     "--why",
     is_flag=True,
-    help="Of a .pdeanim file, show what else the encoder tried and what it would have cost: as encode --why kept it, "
-    "or else by encoding again what the file decodes to.",
+    help="Show which alternatives the encoder of a .pdeanim file tried and what each would have cost. Without "
+    "the record of encode --why, the decoded file is encoded again to find out.",
 )
 @within_limits
 @loudness_options
@@ -46,17 +46,17 @@ if TYPE_CHECKING:
 def info(
     *, source: str, all_frames: bool, as_tree: bool, why: bool, as_json: bool, skip_unsupported: bool, **reading: Any
 ) -> None:
-    """Tell what a mesh sequence or a .pdeanim file holds.
+    """Show what a mesh sequence or a .pdeanim file contains.
 
-    A FILE of - is standard input. Objects, faces, frames, times, attributes and bounds, and whether connectivity is
-    constant: where it is not, the first frame that changes it, how many runs of frames have one each, and the objects
-    of the first run. Of a .pdeanim file its sections, settings and model too; its positions and attributes are decoded
-    for --all-frames alone.
+    A FILE of - is standard input. The output lists objects, faces, frames, times, attributes and bounds, and whether
+    connectivity is constant. If it changes, the output gives the first frame that changes it, the number of runs
+    (frames of one connectivity), and the objects of the first run. For a .pdeanim file, sections, settings and the
+    model are listed too; its positions and attributes are decoded only with --all-frames.
     """
     from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
 
-    # What cannot be read is a fact to tell here, no reason to stop.
+    # Objects that cannot be read are listed; they are no reason to stop.
     asked = InputOptions(skip_unsupported=True, **reading)
     with standard_input(source) as path, open_clip(path, asked) as sequence:
         say_notices(sequence.notices)
@@ -82,23 +82,23 @@ def info(
 
 
 def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
-    """Return what else the encoder tried: as the file says, else as it turns out now."""
+    """Return the alternatives that the encoder tried, from the file or by encoding it again."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.encode.report import from_json
 
     if not isinstance(sequence, Animation):
-        raise SettingsError("--why is about .pdeanim files", path=source)
+        raise SettingsError("--why needs a .pdeanim file", path=source)
     kept = from_json(sequence.info().get("alternatives"))
     if kept:
         return kept
     from pdecodec.codec.stored_choices import alternatives_of
 
-    say("note: the file does not keep what else was tried; found out from what it decodes to, so about")
+    say("note: the file keeps no record of alternatives; these are approximate, from encoding it again")
     return alternatives_of(sequence)
 
 
 def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
-    """Whether connectivity is constant. Where each frame is a file, that takes reading them all."""
+    """Return whether connectivity is constant. If each frame is a file, this reads them all."""
     left_out = [
         {"name": item.name, "feature": item.feature, "first_changed_frame": item.frame} for item in sequence.unsupported
     ]
@@ -112,7 +112,7 @@ def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
 
 
 def _content_facts(sequence: MeshSequence) -> dict[str, Any]:
-    """How many things of each kind the file holds, and what becomes of them, where the reader of its format tells."""
+    """Return the number of things of each kind in the file, and what becomes of them, if its reader lists them."""
     counts = Counter((one.fate, one.kind) for one in sequence.contents)
     found = [{"kind": kind, "count": count, "fate": fate} for (fate, kind), count in counts.items()]
     return {"contents": found} if found else {}
@@ -130,7 +130,7 @@ def _first_changed_frame(sequence: MeshSequence, progress: Progress | None) -> i
 
 
 def _bounds(sequence: MeshSequence) -> list[list[float]]:
-    """Lowest and highest coordinates of every frame that can be read."""
+    """Return the lowest and highest coordinates of all frames that can be read."""
     import numpy as np
 
     with progress_bar() as progress:
@@ -177,7 +177,7 @@ def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
 
 
 def _first_frame(sequence: MeshSequence, *, is_read: bool) -> dict[str, Any]:
-    """Bounds and diagonal of the first frame; None where it is not finite, or not read."""
+    """Return bounds and diagonal of the first frame; None if they are not finite or not read."""
     import numpy as np
 
     from pdecodec.mesh.metrics import frame_scale
@@ -197,8 +197,7 @@ def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
     from pdecodec.codec.settings import EncodeSettings
 
     settings = found["settings"]
-    # Remarks in a file are what somebody wrote there: they need not be what this encoder writes, which leaves out
-    # settings that are as they are by default.
+    # Another program may have written the settings in another form. This encoder leaves out default settings.
     usual = EncodeSettings().profile
     return {"profile": settings.get("profile", usual) if isinstance(settings, Mapping) else None, **found}
 
@@ -223,9 +222,9 @@ def _object_facts(item: MeshObject, *, has_attributes: bool) -> dict[str, Any]:
 
 
 def _tree(names: Sequence[str]) -> list[str]:
-    """A label for each name: its last step under those above it, which have a line of their own before it.
+    """Return a label for each name: its last part, indented under lines for the parts before it.
 
-    A line without a name of its own ends in a slash.
+    A line for a part that is no object ends in a slash.
     """
     lines: list[str] = []
     shown: set[tuple[str, ...]] = set()
@@ -249,7 +248,7 @@ def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
     constant = "constant" if facts["connectivity_constant"] else f"changes at frame {facts['first_changed_frame']}"
     size = byte_size(facts.get("file_bytes", facts["source_bytes"]))
     table = [
-        ("frames", f"{facts['frames']} at {facts['fps']:g} a second"),
+        ("frames", f"{facts['frames']} at {facts['fps']:g} per second"),
         ("time", f"{facts['first_time']:g} to {facts['last_time']:g} s"),
         ("raw positions", byte_size(facts["raw_bytes"])),
         *_bounds_rows(facts),
@@ -264,7 +263,7 @@ def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
 
 
 def _content_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What a file holds, by what becomes of it."""
+    """Yield one row per fate (coded, implied, dropped) with the contents of the file that share it."""
     for fate in ("coded", "implied", "dropped"):
         kinds = [f"{one['count']} {one['kind']}" for one in facts.get("contents", ()) if one["fate"] == fate]
         if kinds:
@@ -278,7 +277,7 @@ def _object_row(item: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _bounds_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What is known of where vertices are: in the first frame, and in all of them."""
+    """Yield rows with the bounds of the first frame and of all frames, as far as they are known."""
 
     def spans(bounds: Sequence[Sequence[float]]) -> str:
         return ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in zip("xyz", *bounds, strict=True))
@@ -286,7 +285,7 @@ def _bounds_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if facts["finite_at_first_frame"]:
         yield "first frame", f"{spans(facts['bounds_at_first_frame'])}; diagonal {facts['diagonal']:g}"
     elif facts["finite_at_first_frame"] is False:
-        yield "first frame", "holds positions that are not finite numbers"
+        yield "first frame", "has positions that are not finite numbers"
     if facts.get("bounds"):
         yield "all frames", spans(facts["bounds"])
 
@@ -296,7 +295,7 @@ _TABLED = (
     "ratio", "finite_at_first_frame", "bounds_at_first_frame", "diagonal", "metadata", "objects", "source_bytes",
     "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives", "contents",
 )  # fmt: skip
-"""Facts that the table shows in its own words."""
+"""Facts that the table shows in words of its own."""
 
 
 def _in_words(value: Any) -> str:
@@ -312,7 +311,7 @@ def _in_words(value: Any) -> str:
 @click.command()
 @json_option
 def formats(*, as_json: bool) -> None:
-    """List the formats that can be read and written."""
+    """List the formats that pdecodec can read and write."""
     from pdecodec.formats import list_formats
 
     entries = list_formats()

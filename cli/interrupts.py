@@ -1,8 +1,8 @@
-"""Interrupts that no library loses: Ctrl-C ends a command wherever it is.
+"""Interrupts that no library can lose: Ctrl-C ends a command wherever it is.
 
-Python raises KeyboardInterrupt wherever the program is. Extension modules that are being imported make another error
-of it, and callbacks and destructors drop it. So an interrupt waits until nothing is being imported, and is raised again
-until the command takes it.
+Python raises KeyboardInterrupt wherever the program is. Extension modules that are being imported turn it into another
+error; callbacks and destructors drop it. So an interrupt waits until no import is running, and is raised again until
+the command handles it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sys
 from types import FrameType
 
 RETRY_SECONDS = 0.05
-"""After which an interrupt is raised again that nobody has taken."""
+"""Time after which an interrupt that nothing handled is raised again [s]."""
 
 _IMPORTING = "<frozen importlib._bootstrap>"
 
@@ -20,7 +20,7 @@ _is_interrupted = False
 
 
 def watch_interrupts() -> None:
-    """Begin, where interrupts are not ignored, as they are for what a shell runs in the background."""
+    """Install the handlers, unless interrupts are ignored, as they are for a shell's background jobs."""
     if hasattr(signal, "setitimer") and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         for number in (signal.SIGINT, signal.SIGALRM):
             signal.signal(number, _interrupt)
@@ -29,7 +29,7 @@ def watch_interrupts() -> None:
 
 
 def take_interrupt() -> bool:
-    """Stop raising; whether there was an interrupt, whatever became of it. The next one ends the process at once."""
+    """Stop raising interrupts; return whether there was one. The next one ends the process at once."""
     if _is_interrupted:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -40,7 +40,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     global _is_interrupted
     _is_interrupted = True
     signal.setitimer(signal.ITIMER_REAL, RETRY_SECONDS)
-    # While an exception is handled the first one is on its way, and files are being removed.
+    # While an exception is being handled, the first interrupt is unwinding and files are being removed.
     if not _is_importing(frame) and (number == signal.SIGINT or sys.exception() is None):
         raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""Inputs and outputs of a command line: several inputs, folders of outputs, standard input and output."""
+"""Inputs and outputs of a command: several inputs, folders of outputs, standard input and output."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
 
 STREAM = "-"
-"""Standard input, or output."""
+"""The argument that stands for standard input or output."""
 
 STANDARD_INPUT = "standard input"
 """The name of standard input in errors."""
 
 HERE = "./"
-"""The folder that a dry run takes where no output is named."""
+"""The output folder of a dry run that names no output."""
 
 SAMPLES = (4, 12)
-"""Frames that are written to tell how large a file becomes: its growth is taken to be even."""
+"""Numbers of frames that a dry run writes to extrapolate the size of a file, linearly."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """An input and where it goes: paths, and what to call them; `in_folder` where the folder may be new."""
+    """An input and its output: paths, and names for messages; `in_folder` if the folder may have to be created."""
 
     source: str
     output: str
@@ -46,7 +46,7 @@ class Job:
     in_folder: bool = False
 
     def check(self, outputs: Iterable[str], sources: Iterable[str | None], *, overwrite: bool, dry_run: bool) -> None:
-        """Refuse outputs that cannot be written, or where a file lies that is read."""
+        """Refuse outputs that cannot be written or that would replace an input."""
         outputs = list(outputs)
         for path in outputs:
             if not (dry_run and self.in_folder and not Path(path).parent.exists()):
@@ -54,7 +54,7 @@ class Job:
         check_apart([self.source, *sources], outputs)
 
     def with_frames(self, sequence: MeshSequence, *, dry_run: bool) -> Job:
-        """Return the job with a folder of frames for its output, made, where a file of its format cannot hold them."""
+        """Return the job with a new folder of frames as output if its format cannot hold several frames in a file."""
         from pdecodec.formats.base.frame_files import FOLDER_PADDING
         from pdecodec.formats.base.registry import known_extensions
 
@@ -72,12 +72,12 @@ class Job:
 job_options = option_group(
     click.argument("paths", metavar="IN... [OUT]", nargs=-1),
     click.option("-o", "--output", metavar="OUT", help="File, folder/ or pattern to write, or - for standard output."),
-    click.option("--to", "extension", metavar="EXT", help="Format of OUT where it is a folder or -: glb, abc, npz."),
+    click.option("--to", "extension", metavar="EXT", help="Format of OUT, if OUT is a folder or -: glb, abc, npz."),
     click.option(
         "--dry-run",
         is_flag=True,
-        help="Say what would be read and written, and how large about; write nothing. Without OUT where the format is "
-        "known.",
+        help="Print what would be read and written, and the approximate size; write nothing. OUT may be left out "
+        "if its format is known.",
     ),
 )
 """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
@@ -93,7 +93,7 @@ def for_each_job(
     work : callable
         ``work(job, dry_run=..., as_json=..., **options)``, with files in place of streams.
     default : str
-        Extension of outputs in a folder or on standard output, where none is asked for.
+        Extension of outputs in a folder or on standard output, unless the user chooses one.
     only_animations : bool
         Whether inputs are `.pdeanim` files.
 
@@ -113,7 +113,7 @@ def for_each_job(
         **options: Any,
     ) -> bool:
         if output == STREAM and as_json:
-            raise SettingsError("-o - and --json both want standard output; leave out one")
+            raise SettingsError("-o - and --json both need standard output; leave out one")
         is_whole, lost = True, None
         for job in jobs(paths, output, extension=extension, default=default, dry_run=dry_run):
             with streamed(job, extension=extension or default, dry_run=dry_run, only_animations=only_animations) as one:
@@ -131,19 +131,19 @@ def for_each_job(
 def jobs(
     paths: Sequence[str], output: str | None, *, extension: str | None, default: str = "", dry_run: bool = False
 ) -> list[Job]:
-    """What is to be done, in order; frames of one sequence, as a shell lists them, are one input.
+    """Return the jobs of a command line, in order; frames of one sequence, as a shell lists them, are one input.
 
-    A dry run needs no output: where it names none, and the format is known, it is as if outputs went to this folder.
+    A dry run needs no output: if none is named and the format is known, outputs are planned for the current folder.
 
     Parameters
     ----------
     paths : sequence of str
-        Inputs, and at the end the output where `output` is None.
+        Inputs, followed by the output if `output` is None.
     output : str or None
     extension : str or None
-        Of outputs in a folder, or on standard output.
+        Extension of outputs in a folder, or on standard output.
     default : str
-        The extension where there is none.
+        Extension if `extension` is None.
     dry_run : bool
 
     Raises
@@ -163,7 +163,7 @@ def jobs(
     sources = _gathered(paths)
     to_folder = output.endswith("/") or Path(output).is_dir()
     if len(sources) > 1 and not to_folder:
-        raise _usage_error(f"{len(sources)} inputs do not go to one file, {output}; name a folder: -o folder/")
+        raise _usage_error(f"{len(sources)} inputs cannot go to one file, {output}; name a folder: -o folder/")
     if extension and not to_folder and output != STREAM:
         raise _usage_error(f"--to {extension} is for a folder or -, and {output} is a file; leave it out")
     if not to_folder or (len(sources) == 1 and not ending):
@@ -182,7 +182,7 @@ def jobs(
 
 
 def _is_input(path: str, ending: str) -> bool:
-    """Whether a path that may be an output's is a file of another format."""
+    """Return whether a path that could be the output is an existing file of another format."""
     return Path(path).is_file() and not path.lower().endswith(f".{ending.lower()}")
 
 
@@ -191,7 +191,7 @@ def _usage_error(message: str) -> click.UsageError:
 
 
 def _gathered(paths: Sequence[str]) -> list[str]:
-    """Inputs, frames of one sequence joined to its pattern."""
+    """Return the inputs, with the frames of one sequence replaced by its pattern."""
     if len(paths) < 2:
         return list(paths)
     from pdecodec.formats.base.companions import frame_extensions
@@ -201,7 +201,7 @@ def _gathered(paths: Sequence[str]) -> list[str]:
 
 
 def _stem(source: str) -> str:
-    """The name of an output in a folder."""
+    """Return the name, without extension, of an output in a folder."""
     from pdecodec.formats.base.frame_files import is_input_pattern, sequence_name
 
     path = Path(source)
@@ -214,10 +214,10 @@ def _stem(source: str) -> str:
 
 @contextmanager
 def standard_input(source: str, *, only_animations: bool = False) -> Iterator[str]:
-    """The path of an input; where it is standard input, of a file of what comes in, which errors name as such.
+    """Yield the path of an input; for standard input that of a temporary copy, called "standard input" in errors.
 
-    Where the first bytes are of no format that is read, or with `only_animations` of no `.pdeanim` file, no more are
-    taken: there may be no end of them.
+    If the first bytes belong to no known format, or with `only_animations` to no `.pdeanim` file, reading stops there:
+    the stream may be endless.
     """
     if source != STREAM:
         yield source
@@ -249,7 +249,7 @@ def standard_input(source: str, *, only_animations: bool = False) -> Iterator[st
 
 
 def _begins_animation(head: bytes) -> bool:
-    """Whether the first bytes are those of a `.pdeanim` file, or of one that is damaged there."""
+    """Return whether the first bytes are those of a `.pdeanim` file, possibly damaged."""
     from pdecodec.codec.container import IDENTIFIER
 
     return sum(one == wanted for one, wanted in zip(head, IDENTIFIER, strict=False)) >= len(IDENTIFIER) // 2
@@ -257,7 +257,7 @@ def _begins_animation(head: bytes) -> bool:
 
 @contextmanager
 def local_input(source: str) -> Iterator[str]:
-    """The path of a `.pdeanim` file; of one at an address, or of standard input, that of a copy that errors name so."""
+    """Yield the path of a `.pdeanim` file; for an address or standard input that of a copy, not named in errors."""
     if not is_address(source):
         with standard_input(source, only_animations=True) as path:
             yield path
@@ -272,7 +272,7 @@ def local_input(source: str) -> Iterator[str]:
 
 @contextmanager
 def local_output(output: str, *, overwrite: bool) -> Iterator[Path]:
-    """The path of an output; of one at an address, of a file that is put there when the block ends well."""
+    """Yield the path of an output; for an address that of a file, uploaded when the block ends without an error."""
     if not is_address(output):
         yield Path(output)
         return
@@ -282,7 +282,7 @@ def local_output(output: str, *, overwrite: bool) -> Iterator[Path]:
 
 @contextmanager
 def _named(path: str, name: str) -> Iterator[None]:
-    """Give a file of ours the name that a person knows it by, in errors."""
+    """Replace the path of a temporary file in errors by the name that the user knows."""
     try:
         yield
     except PdecodecError as error:
@@ -293,20 +293,20 @@ def _named(path: str, name: str) -> Iterator[None]:
 
 @contextmanager
 def streamed(job: Job, *, extension: str, dry_run: bool = False, only_animations: bool = False) -> Iterator[Job]:
-    """The job with files in place of standard input and output, and the folder of its output made.
+    """Yield the job with files in place of standard input and output, and create the folder of its output.
 
     Raises
     ------
     SettingsError
-        If nobody says which format goes to standard output, or it is more than one file.
+        If no format is given for standard output, or the output is more than one file.
     """
     with ExitStack() as stack:
         source, output = stack.enter_context(standard_input(job.source, only_animations=only_animations)), job.output
         if output == STREAM:
             if not extension:
-                raise SettingsError("-o -: say which format goes to standard output, as --to glb")
+                raise SettingsError("-o -: name the format for standard output, as in --to glb")
             if sys.stdout.isatty() and not dry_run:
-                raise SettingsError("-o -: standard output is a terminal; name a file, or send it to a program")
+                raise SettingsError("-o -: standard output is a terminal; name a file, or pipe the output to a program")
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pdecodec-")))
             output = str(folder / f"stdout.{extension.lstrip('.')}")
             stack.enter_context(_named(output, STANDARD_OUTPUT))
@@ -318,14 +318,14 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False, only_animations
         if job.output == STREAM and not dry_run:
             found = [one for one in folder.rglob("*") if one.is_file()]
             if len(found) != 1:
-                raise SettingsError(f"-o -: {len(found)} files do not go to standard output; name a folder")
+                raise SettingsError(f"-o -: {len(found)} files cannot go to standard output; name a folder")
             with found[0].open("rb") as written:
                 shutil.copyfileobj(written, sys.stdout.buffer)
                 sys.stdout.buffer.flush()
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder of an output where there is none, if the one above it is there."""
+    """Create the folder of an output if it is missing and its parent exists."""
     if not folder.exists() and folder.parent.is_dir():
         folder.mkdir()
 
@@ -339,9 +339,10 @@ def say_plan(
     size: int,
     samples: Sequence[int] = SAMPLES,
 ) -> None:
-    """Print what a job would read, `files` of `size` bytes, and write, and how large about by writing some frames.
+    """Print what a job would read (`files` of `size` bytes in total), and the approximate size of its output.
 
-    Those are the first frames, in the numbers of `samples`; a clip of no more is written whole.
+    The size is extrapolated from the first frames, written in the numbers of `samples`; a clip without more frames is
+    written whole.
     """
     from pdecodec.mesh.selection import select
 
@@ -360,17 +361,17 @@ def say_plan(
 
 
 def say_sizes(job: Job, sequence: MeshSequence, becomes: str, *, files: int, size: int) -> None:
-    """Print what a job would read, `files` of `size` bytes, and what it becomes."""
+    """Print what a job would read (`files` of `size` bytes in total), and what it becomes."""
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
     put(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
     put(visible(f"write {job.output_name}: {becomes}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:
-    """What is read and written, for ``-v``."""
+    """Print what is read and written, for ``-v``."""
     count = len(sequence.runs[0].objects)
     objects = f"{count} object{'s' * (count != 1)}"
     say(
-        f"{job.source_name} -> {job.output_name}: {objects}, {extent(sequence)}, {sequence.fps:g} frames a second",
+        f"{job.source_name} -> {job.output_name}: {objects}, {extent(sequence)}, {sequence.fps:g} frames per second",
         level=1,
     )

@@ -1,8 +1,8 @@
 """The `pdecodec` command: its group of commands, and how failures become one line and an exit code.
 
-Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that cannot be written to; 4 corrupt file;
-5 missing extra; 6 outputs are written, but standard output did not take the report; 130 interrupted; 141 nobody reads
-the output any more.
+Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or unwritable output; 4 corrupt file; 5 missing extra; 6
+outputs are written, but the report on them could not go to standard output; 130 interrupted; 141 the reader of standard
+output has closed it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
 
 EXIT_UNREAD = 141
-"""128 + SIGPIPE, as shells report it: neither done nor a failed check."""
+"""128 + SIGPIPE, as shells report it: neither success nor a failed check."""
 
 TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 """Environment variable that, when set, shows the traceback of a bug instead of one line about it."""
@@ -62,13 +62,13 @@ MODULES = {
     "stability": "research",
     "view": "view",
 }
-"""The module of this package that has each command."""
+"""The module of this package that defines each command."""
 
 COMMANDS = tuple(MODULES)
 
 
 class CommandsOnDemand(click.Group):
-    """Each command is imported when it is needed: an answer does not wait for the modules of the others."""
+    """A group that imports each command only when it is needed, to start fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -82,7 +82,7 @@ class CommandsOnDemand(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command of a line; of one that begins with a path, and of `convert`, that which extensions say."""
+        """Return the command; if the line begins with a path or `convert`, the one that the extensions call for."""
         bare = args[0] not in COMMANDS and (
             args[0] == "-" or "." in args[0] or "/" in args[0] or Path(args[0]).exists()
         )
@@ -96,7 +96,7 @@ class CommandsOnDemand(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; an error of the library is one line, with the command's options in the place of settings."""
+        """Run a command; report an error of the library in one line that names the command's options."""
         try:
             return super().invoke(ctx)
         except PdecodecError as error:
@@ -106,7 +106,7 @@ class CommandsOnDemand(click.Group):
             ctx.exit(_fail(in_options(error, [] if command is None else command.params), error.exit_code))
 
     def _paths(self, ctx: click.Context, args: list[str]) -> tuple[list[str], str]:
-        """Inputs and output of a command line, in lower case; none where it cannot be told apart yet."""
+        """Return inputs and output of a command line, in lower case; none if they cannot be told apart yet."""
         for name in ("encode", "decode", "convert"):
             command = self.get_command(ctx, name)
             assert command is not None
@@ -114,7 +114,7 @@ class CommandsOnDemand(click.Group):
                 given, _, _ = command.make_parser(click.Context(command, parent=ctx)).parse_args(list(args))
             except click.UsageError:
                 continue
-            # click leaves markers of its own in the place of what is not given.
+            # click puts markers of its own in place of missing arguments.
             named = given.get("paths")
             paths = [path.lower() for path in named if isinstance(path, str)] if isinstance(named, tuple) else []
             output = str(given.get("output") or "").lower()
@@ -131,15 +131,15 @@ class CommandsOnDemand(click.Group):
 def pdecodec() -> None:
     """Encode deforming meshes into compact .pdeanim files, and decode them at any time.
 
-    `pdecodec IN OUT` does what the extensions say: it encodes to .pdeanim, decodes from it, or converts.
+    `pdecodec IN OUT` chooses the command by extension: it encodes to .pdeanim, decodes from .pdeanim, or converts.
 
-    Formats are chosen by extension: `pdecodec formats` lists them. A sequence of files is a folder or a pattern
-    (name.####.obj, name.%04d.obj, name.$F4.obj, 'name.*.obj'). Data goes to standard output,
-    everything else to standard error.
+    The extension sets the format; `pdecodec formats` lists all of them. A sequence of files is a folder or a pattern
+    (name.####.obj, name.%04d.obj, name.$F4.obj, 'name.*.obj'). Data goes to standard output, everything else to
+    standard error.
 
-    Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
-    5 missing extra, 6 outputs are written but standard output did not take the report on them, 130 interrupted,
-    141 nobody reads the output any more (`| head`).
+    Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file, 5 missing extra, 6
+    outputs are written but the report on them could not go to standard output, 130 interrupted, 141 the reader of
+    standard output has closed it (`| head`).
     """
 
 
@@ -149,12 +149,12 @@ def run(arguments: Sequence[str]) -> int:
     Parameters
     ----------
     arguments : sequence of str
-        Without the program's name.
+        The arguments without the program's name.
 
     Returns
     -------
     int
-        The exit code; a failure has been told in one line on standard error.
+        The exit code; a failure has been reported in one line on standard error.
     """
     set_loudness(0)
     try:
@@ -165,8 +165,8 @@ def run(arguments: Sequence[str]) -> int:
         say(shown.getvalue(), level=-1, nl=False)
         return SettingsError.exit_code
     except SystemExit as error:
-        # Outside its standalone mode click exits in two cases: a shell's completion is answered, or the reader of our
-        # output has seen enough (`| head`).
+        # Outside its standalone mode click exits in two cases: it has answered a shell's completion, or the reader of
+        # our output has closed it (`| head`).
         return EXIT_UNREAD if error.code == 1 else int(error.code or 0)
     except OSError as error:
         if error.filename == STANDARD_OUTPUT:
@@ -174,7 +174,7 @@ def run(arguments: Sequence[str]) -> int:
         place = f"{error.filename}: " if error.filename is not None else ""
         return _fail(f"{place}{error.strerror or error}", InputError.exit_code)
     except MemoryError:
-        return _fail("not enough memory; take fewer frames at a time with --frames", InputError.exit_code)
+        return _fail("not enough memory; read fewer frames with --frames", InputError.exit_code)
     except PartlyDoneError as error:
         return _fail(str(error), EXIT_INTERRUPTED)
     except (KeyboardInterrupt, click.Abort):
@@ -182,7 +182,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run one command line; raise KeyboardInterrupt where a library made another error of an interrupt."""
+    """Run one command line; raise KeyboardInterrupt if a library turned an interrupt into another error."""
     try:
         return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
     except Exception as error:
@@ -191,9 +191,9 @@ def _run(arguments: Sequence[str]) -> int:
         raise
 
 
-# Python takes memory for the frames of functions in pieces of 16 KiB, and gives a piece back when it is left. Where a
+# Python allocates memory for the frames of functions in pieces of 16 KiB, and frees a piece when it is empty. If a
 # loop or the import of numpy calls functions at the end of a piece, every call does both: 760 times at the start of
-# `info`. This frame, half a MiB that nothing writes to, begins a piece of 1 MiB for all that it calls.
+# `info`. This frame, half a MiB that nothing writes to, begins a piece of 1 MiB for everything that it calls.
 _run.__code__ = _run.__code__.replace(co_stacksize=2**16)
 
 
@@ -205,7 +205,7 @@ def _fail(message: str, exit_code: int) -> int:
 def _report_bug(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     say(
         f"error: a bug in pdecodec: {kind.__name__}: {' '.join(str(error).split())}; "
-        f"please report it, with what the same command prints when {TRACEBACK_VARIABLE}=1",
+        f"please report it, with the output of the same command when {TRACEBACK_VARIABLE}=1 is set",
         level=-1,
     )
     drop_unwritten()

@@ -1,4 +1,4 @@
-"""Options that several commands share, and checks of what they say."""
+"""Options that several commands share, and the checks of their values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
-"""What gives a command an option, or several."""
+"""A decorator that adds one option or several to a command."""
 
 
 def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
@@ -47,17 +47,17 @@ def option_group(*options: Decorator) -> Decorator:
 
 
 def parse_share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    """Click callback: ``5%`` or ``5``, as 0.05."""
+    """Click callback: parse a percentage, ``5%`` or ``5``, as 0.05."""
     if value is None:
         return None
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*%?", value.strip())
     if found is None:
-        raise click.BadParameter(f"{value!r} is not a share such as 5%", context, parameter)
+        raise click.BadParameter(f"{value!r} is not a percentage such as 5%", context, parameter)
     return float(found[1]) / 100.0
 
 
 def fraction(text: str) -> float:
-    """Type of an option: a number or a percentage, ``0.001`` or ``0.1%``."""
+    """Parse an option that is a number or a percentage, ``0.001`` or ``0.1%``."""
     from pdecodec.codec.settings import parse_fraction
 
     try:
@@ -67,9 +67,13 @@ def fraction(text: str) -> float:
 
 
 output_option = click.option(
-    "-o", "--output", required=True, metavar="OUT", help="File, folder or pattern to write; format by extension."
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT",
+    help="File, folder or pattern to write; the extension sets the format.",
 )
-overwrite_option = click.option("-y", "--overwrite", is_flag=True, help="Replace OUT when it exists.")
+overwrite_option = click.option("-y", "--overwrite", is_flag=True, help="Replace OUT if it exists.")
 
 
 def _set_loudness(context: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -80,25 +84,25 @@ def _set_loudness(context: click.Context, parameter: click.Parameter, value: boo
 loudness_options = option_group(
     *(
         click.option(f"-{name[0]}", f"--{name}", is_flag=True, expose_value=False, callback=_set_loudness, help=text)
-        for name, text in (("quiet", "Say nothing but errors."), ("verbose", "Say what is done as well."))
+        for name, text in (("quiet", "Print errors only."), ("verbose", "Also print what is being done."))
     )
 )
 """``-q`` and ``-v``."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 page_option = click.option(
-    "-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures."
+    "-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and their data."
 )
 
 
 def effort_option(help_text: str) -> Decorator:
-    """``--effort``, of which each command says what it is for."""
+    """Return ``--effort`` with the help text of one command."""
     efforts = click.Choice(["fast", "default", "best"])
     return click.option("--effort", type=efforts, default="default", show_default=True, help=help_text)
 
 
 def growth_options(compare: str, fail: str) -> Decorator:
-    """``--compare`` and ``--fail-if-larger``, of which each command says what grows: for :func:`check_growth`."""
+    """Return ``--compare`` and ``--fail-if-larger`` with the help texts of one command; see :func:`check_growth`."""
     return option_group(
         click.option("--compare", metavar="OLD.json", help=compare),
         click.option("--fail-if-larger", callback=parse_share, metavar="P%", help=fail),
@@ -109,13 +113,14 @@ fps_option = click.option(
     "--fps",
     type=float,
     metavar="F",
-    help="Frames per second of IN where it does not say (else 24); Alembic, USD and glTF are sampled at it.",
+    help="Frames per second of IN, if IN does not state them (otherwise 24). Alembic, USD and glTF are sampled at "
+    "this rate.",
 )
 frames_option = click.option(
     "--frames",
     metavar="A:B:STEP|1-100x2",
-    help="Only these frames: positions counted from 0, B excluded, as a Python slice (10:, ::2); "
-    "or frame numbers (time times fps, rounded), both ends included (1-100x2,120).",
+    help="Take only these frames: positions counted from 0, B excluded, as in a Python slice (10:, ::2); or frame "
+    "numbers (time x fps, rounded), both ends included (1-100x2,120).",
 )
 
 
@@ -124,17 +129,19 @@ objects_option = click.option(
     "objects",
     multiple=True,
     metavar="NAME",
-    help="Only this object; may be given more than once. In a tree: its path, the end of one, a branch, or a pattern "
-    "('Bone/BoneShape', 'BoneShape', 'Bone', '*Shape').",
+    help="Take only this object; may be repeated. NAME may be a name, a path in the scene tree, the end of a path, a "
+    "branch, or a pattern ('BoneShape', 'Bone/BoneShape', 'Bone', '*Shape').",
 )
 
 velocities_option = click.option(
-    "--velocities", is_flag=True, help="Also write velocities, units a second: in OUT where its format holds them."
+    "--velocities",
+    is_flag=True,
+    help="Also write velocities, in units per second; they go into OUT if its format holds them.",
 )
 
 
 def _allow_folders(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
-    """Click callback: files that are read until the command ends may name files in these folders."""
+    """Click callback: until the command ends, let files that are read refer to files in these folders."""
     folders = tuple(map(os.path.abspath, value))
     if folders:
         from pdecodec.system.reading import asset_folders_allowed
@@ -144,52 +151,55 @@ def _allow_folders(context: click.Context, parameter: click.Parameter, value: tu
 
 
 def assets_option(**keywords: Any) -> Decorator:
-    """``--assets``; the command gets it where it is told."""
+    """Return ``--assets``; by default the command receives the folders as an argument."""
     return click.option(
         "--assets",
         "asset_folders",
         multiple=True,
         metavar="DIR",
         callback=_allow_folders,
-        help="Folder in which files that are read may name others, besides their own folder: buffers, layers, heavy "
-        "data. May be given more than once; PDECODEC_ASSET_FOLDERS lists more.",
+        help="Let files that are read refer to files in this folder (buffers, layers, heavy data), besides those "
+        "in their own. May be repeated; PDECODEC_ASSET_FOLDERS lists more folders.",
         **keywords,
     )
 
 
 read_options = option_group(
     fps_option,
-    click.option("--mesh", metavar="FILE", help="Where a point cache (MDD, PC2) has its faces and names from."),
-    click.option("--clip", metavar="NAME", help="Which animation of IN, where it has several (glTF); the first."),
+    click.option("--mesh", metavar="FILE", help="File with the faces and names for a point cache (MDD, PC2)."),
+    click.option(
+        "--clip", metavar="NAME", help="Animation of IN to read, if it has several (glTF).  [default: the first]"
+    ),
     click.option(
         "--displacement",
         metavar="NAME|none",
-        help="Which vectors of IN are added to its geometry (VTK, XDMF, Exodus).  [default: those that the format "
-        "defines]",
+        help="Vectors of IN to add to its geometry (VTK, XDMF, Exodus).  [default: those that the format defines]",
     ),
     click.option(
         "--transforms",
         type=click.Choice(["bake", "keep"]),
         default="bake",
         show_default=True,
-        help="Transforms above objects (Alembic, USD): applied to positions, or kept apart from them; what is written "
-        "to a format without transforms is baked then.",
+        help="bake: apply the transforms above objects (Alembic, USD) to positions. keep: store them separately, "
+        "unless the output format has no transforms.",
     ),
     click.option(
-        "--skip-unsupported", is_flag=True, help="Leave out objects of IN that cannot be read, instead of refusing it."
+        "--skip-unsupported",
+        is_flag=True,
+        help="Skip objects of IN that cannot be read, instead of refusing the input.",
     ),
     click.option(
-        "--isolate", is_flag=True, help="Read IN in a process of its own, which a file damaged on purpose may end."
+        "--isolate", is_flag=True, help="Read IN in a subprocess, so that a malicious file cannot crash pdecodec."
     ),
     assets_option(),
 )
-"""How the input is read: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
+"""How to read the input: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
 max_output_option = click.option(
     "--max-output",
     callback=parse_bytes,
     metavar="BYTES",
-    help="Refuse .pdeanim files that declare more positions, such as 10GB.",
+    help="Refuse .pdeanim files that declare more bytes of positions than this, such as 10GB.",
 )
 
 limit_options = option_group(
@@ -197,75 +207,78 @@ limit_options = option_group(
         "--max-memory",
         callback=parse_bytes,
         metavar="BYTES",
-        help="Refuse .pdeanim files that need more, such as 2G.  [default: 4G]",
+        help="Refuse .pdeanim files that need more memory than this, such as 2G.  [default: 4G]",
     ),
     max_output_option,
 )
-"""What a file may cost: `max_memory` and `max_output`, for :func:`decode_limits`."""
+"""Limits on a file, `max_memory` and `max_output`, for :func:`decode_limits`."""
 
 place_options = option_group(
     click.option(
         "--up-axis",
         type=click.Choice(["X", "Y", "Z"], case_sensitive=False),
-        help="Turn the scene so that this axis is up; where IN does not say which one is, record this one.",
+        help="Rotate the scene so that this axis points up. If IN does not state its up axis, record this one instead.",
     ),
-    click.option("--scale", type=float, default=1.0, metavar="X", help="Multiply positions by this; the unit adapts."),
-    click.option(
-        "--unit", metavar="UNIT", help="The length of a unit of IN, where it does not say it: cm, m, '2.5 m'."
-    ),
+    click.option("--scale", type=float, default=1.0, metavar="X", help="Multiply positions by X, and adapt the unit."),
+    click.option("--unit", metavar="UNIT", help="Length of one unit of IN, if IN does not state it: cm, m, '2.5 m'."),
 )
-"""How the scene is turned and scaled: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
+"""How to rotate and scale the scene: fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
 input_options = option_group(frames_option, objects_option, read_options, place_options)
 """All fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
 write_options = option_group(
     velocities_option,
-    click.option("--web", is_flag=True, help="glTF: as small as may be, as by --quantize --meshopt --rigid."),
+    click.option(
+        "--web", is_flag=True, help="glTF: write the smallest file; the same as --quantize --meshopt --rigid."
+    ),
     click.option(
         "--quantize",
         is_flag=True,
-        help="glTF: 16-bit positions and weights, 8-bit normals; how far off they are is told.",
+        help="glTF: store positions and weights in 16 bits, normals in 8; a note gives the error.",
     ),
-    click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
+    click.option(
+        "--meshopt", is_flag=True, help="glTF: compress without loss, for viewers that support meshoptimizer."
+    ),
     click.option(
         "--straight",
         is_flag=True,
-        help="glTF: straight lines from frame to frame, as most scenes move, in place of a .pdeanim file's splines.",
+        help="glTF: interpolate linearly between frames, as most scenes do, instead of along the splines of a .pdeanim "
+        "file.",
     ),
     click.option(
         "--rigid/--no-rigid",
         default=None,
-        help="glTF, Alembic, USD: objects of a .pdeanim file that move rigidly, within the bound it was encoded with, "
-        "become nodes that move, in glTF those of several such parts skins; how far off they are is told.  "
-        "[default: in glTF and Alembic]",
+        help="glTF, Alembic, USD: write objects of a .pdeanim file that move rigidly, within its error bound, as "
+        "moving nodes. In glTF, objects of several rigid parts become skins. A note gives the error.  "
+        "[default: on for glTF and Alembic]",
     ),
 )
-"""What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
+"""What to write besides positions, and how compactly: options of :func:`pdecodec.formats.write_sequence`."""
 
 
 def is_gltf(path: str) -> bool:
-    """Whether a path names an output in glTF, for which there are options of its own."""
+    """Return whether a path names a glTF output, which has options of its own."""
     from pdecodec.formats.base.registry import format_to_write
 
     return format_to_write(path).name == "gltf"
 
 
 def say_larger(name: str, path: str, before: int, after: int, is_small: bool) -> None:
-    """Say that a glTF file is larger than what it was made from, and what makes it smaller; nothing of other files."""
+    """Print a note if a glTF output is larger than its input, and which options make it smaller."""
     if after > before > 0 and is_gltf(path):
         less = "" if is_small else "; --web makes it smaller (--quantize, --meshopt and --rigid)"
-        say(f"note: {name} is {after / before:.3g} times as large as IN, {byte_size(after - before)} more{less}")
+        say(f"note: {name} is {after / before:.3g} times as large as IN ({byte_size(after - before)} more){less}")
 
 
 def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
     """Refuse ``--fail-if-larger`` without ``--compare``."""
     if fail_if_larger is not None and compare is None:
-        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+        raise SettingsError("--fail-if-larger needs --compare; pass the file with the earlier sizes")
 
 
 def rigid_bound(source: MeshSequence, scale: float, output: str, asked: bool | None) -> float | None:
-    """What ``--rigid`` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
+    """Return the bound for ``--rigid``: that of the decoded file, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.stored_choices import bound_of
     from pdecodec.formats.base.registry import format_to_write
@@ -277,13 +290,13 @@ def rigid_bound(source: MeshSequence, scale: float, output: str, asked: bool | N
     bound = bound_of(source) if isinstance(source, Animation) and is_animation else None
     if bound is None and asked:
         needed = "needs a bound, and the file was encoded without one"
-        other = "is for a .pdeanim file of one connectivity, which knows its bound"
+        other = "needs a .pdeanim file of one connectivity as its input"
         raise SettingsError(f"--rigid {needed if is_animation else other}; leave it out")
     return None if bound is None else scale * bound
 
 
 def within_limits(command: Callable[..., None]) -> Callable[..., None]:
-    """``--max-memory`` and ``--max-output`` for every `.pdeanim` file that a command opens."""
+    """Add ``--max-memory`` and ``--max-output`` for every `.pdeanim` file that a command opens."""
 
     @functools.wraps(command)
     def limited(*arguments: Any, max_memory: int | None, max_output: int | None, **options: Any) -> None:
@@ -296,7 +309,7 @@ def within_limits(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimits:
-    """The limits that options give; those that are not given are the usual ones."""
+    """Return the limits that the options set, with the default for an option that is absent."""
     from pdecodec.codec.source import DecodeLimits
 
     usual = DecodeLimits()
@@ -304,20 +317,20 @@ def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimit
 
 
 def refuse_pdeanim(output: str, instead: str) -> None:
-    """Raise SettingsError, ending in what to do instead, where the output of a command that does not encode is one."""
+    """Raise SettingsError with the advice `instead` if a command that does not encode is to write a `.pdeanim` file."""
     if output.lower().endswith(".pdeanim"):
         raise SettingsError(f"only pdecodec encode writes .pdeanim files; {instead}", path=output)
 
 
 def check_output(output: str, *, overwrite: bool) -> None:
-    """Refuse an output that cannot be written, before the work for it starts.
+    """Refuse an output that cannot be written, before any work on it starts.
 
     Raises
     ------
     SettingsError
-        If it is ``-``, or says neither a format nor that it is a folder.
+        If the output is ``-``, or names neither a format nor a folder.
     InputError
-        If it exists and may not be replaced, or the folder it goes into is missing or not writable.
+        If it exists and may not be replaced, or its folder is missing or not writable.
     """
     path = Path(output)
     _check_name(output)
@@ -353,7 +366,7 @@ def _check_name(output: str) -> None:
     from pdecodec.formats.base.registry import extensions_of
 
     if output == "-":
-        raise SettingsError("-o -: this does not go to standard output; name a file, folder/ or pattern")
+        raise SettingsError("-o -: this command cannot write to standard output; name a file, folder/ or pattern")
     if not Path(output).suffix and not output.endswith("/") and not Path(output).is_dir():
         known = extensions_of(lambda entry: entry.writes)
         raise SettingsError(
@@ -362,12 +375,12 @@ def _check_name(output: str) -> None:
 
 
 def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
-    """Refuse to write where an input lies, and those that it names: they would be lost.
+    """Refuse outputs that would replace an input or a file that an input refers to.
 
     Raises
     ------
     SettingsError
-        If a file of an input is one that an output would replace, by whatever name or link.
+        If an output would replace a file of an input, by whatever name or link.
     """
     from pdecodec.formats.base.companions import input_files, output_files
 
@@ -376,15 +389,15 @@ def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
         shared = [file for file in output_files(output) if os.path.realpath(file) in inputs]
         if shared:
             raise SettingsError(
-                f"{output}: would replace {shared[0]}, which is read; choose another name", code="overwrites-input"
+                f"{output}: would replace {shared[0]}, which is an input; choose another name", code="overwrites-input"
             )
 
 
 def stored_bytes(files: Iterable[Path]) -> int:
-    """Bytes that files take on disk, together."""
+    """Return the total size of files on disk [bytes]."""
     return sum(file.stat().st_size for file in files)
 
 
 def bytes_of(place: str, files: Iterable[Path]) -> int:
-    """Bytes that an input or an output takes: the files that it stands for, or one elsewhere."""
+    """Return the size of an input or output [bytes]: of its local files, or of the remote file."""
     return RemoteFile(place).size() if is_address(place) else stored_bytes(files)

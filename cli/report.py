@@ -1,4 +1,4 @@
-"""`pdecodec report`: how small, how exact and how fast, on your own data, beside what else could be used."""
+"""`pdecodec report`: measure size, error and speed on your own data, compared with other methods."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pdecodec.mesh.sequence import ArraySequence
 
 NAMED_PROFILES = ("auto", "paper")
-"""Those of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
+"""The names of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
 
 
 @click.command()
@@ -41,29 +41,33 @@ NAMED_PROFILES = ("auto", "paper")
     type=fraction,
     multiple=True,
     metavar="X|P%",
-    help="Measure at this tolerance; may be given repeatedly.  [default: 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]",
+    help="Measure at this tolerance; may be repeated.  [default: 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]",
 )
 @click.option(
     "--profile",
     "profiles",
     type=click.Choice(NAMED_PROFILES),
     multiple=True,
-    help="Measure this profile; may be given repeatedly.  [default: all]",
+    help="Measure this profile; may be repeated.  [default: all]",
 )
-@click.option("--baselines/--no-baselines", default=True, show_default=True, help="Measure other methods beside it.")
-@effort_option("Of profile auto.")
+@click.option(
+    "--baselines/--no-baselines", default=True, show_default=True, help="Also measure other methods, for comparison."
+)
+@effort_option("Effort of profile auto.")
 @click.option(
     "--jobs",
     type=click.IntRange(1),
     default=2,
     show_default=True,
     metavar="N",
-    help="Other methods measured at a time; profiles are measured alone.",
+    help="Other methods measured at once; profiles are measured one at a time.",
 )
-@click.option("--fresh", is_flag=True, help="Measure again what an earlier run into DIR has measured.")
+@click.option(
+    "--fresh", is_flag=True, help="Measure everything again, even if an earlier run into DIR has measured it."
+)
 @growth_options(
-    "Tell what got better and worse since this report.json.",
-    "With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
+    "List what got better or worse since this report.json.",
+    "With --compare: exit with code 1 if a file of pdecodec grew by more than this.",
 )
 @within_limits
 @fps_option
@@ -86,16 +90,16 @@ def report(
     fps: float | None,
     as_json: bool,
 ) -> None:
-    """Measure how small, how exact and how fast clips become, and write a page about it.
+    """Measure file size, error and speed for clips, and write a page of results.
 
-    IN is a mesh sequence, or a folder of them. DIR gets one HTML page that works offline (index.html), each of its
-    charts as PNG and SVG, its figures as CSV, everything as JSON (report.json), and a summary in Markdown (summary.md),
-    which is printed, too. Of several clips each has a page of its own in a folder of its name, and index.html is about
-    all of them. Every method is compared at equal maximum error, on positions decoded again from its bytes.
+    IN is a mesh sequence, or a folder of them. DIR receives one HTML page that works offline (index.html), its charts
+    as PNG and SVG, their data as CSV, all results as JSON (report.json), and a summary in Markdown (summary.md), which
+    is also printed. With several clips, each has a page in a folder of its own, and index.html covers all of them. All
+    methods are compared at equal maximum error, on positions decoded from their bytes.
 
-    Of a clip whose connectivity changes the page says what it costs a frame, faces included, beside Draco.
+    If the connectivity of a clip changes, the page gives the bytes per frame, faces included, compared with Draco.
 
-    What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
+    Measurements are kept in DIR (measurements.json): an interrupted run resumes where it stopped.
     """
     from pdecodec.codec.settings import EncodeSettings
     from pdecodec.formats.base.companions import check_there
@@ -110,7 +114,7 @@ def report(
         EncodeSettings(tolerance=tolerance)
     old = None if compare is None else read_measurements(Path(compare))
     for source in filter(is_address, sources):
-        message = "is an address, and report reads files and folders here; fetch it first"
+        message = "is an address, and report reads local files and folders; download it first"
         raise InputError(message, code="invalid-input", path=source)
     clips = find_clips(
         [Path(source) for source in sources],
@@ -147,7 +151,9 @@ def report(
         else:
             put(visible(result.summary), nl=False)
     say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
-    failures = [f"{item.clip}, profile {item.coder}: the bound {item.tolerance:g} is broken" for item in result.broken]
+    failures = [
+        f"{item.clip}, profile {item.coder}: the error exceeds the bound {item.tolerance:g}" for item in result.broken
+    ]
     if fail_if_larger is not None:
         failures += [str(change) for change in too_large(result.changes, fail_if_larger)]
     for failure in failures:
@@ -157,7 +163,7 @@ def report(
 
 
 def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence | ChangingSequence]]:
-    """Every clip, one after the other: in memory, unless its connectivity changes."""
+    """Yield the clips one after the other, in memory unless their connectivity changes."""
     from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
     from pdecodec.formats.base.scene_space import bake_transforms
     from pdecodec.mesh.runs import ChangingSequence, changed

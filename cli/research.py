@@ -1,4 +1,4 @@
-"""`pdecodec reproduce` and `pdecodec stability`: the paper's experiment, and where methods lose stability."""
+"""`pdecodec reproduce` and `pdecodec stability`: the paper's experiment, and where methods become unstable."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from pdecodec.cli.console import outputs_written, print_json, print_table, progr
 from pdecodec.cli.options import json_option, page_option
 
 SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
-"""Those of :data:`pdecodec.research.stability.atlas.SECTIONS`, which a help page should not load."""
+"""The names of :data:`pdecodec.research.stability.atlas.SECTIONS`, which a help page should not load."""
 
 
 @click.command()
 @page_option
-@click.option("--rings", type=int, default=832, show_default=True, metavar="N", help="Points of a curve.")
-@click.option("--sides", type=int, default=24, show_default=True, metavar="N", help="Curves, a multiple of 4.")
+@click.option("--rings", type=int, default=832, show_default=True, metavar="N", help="Points per curve.")
+@click.option(
+    "--sides", type=int, default=24, show_default=True, metavar="N", help="Number of curves, a multiple of 4."
+)
 @click.option("--fps", type=float, default=8.0, show_default=True, metavar="F", help="Frames per second.")
 @json_option
 def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool) -> None:
     """Reproduce section 5 of Fang et al. 2024, and judge its claims.
 
-    The cube-rope is simulated and rebuilt by the paper's method and by B-splines, as printed and with what a decoder
-    can know. DIR gets one HTML page that works offline (index.html), and a PNG and a CSV for each of its charts.
-    Files of an earlier report in DIR are replaced.
+    The cube-rope is simulated and reconstructed by the paper's method and by B-splines, as printed and with only the
+    data that a decoder has. DIR receives one HTML page that works offline (index.html), and each of its charts as PNG
+    and CSV. Files of an earlier report in DIR are replaced.
     """
     from pdecodec.report.charts.page import write_report
     from pdecodec.report.charts.vegalite import require_drawing
@@ -55,15 +57,14 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
 
 @click.command()
 @page_option
-@click.option("--only", type=click.Choice(SECTIONS), multiple=True, help="Only this section; may be given repeatedly.")
-@click.option("--quick", is_flag=True, help="Coarser axes and smaller clips: a look in seconds.")
+@click.option("--only", type=click.Choice(SECTIONS), multiple=True, help="Run only this section; may be repeated.")
+@click.option("--quick", is_flag=True, help="Use coarser axes and smaller clips: a preview in seconds.")
 @json_option
 def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool) -> None:
     """Show where each method breaks: the fit, the parametrisation, the alignment, the simulation, the codec.
 
-    Every method is run beside its alternatives over the range where it goes from fine to broken. DIR gets one HTML
-    page that works offline (index.html), and a PNG and a CSV for each of its charts. Files of an earlier atlas in DIR
-    are replaced.
+    Every method is compared with its alternatives over the range from stable to broken. DIR receives one HTML page that
+    works offline (index.html), and each of its charts as PNG and CSV. Files of an earlier atlas in DIR are replaced.
     """
     from pdecodec.report.charts.page import write_report
     from pdecodec.report.charts.vegalite import require_package

@@ -1,4 +1,4 @@
-"""`pdecodec simulate`: a bundled scene into a mesh sequence. Each scene is a command with the scene's own options."""
+"""`pdecodec simulate`: simulate a bundled scene. Each scene is a command with the scene's own options."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from pdecodec.simulate.scenes import SCENES, OptionInfo
 def simulate() -> None:
     """Simulate a bundled scene with XPBD, and write the mesh sequence.
 
-    Each scene has options of its own: `pdecodec simulate SCENE --help` lists them.
+    Each scene has its own options: `pdecodec simulate SCENE --help` lists them.
 
-    What it does not do: a mesh does not collide with itself, nor with another one. The ground and the sphere stand
-    still. They hold off particles, not the edges and faces between: a sphere smaller than a face slips through. Contact
-    is looked for at the end of each substep, not along the way: what crosses the sphere within one goes through.
-    Nothing bounces, tears or flows; air presses and drags, and is not stirred.
+    Limits of the simulation: meshes collide neither with themselves nor with each other. The ground and the sphere do
+    not move. They stop particles, not the edges and faces between them, so a sphere smaller than a face slips through.
+    Contact is tested at the end of each substep, so a particle that crosses the sphere within one substep goes through.
+    Nothing bounces, tears or flows. Air pushes and drags the mesh, but the mesh does not move the air.
     """
 
 
 def _scene_command(name: str) -> click.Command:
-    """The command of one scene, its options those that the scene lists."""
+    """Return the command of one scene, with the options that the scene lists."""
 
     def run(**given: Any) -> None:
         settings = {option.name: given.pop(option.name) for option in SCENES[name].options}
@@ -34,18 +34,28 @@ def _scene_command(name: str) -> click.Command:
 
     decorators = (
         output_option,
-        click.option("--frames", type=int, metavar="N", help="Frames, the first of them at rest; the scene's own."),
-        click.option("--fps", type=float, default=24.0, show_default=True, metavar="F", help="Frames per second."),
-        click.option("--substeps", type=int, metavar="N", help="Substeps a frame; the scene's own."),
         click.option(
-            "--iterations", type=int, default=1, show_default=True, metavar="N", help="Sweeps over all constraints."
+            "--frames",
+            type=int,
+            metavar="N",
+            help="Number of frames; the first is the rest state.  [default: that of the scene]",
+        ),
+        click.option("--fps", type=float, default=24.0, show_default=True, metavar="F", help="Frames per second."),
+        click.option("--substeps", type=int, metavar="N", help="Substeps per frame.  [default: that of the scene]"),
+        click.option(
+            "--iterations",
+            type=int,
+            default=1,
+            show_default=True,
+            metavar="N",
+            help="Sweeps over all constraints per substep.",
         ),
         click.option(
             "--method",
             type=click.Choice(["xpbd", "pbd"]),
             default="xpbd",
             show_default=True,
-            help="pbd: stiffness that depends on steps and iterations, for comparison.",
+            help="pbd: the stiffness depends on substeps and iterations; for comparison.",
         ),
         *(_scene_option(option) for option in SCENES[name].options),
         overwrite_option,

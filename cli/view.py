@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("first", metavar="FILE")
 @click.argument("second", metavar="[FILE2]", required=False)
-@click.option("--original", metavar="IN", help="What FILE was made from: the page shows where it differs.")
-@click.option("-o", "--output", metavar="OUT", help="The page; FILE with the extension .html where nothing is said.")
-@click.option("--overwrite", "-y", is_flag=True, help="Replace a page that exists.")
+@click.option(
+    "--original", metavar="IN", help="The input that FILE was encoded from; the page shows where they differ."
+)
+@click.option("-o", "--output", metavar="OUT", help="Page to write.  [default: FILE with the extension .html]")
+@click.option("--overwrite", "-y", is_flag=True, help="Replace OUT if it exists.")
 @input_options
 @within_limits
 @loudness_options
@@ -33,9 +35,9 @@ def view(
 ) -> None:
     """Write a page that plays .pdeanim files in a browser.
 
-    All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
-    a second file, or the original, it shows both, and how far apart they are, at every vertex and over time. The
-    original is read as by `pdecodec encode`: give the options that it was encoded with.
+    The page contains everything it needs: it works offline and from a local disk. It plays at any speed, also between
+    frames. With a second file or the original, it shows both, and the distance between them at every vertex and over
+    time. The original is read as by `pdecodec encode`: repeat the options that it was encoded with.
     """
     from pdecodec.codec.opening import open_animation
     from pdecodec.formats.base.choosing import InputOptions
@@ -46,12 +48,12 @@ def view(
     if second and original:
         raise SettingsError("give a second file or --original, not both", code="conflicting-settings")
     if original is None and asked != InputOptions():
-        raise SettingsError("how an original is read needs --original; give it, or leave out the other options")
+        raise SettingsError("options for reading an original need --original; add it, or leave them out")
     sources = [source for source in (first, second) if source is not None]
     names = [RemoteFile(source).name if is_address(source) else Path(source).name for source in sources]
     page_path = output or str(Path(names[0] if is_address(first) else first).with_suffix(".html"))
     if Path(page_path).suffix.lower() not in {".html", ".htm"}:
-        raise SettingsError("a page is written; give it the extension .html", path=page_path)
+        raise SettingsError("the output is a web page; give it the extension .html", path=page_path)
     with ExitStack() as stack:
         paths = [Path(stack.enter_context(local_input(source))) for source in sources]
         for path in paths:
@@ -68,7 +70,7 @@ def view(
 
 
 def _prepared(path: Path, original: str | None, asked: InputOptions) -> tuple[str | None, Original | None]:
-    """The up axis, and what the original differs by."""
+    """Return the up axis, and the difference from the original."""
     from pdecodec.codec.opening import open_animation
     from pdecodec.formats.base.choosing import open_clip
     from pdecodec.report.viewer.view import difference
@@ -84,28 +86,32 @@ def _prepared(path: Path, original: str | None, asked: InputOptions) -> tuple[st
 
 @click.command()
 @click.argument("folder", metavar="FOLDER")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="A free one where nothing is said.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port to listen on.  [default: any free port]"
+)
 @loudness_options
 def serve(*, folder: str, port: int) -> None:
     """Serve a local page that lists the .pdeanim files of a folder, with pictures, and plays them.
 
-    The page is for this machine alone: the loopback address. Nothing is written, and nothing outside the folder is
-    read. Ctrl-C ends it.
+    The page is served on the loopback address, for this machine only. Nothing is written, and nothing outside the
+    folder is read. Press Ctrl-C to stop.
     """
     from pdecodec.report.viewer.serve import FolderServer
 
     place = Path(folder)
     if is_address(folder):
-        raise InputError("is an address, and serve reads a folder here", code="invalid-input", path=folder)
+        raise InputError(
+            "is an address, and serve reads a local folder; name a folder", code="invalid-input", path=folder
+        )
     if not place.is_dir():
-        raise InputError("is no folder; name the one that the .pdeanim files are in", code="invalid-input", path=place)
+        raise InputError(
+            "is not a folder; name the folder that holds the .pdeanim files", code="invalid-input", path=place
+        )
     try:
         server = FolderServer(place, port)
     except OSError as error:
-        raise InputError(
-            f"port {port} cannot be served on ({error.strerror}); choose another", code="unreadable"
-        ) from error
+        raise InputError(f"port {port} cannot be used ({error.strerror}); choose another", code="unreadable") from error
     with server:
-        say(f"{counted(sum(1 for _ in server.files()), 'file')} of {place}; Ctrl-C ends this")
+        say(f"{counted(sum(1 for _ in server.files()), 'file')} of {place}; press Ctrl-C to stop")
         put(server.address)
         server.serve_forever()

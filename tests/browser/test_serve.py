@@ -157,4 +157,4 @@ def test_the_list_has_pictures_and_its_pages_play(server: FolderServer, tmp_path
 
 def test_what_is_no_folder_is_said_in_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert run(["serve", str(tmp_path / "none")]) == 3
-    assert "is no folder" in capsys.readouterr().err
+    assert "is not a folder" in capsys.readouterr().err

@@ -441,7 +441,7 @@ def test_a_batch_that_is_interrupted_says_how_far_it_is_and_goes_on(clips: Path)
     code, words = ended_amid_a_batch(1, signal.SIGINT)
     there = places("out")
     told = re.fullmatch(
-        r"error: interrupted after (\d) of 8 clips; their files stay, and the same command goes on\n", words
+        r"error: interrupted after (\d) of 8 clips; their files are kept, and the same command resumes\n", words
     )
     assert told is not None
     assert (code, int(told[1]) <= len(there) < 8) == (130, True)

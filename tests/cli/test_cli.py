@@ -28,7 +28,7 @@ SUMMARY = re.compile(
 
 
 def save_wave(path: Path, *, frames: int = FRAMES, phase: float = 0.0) -> Path:
-    """A waving sheet of quads as NPZ, 24 frames a second."""
+    """A waving sheet of quads as NPZ, 24 frames per second."""
     corner = np.arange(ROWS * COLUMNS, dtype=np.int32).reshape(ROWS, COLUMNS)
     quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], axis=-1).reshape(-1, 4)
     x, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, ROWS), np.linspace(0, 2, COLUMNS), indexing="ij"))
@@ -131,7 +131,7 @@ def test_a_size_in_kilobytes_is_kept_and_the_tolerance_found_is_said(
     output, again = tmp_path / "small.pdeanim", tmp_path / "again.pdeanim"
     done("encode", wave, "-o", output, "--size", "1.2kB", "--effort", "fast")
     assert output.stat().st_size <= 1200
-    said = re.search(r"^tolerance (\S+) taken, rms error \S+$", capsys.readouterr().err, re.MULTILINE)
+    said = re.search(r"^tolerance (\S+) chosen, rms error \S+$", capsys.readouterr().err, re.MULTILINE)
     assert said is not None
     done("encode", wave, "-o", again, "--tolerance", said[1], "--effort", "fast")
     assert again.read_bytes() == output.read_bytes()
@@ -171,7 +171,7 @@ def test_info_is_a_table_for_people(animation: Path, tmp_path: Path, capsys: Cap
     done("info", animation)
     text = capsys.readouterr().out
     size = animation.stat().st_size
-    for words in ("99 quads", "20 at 24 a second", "profile", byte_size(size), ratio(28800, size)):
+    for words in ("99 quads", "20 at 24 per second", "profile", byte_size(size), ratio(28800, size)):
         assert words in text
     assert not re.search(r"[\[\]]|None", text)
     assert [line for line in text.splitlines() if line != line.rstrip()] == []

@@ -126,8 +126,8 @@ ENCODE, DECODE = "encode a.npz -o a.pdeanim", "decode a.pdeanim -o a.npz"
         (f"{ENCODE} --tolerance -1", "tolerance"),
         (f"{ENCODE} --profile paper --segment-frames 1", "--segment-frames must be from 2 to 64"),
         (f"{ENCODE} --alpha 2", "are settings of the profile paper; take it"),
-        (f"{ENCODE} --tolerance 1 --rms 1", "give one of --tolerance, --max-error, --rms and --size"),
-        (f"{ENCODE} --max-error 1 --size 1", "give one of --tolerance, --max-error, --rms and --size"),
+        (f"{ENCODE} --tolerance 1 --rms 1", "give only one of --tolerance, --max-error, --rms and --size"),
+        (f"{ENCODE} --max-error 1 --size 1", "give only one of --tolerance, --max-error, --rms and --size"),
         ("simulate cloth -o a.pdeanim", "pdecodec encode"),
         ("decode a.pdeanim -o b.pdeanim", "pdecodec encode"),
         (f"{DECODE} --at 1 --fps 30", "exclude each other"),
@@ -171,7 +171,7 @@ def test_rates_times_and_limits_that_are_none_are_refused_without_a_frame(
         assert "--fps must be" in error_of(capsys, 2, *decode, f"--fps={fps}")
     assert "take a lower rate" in error_of(capsys, 2, *decode, "--fps", "1e12")
     for time in ("nan", "inf", "-inf"):
-        assert error_of(capsys, 2, *decode, f"--at={time}") == f"error: --at {time}: is no time; give seconds"
+        assert error_of(capsys, 2, *decode, f"--at={time}") == f"error: --at {time}: is not a time; give seconds"
     times = tmp_path / "times.txt"
     for listed in (b"", b"0.1 later", b"0.1 nan", b"\xff\xfe\x00"):
         times.write_bytes(listed)
@@ -240,7 +240,7 @@ def test_frames_that_are_read_are_never_replaced_and_others_may_be(tmp_path: Pat
     convert = ["convert", str(tmp_path / "q.#.obj"), "--overwrite", "-o"]
     for output in ("q.#.obj", "q.%04d.obj", "q.2-3#.obj", "q.2.obj", "link/q.#.obj", "link/"):
         line = error_of(capsys, 2, *convert, f"{tmp_path}/{output}", "--frames", "2-3")
-        assert "which is read; choose another name" in line
+        assert "which is an input; choose another name" in line
     for output in ("r.#.obj", "r.npz", "frames/") * 2:
         assert run([*convert, f"{tmp_path}/{output}"]) == 0
     assert [frame.read_bytes() for frame in frames] == before
@@ -252,7 +252,7 @@ def test_inputs_under_a_wrong_name_are_called_what_they_are_and_never_replaced(
     misnamed, clip, frames = tmp_path / "clip.npz", tmp_path / "clip.pdeanim", tmp_path / "frames"
     for source, command in ((misnamed, "decode"), (clip, "encode")):
         source.write_bytes(animation.read_bytes())
-        assert "which is read" in error_of(capsys, 2, command, source, "-o", source, "--overwrite")
+        assert "which is an input" in error_of(capsys, 2, command, source, "-o", source, "--overwrite")
         assert source.read_bytes() == animation.read_bytes()
     assert "rename it to end in .pdeanim" in error_of(capsys, 3, "info", misnamed)
     frames.mkdir()

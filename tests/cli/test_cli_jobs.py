@@ -80,7 +80,7 @@ def test_several_inputs_go_to_a_folder_that_may_be_new(clip: ArraySequence, caps
     assert sorted(os.listdir("frames/b")) == ["b.0000.obj", "b.0001.obj"]
     capsys.readouterr()
     assert run(["convert", "a.npz", "b.h5", "-o", "x.glb"]) == 2
-    assert "2 inputs do not go to one file, x.glb; name a folder: -o folder/" in capsys.readouterr().err
+    assert "2 inputs cannot go to one file, x.glb; name a folder: -o folder/" in capsys.readouterr().err
     assert run(["convert", "a.npz", "x.glb", "--to", "glb"]) == 2
     assert "--to glb is for a folder or -, and x.glb is a file" in capsys.readouterr().err
     Path("other").mkdir()
@@ -164,9 +164,9 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
         assert np.abs(read.read_frames(0, 20) - clip.points).max() < 5e-3
     assert piped(["a.npz", "-", "--to", "glb"]).stdout.startswith(b"glTF")
     for arguments, code, message in (
-        (["convert", "a.npz", "-"], 2, b"-o -: say which format goes to standard output, as --to glb"),
-        (["convert", "a.npz", "-o", "-", "--to", "xdmf"], 2, b"-o -: 2 files do not go to standard output"),
-        (["convert", "a.npz", "-o", "-", "--to", "npz", "--json"], 2, b"-o - and --json both want standard output"),
+        (["convert", "a.npz", "-"], 2, b"-o -: name the format for standard output, as in --to glb"),
+        (["convert", "a.npz", "-o", "-", "--to", "xdmf"], 2, b"-o -: 2 files cannot go to standard output"),
+        (["convert", "a.npz", "-o", "-", "--to", "npz", "--json"], 2, b"-o - and --json both need standard output"),
         (["convert", "-", "x.npz"], 3, b"error: standard input: its format is not known"),
     ):
         done = piped(arguments, b"nonsense")
@@ -181,7 +181,7 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
         (["--to", "obj"], "error: standard output: 20 frames do not fit one OBJ file; name it stdout.####.obj"),
         (["--to", "zzz"], "error: standard output: no format is written as '.zzz'; use .obj, "),
         (["--to", "pdeanim"], "error: standard output: only pdecodec encode writes .pdeanim files; "),
-        (["--to", "glb", "--velocities"], "error: -o -: velocities go to a file of their own, beside this format's"),
+        (["--to", "glb", "--velocities"], "error: -o -: this format puts velocities in a second file; name a file"),
     ],
 )
 def test_failures_name_standard_output_and_no_file_of_ours(
@@ -291,9 +291,9 @@ def test_quiet_says_nothing_but_errors_and_verbose_what_is_done(clip: ArraySeque
     assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-q"]) == 3
     assert capsys.readouterr().err.startswith("error: x.obj: exists already")
     assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-y", "-v"]) == 0
-    assert "a.npz -> x.obj: 1 object, 1 frame of 144 vertices, 24 frames a second" in capsys.readouterr().err
+    assert "a.npz -> x.obj: 1 object, 1 frame of 144 vertices, 24 frames per second" in capsys.readouterr().err
     assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-y"]) == 0
-    assert "24 frames a second" not in capsys.readouterr().err
+    assert "24 frames per second" not in capsys.readouterr().err
 
 
 def test_a_tree_of_objects_is_shown_as_one(tmp_path: Path, capsys: Capture) -> None:

@@ -222,7 +222,7 @@ def test_no_file_that_is_read_is_one_that_is_written(
     ):
         assert run([*line.split(), "--overwrite"]) == 2
         error = capsys.readouterr().err
-        assert "which is read; choose another name" in error
+        assert "which is an input; choose another name" in error
         assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

@@ -514,7 +514,7 @@ def test_the_command_line_puts_motion_onto_a_file(tmp_path: Path, capsys: pytest
     with open_animation(tmp_path / "a.pdeanim") as animation:
         assert_moves(tmp_path / "b.glb", animation)
     assert run([*arguments[:-1], str(source), "--overwrite"]) == 2
-    assert "which is read" in capsys.readouterr().err
+    assert "which is an input" in capsys.readouterr().err
     assert run([*arguments[:2], "--layer", "-o", str(tmp_path / "c.usda")]) == 2
     assert "--layer is for --onto" in capsys.readouterr().err
 
