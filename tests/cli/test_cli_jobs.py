@@ -347,7 +347,7 @@ def test_what_is_no_geometry_is_counted_in_grammar(tmp_path: Path, capsys: Captu
     needed("usda")
     (tmp_path / "x.usda").write_text('#usda 1.0\ndef Camera "a" {}\ndef Camera "b" {}\n')
     assert run(["info", str(tmp_path / "x.usda")]) == 3
-    assert "there are 2 cameras" in capsys.readouterr().err
+    assert "there are 2 Cameras" in capsys.readouterr().err
 
 
 def test_every_command_on_animations_takes_addresses(tmp_path: Path, capsys: Capture) -> None:
