@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from pdecodec import open_sequence
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
@@ -42,7 +43,7 @@ def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
         for factor, change in ((0.5, "half"), (2.0, "double")):
             # Of a ratio, what it is above one: below one nothing would be left.
             changed = 1.0 + factor * (value - 1.0) if item.name.endswith("_ratio") else type(value)(value * factor)
-            changes = {item.name: changed}
+            changes: dict[str, Any] = {item.name: changed}
             yield item.name, change, replace(tuning, **changes)
 
 
