@@ -5,6 +5,7 @@ It costs the start of a process, and the way of every frame from it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -64,21 +65,19 @@ class IsolatedSequence(LaidOutSequence):
         try:
             found = call_about_file(self.worker, path, _open, opened_by, dict(options), chosen_limits(None))
             self._points = _Points(self.worker, path, (int(found["frames"]), int(found["vertices"]), 3))
-            own = ("frames", "vertices", "notices", "unsupported", "contents")
+            told = json.loads(found.pop("told").tobytes())
+            own = ("frames", "vertices")
             names = [name for name in found if name not in own]
             self._take(names, found.__getitem__, None, "array")
         except BaseException:
             self.worker.end()
             raise
         self.notices = tuple(
-            Notice(text, setting=setting or None, value=value or None, purpose=purpose)
-            for text, setting, value, purpose in found["notices"].reshape(-1, 4).tolist()
+            Notice(text, setting=setting, value=value, purpose=purpose)
+            for text, setting, value, purpose in told["notices"]
         )
-        self.unsupported = tuple(
-            Unsupported(name, feature, None if frame == "" else int(frame))
-            for name, feature, frame in found["unsupported"].reshape(-1, 3).tolist()
-        )
-        self.contents = tuple(Content(*one) for one in found["contents"].reshape(-1, 3).tolist())
+        self.unsupported = tuple(Unsupported(*one) for one in told["unsupported"])
+        self.contents = tuple(Content(*one) for one in told["contents"])
 
     def close(self) -> None:
         self.worker.end()
@@ -109,14 +108,13 @@ def _open(
     """Open a sequence in a worker; everything but positions."""
     with usual_limits(limits):
         sequence = _opened[path] = opened_by(path, **options)
-    lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
+    lost = [(one.name, one.feature, one.frame) for one in sequence.unsupported]
     facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
-    there = [(one.path, one.kind, one.fate) for one in sequence.contents]
     told = [one if isinstance(one, Notice) else Notice(one) for one in sequence.notices]
-    notices = [(one.text, one.setting or "", one.value or "", one.purpose) for one in told]
-    lists = {"notices": notices, "unsupported": lost, "contents": there}
-    texts = {name: np.array(values, np.str_) for name, values in lists.items()}
-    return {**arrays_of(sequence, sequence.fps), **facts, **texts}
+    notices = [(one.text, one.setting, one.value, one.purpose) for one in told]
+    # Arrays of text take the room of the longest one for each.
+    lists = json.dumps({"notices": notices, "unsupported": lost, "contents": sequence.contents}).encode()
+    return {**arrays_of(sequence, sequence.fps), **facts, "told": np.frombuffer(lists, np.uint8)}
 
 
 def _read(path: Path, start: int, stop: int) -> dict[str, Any]:

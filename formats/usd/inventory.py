@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
@@ -19,6 +18,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from pdecodec.formats.base.scene_reading import Refusals, listed, lost_textures
 from pdecodec.formats.usd.metadata import ADDED, METADATA, NAME, OWN, SAMPLED, object_name
 from pdecodec.formats.usd.shapes import UsdShape
+from pdecodec.mesh.sequence import Content
+from pdecodec.mesh.sequence import Fate as ContentFate
 
 
 class Fate(Enum):
@@ -33,8 +34,7 @@ class Fate(Enum):
     DROPPED = "dropped"
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(NamedTuple):
     """Something that a stage holds.
 
     Attributes
@@ -53,6 +53,17 @@ class Item:
     fate: Fate
     word: str = ""
 
+
+_IN_CONTENTS: dict[Fate, ContentFate] = {
+    Fate.CODED: "coded",
+    Fate.APPLIED: "coded",
+    Fate.COMPOSED: "implied",
+    Fate.COMPUTED: "implied",
+    Fate.DEFAULT: "implied",
+    Fate.TOLD: "dropped",
+    Fate.DROPPED: "dropped",
+}
+"""Fates as sequences of all formats tell them."""
 
 _EVERYWHERE = {
     "visibility": Fate.TOLD,
@@ -137,6 +148,7 @@ class Inventory:
     def __init__(self, stage: Any, shapes: Sequence[UsdShape], refusals: Refusals) -> None:
         self.items: list[Item] = []
         self.others: Counter[str] = Counter()
+        self._types: dict[str, str] = {}
         self._left_out: dict[str, set[str]] = {}
         self._prims: dict[str, dict[str, None]] = {}
         self._names: dict[str, dict[str, None]] = {}
@@ -161,6 +173,17 @@ class Inventory:
         """Return the line that names textures; none where there are none."""
         return lost_textures(len(self._textures), [*self._textures])
 
+    def contents(self) -> tuple[Content, ...]:
+        """Return all items: prims by their type, properties and metadata by their name."""
+        return tuple(
+            Content(
+                f"{item.path} {item.key}" if item.key else item.path,
+                item.key or item.path.partition(".")[2] or self._types[item.path],
+                _IN_CONTENTS[item.fate],
+            )
+            for item in self.items
+        )
+
     def left_out(self) -> list[str]:
         """Return the names of what else is dropped, but for what shapes name themselves."""
         prims = [f"{kind} {listed([*names])}" for kind, names in self._prims.items()]
@@ -184,6 +207,7 @@ class Inventory:
 
     def _look_at(self, prim: Any, names: Iterable[str]) -> None:
         path, kind = str(prim.GetPath()), str(prim.GetTypeName())
+        self._types[path] = kind or "prim"
         fate, word = self._fate_of(prim, path, kind)
         is_shader = fate == Fate.DROPPED and prim.IsA(UsdShade.Shader)
         if is_shader:
@@ -257,7 +281,8 @@ class Inventory:
     def _fate_of_property(self, prim: Any, kind: str, name: str) -> Fate:
         space = name.partition(":")[0]
         if name in _EVERYWHERE:
-            return _EVERYWHERE[name]
+            is_shown = name == "visibility" and _is_default(prim, name)
+            return Fate.DEFAULT if is_shown else _EVERYWHERE[name]
         if prim.GetAttribute(name) and not prim.GetAttribute(name).HasAuthoredValue():
             return Fate.DEFAULT if _is_default(prim, name) else Fate.DROPPED
         if space in ("xformOp", "subsetFamily", OWN) or name in _READ.get(kind, "").split():

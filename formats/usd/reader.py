@@ -82,7 +82,9 @@ def open_usd(
 
     per_second = _codes_per_second(stage, fps)
     changes = [np.asarray(one) / per_second for one in scan.changes.values()]
-    return runs_of_scene(times, changes, (times, rate, notices), open_run, vertices_from)
+    sequence = runs_of_scene(times, changes, (times, rate, notices), open_run, vertices_from)
+    sequence.list_contents = inventory.contents
+    return sequence
 
 
 def inventory_of(path: Path) -> Inventory:

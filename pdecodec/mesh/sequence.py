@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -259,8 +259,7 @@ Fate = Literal["coded", "implied", "dropped"]
 """What happens to an item of a file: it is kept, it repeats what is kept, or it is not kept."""
 
 
-@dataclass(frozen=True)
-class Content:
+class Content(NamedTuple):
     """An item of a file, and what happens to it.
 
     Parameters
@@ -296,8 +295,8 @@ class MeshSequence(ABC):
         Messages for a person (an assumed frame rate, data left out); the command line prints them.
     unsupported : tuple of Unsupported
         Objects that a reader was told to leave out if they are not supported.
-    contents : tuple of Content
-        Everything that the file holds, for formats whose readers list it.
+    list_contents : callable
+        Gives :attr:`contents` when they are asked for, for formats whose readers list them.
     """
 
     objects: tuple[MeshObject, ...]
@@ -306,7 +305,12 @@ class MeshSequence(ABC):
     metadata: Mapping[str, str]
     notices: tuple[str, ...]
     unsupported: tuple[Unsupported, ...] = ()
-    contents: tuple[Content, ...] = ()
+    list_contents: Callable[[], tuple[Content, ...]] = tuple
+
+    @cached_property
+    def contents(self) -> tuple[Content, ...]:
+        """Everything that the file holds, for formats whose readers list it."""
+        return self.list_contents()
 
     @abstractmethod
     def read_frames(self, start: int, stop: int) -> Float32Array:
