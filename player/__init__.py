@@ -1,4 +1,4 @@
-"""The browser player: scripts and the decoder as WebAssembly, an npm package that comes with the Python package too."""
+"""The browser player: JavaScript and the WebAssembly decoder; published on npm and shipped in the Python package."""
 
 from pathlib import Path
 

@@ -1,6 +1,9 @@
 import { CODES, PdeanimError } from "./errors.js";
 
-/** Structures of the C interface (core/bindings/c/include/pdeanim.h) as a 32-bit machine has them: bytes, and where fields are. */
+/**
+ * Layout of the C interface's structures (core/bindings/c/include/pdeanim.h) on a 32-bit machine: size and field
+ * offsets [bytes].
+ */
 const ERROR = { bytes: 280, status: 0, offset: 8, frame: 16, text: 24 };
 const OPTIONS = { bytes: 24, size: 0, maxMemory: 8, threads: 16 };
 
@@ -9,7 +12,7 @@ const decoder = new TextDecoder();
 /** @type {Promise<WebAssembly.Module> | null} */
 let compiled = null;
 
-/** The module, which is compiled once. `bytes`: its file, where it is not beside this one. */
+/** Compile the module once. `bytes`: the module itself, if `pdeanim.wasm` is not next to this script. */
 export function compile(bytes) {
   compiled ??= bytes ? WebAssembly.compile(bytes) : compileFile(new URL("./pdeanim.wasm", import.meta.url));
   return compiled;
@@ -21,11 +24,11 @@ async function compileFile(address) {
     return WebAssembly.compile(await readFile(address));
   }
   const response = await fetch(address);
-  if (!response.ok) throw new PdeanimError(`${address}: the server answers ${response.status}`, "read-failed");
+  if (!response.ok) throw new PdeanimError(`${address}: the server answered ${response.status}`, "read-failed");
   return WebAssembly.compile(await response.arrayBuffer());
 }
 
-/** The decoder with a memory of its own, which reads one file. */
+/** An instance of the decoder with its own memory, for one file. */
 export class Core {
   static async start(source, wasm) {
     const core = new Core(source);
@@ -53,7 +56,9 @@ export class Core {
     return new DataView(this.functions.memory.buffer);
   }
 
-  /** Call a function that returns a status, its error last. */
+  /**
+   * Call a function of the C interface that returns a status and takes the address of an error last; throw if it fails.
+   */
   call(name, ...values) {
     const status = this.functions[`pdeanim_${name}`](...values, this.error);
     if (status !== 0) throw this.#failure();
@@ -63,15 +68,15 @@ export class Core {
     const view = this.view;
     const code = CODES[view.getInt32(this.error + ERROR.status, true)];
     if (code === "read-failed" && this.source.isMissing) {
-      return new PdeanimError("bytes of the file are not here yet; await prepare(time)", "bytes-missing");
+      return new PdeanimError("bytes of the file are not fetched yet; await prepare(time) first", "bytes-missing");
     }
     const offset = Number(view.getBigInt64(this.error + ERROR.offset, true));
     const frame = Number(view.getBigInt64(this.error + ERROR.frame, true));
     return new PdeanimError(this.text(this.error + ERROR.text), code, offset, frame);
   }
 
-  /** Do what reads of the file until all of it is there. */
-  async fetched(work) {
+  /** Run `work`, fetching the bytes that it misses, until it succeeds. */
+  async retryUntilFetched(work) {
     for (;;) {
       try {
         return work();
@@ -106,15 +111,15 @@ export class Core {
     return decoder.decode(bytes.slice(0, bytes.indexOf(0)));
   }
 
-  /** A copy of `count` numbers. */
+  /** Copy `count` numbers out of the module's memory. */
   copy(Type, at, count) {
     return count ? new Type(this.functions.memory.buffer, at, count).slice() : new Type(0);
   }
 
-  /** What `work(at)` writes into a buffer of `count` numbers, or of `out`, which is returned. */
-  filled(Type, count, work, out) {
+  /** Allocate `count` numbers, let `work(address)` fill them, and return a copy (or `out`, if given). */
+  readArray(Type, count, work, out) {
     const at = this.functions.malloc(Math.max(count, 1) * Type.BYTES_PER_ELEMENT);
-    if (!at) throw new PdeanimError("there is not enough memory", "no-memory");
+    if (!at) throw new PdeanimError("not enough memory for the result", "no-memory");
     try {
       work(at);
       const found = new Type(this.functions.memory.buffer, at, count);
@@ -127,5 +132,5 @@ export class Core {
   }
 }
 
-/** Enough for every structure that a call writes. */
+/** Enough for the largest structure that a call writes. */
 export const SCRATCH_BYTES = 256;

@@ -1,4 +1,4 @@
-/** What can go wrong, as `pdeanim_status` of the C interface numbers it. */
+/** Error codes, in the order of `pdeanim_status` in the C interface. */
 export const CODES = Object.freeze([
   "ok",
   "corrupt",
@@ -10,13 +10,13 @@ export const CODES = Object.freeze([
   "internal",
 ]);
 
-/** A file that is damaged or asks for too much, or an argument that is out of range. */
+/** An error with a code: a damaged file, a file that needs too much memory, an argument out of range ... */
 export class PdeanimError extends Error {
   /**
    * @param {string} message one line
-   * @param {string} code one of CODES, or "bytes-missing": `prepare` reads them
+   * @param {string} code one of CODES, or "bytes-missing": call `prepare` to fetch the bytes
    * @param {number} offset byte of the file, or -1
-   * @param {number} frame or -1
+   * @param {number} frame frame index, or -1
    */
   constructor(message, code, offset = -1, frame = -1) {
     super(message);

@@ -1,16 +1,16 @@
 import { GroupedMotion } from "./motion.js";
 import type { PdeAnimation } from "./pdeanim.js";
 
-/** Positions and normals of one animation (one run of frames), in WebGL buffers: vertex attributes of three floats. */
+/** Positions and normals of one animation (one run of frames) in WebGL buffers: vertex attributes of three floats. */
 export class GpuMotion extends GroupedMotion<WebGLBuffer> {
-  /** Whether positions and faces of an animation fit into textures. */
+  /** Whether an animation's positions and faces fit into textures. */
   static holds(gl: WebGL2RenderingContext, animation: PdeAnimation): boolean;
-  /** `drawn`: of each pair of buffers the vertices that it holds, in order; all in one where nothing is said. */
+  /** `drawn`: for each pair of buffers, the vertices to write, in order; by default one pair with all vertices. */
   constructor(gl: WebGL2RenderingContext, animation: PdeAnimation, drawn?: Uint32Array[]);
   readPositions(): Float32Array;
 }
 
-/** A program of two shaders; `outputs`: what the first one writes to buffers. */
+/** Compile and link a program; `outputs` names the variables that transform feedback captures. */
 export function makeProgram(
   gl: WebGL2RenderingContext,
   vertex: string,

@@ -1,30 +1,30 @@
 /**
- * Positions and normals on the graphics processor (WebGL 2).
+ * Evaluates positions and normals on the graphics processor (WebGL 2).
  *
- * The fields of a group of frames are uploaded once, as layers of a texture; a frame is a few weights, as uniforms. A vertex
- * shader adds up their products and what corrections the vertex has at the two frames around the time, and writes sums into a
- * buffer (transform feedback); a second one makes normals of them, and writes positions and normals in the order in which they
- * are drawn. Both buffers are vertex attributes of whatever is drawn. What does not fit is evaluated by the decoder and
- * uploaded.
+ * The fields of a group of frames are uploaded once, as layers of a texture; each frame then needs a few weights,
+ * passed as uniforms. One vertex shader sums the weighted fields, adds the vertex's corrections at the two frames
+ * around the time, and writes the sums into a buffer (transform feedback). A second one computes normals from the sums
+ * and writes positions and normals in drawing order. Both buffers serve as vertex attributes of any draw call. The
+ * decoder evaluates groups that do not fit, and their positions are uploaded.
  */
 import { cornersAround, trianglesOf } from "./mesh.js";
 import {
   GroupedMotion,
-  MOST_FIELD_BYTES,
-  allVertices,
-  correctionsByVertex,
-  framesAround,
-  weightRows,
+  MAX_FIELD_BYTES,
+  listVertices,
+  sortCorrectionsByVertex,
+  findFramesAround,
+  packWeights,
 } from "./motion.js";
 
-/** Vertices in a row of a texture: any width that every graphics processor has will do. */
-const ROW = 1024;
+/** Width of a texture in vertices. Every graphics processor supports it; any other supported width works as well. */
+const TEXTURE_WIDTH = 1024;
 
-/** Functions of time of a group at most: what a uniform block holds everywhere. */
-const MOST_FUNCTIONS = 1024;
+/** Largest number of functions of time in a group: a uniform block holds so many weights on every device. */
+const MAX_FUNCTIONS = 1024;
 
-/** Weights beyond the last function's: the shader takes four at a time. */
-const PADDING = 3;
+/** Extra zero weights after the last function: the shader takes four weights at once. */
+const WEIGHT_PADDING = 3;
 
 const SUM_SHADER = `#version 300 es
 precision highp float;
@@ -41,10 +41,10 @@ uniform bool hasAxes;
 uniform bool hasCorrections;
 uniform vec2 frames;
 uniform vec2 shares;
-layout(std140) uniform Weights { vec4 weights[${MOST_FUNCTIONS}]; };
+layout(std140) uniform Weights { vec4 weights[${MAX_FUNCTIONS}]; };
 out vec3 position;
 
-ivec2 place(int index) { return ivec2(index % ${ROW}, index / ${ROW}); }
+ivec2 place(int index) { return ivec2(index % ${TEXTURE_WIDTH}, index / ${TEXTURE_WIDTH}); }
 
 vec3 correctionAt(float frame, uint begin, uint end) {
   while (begin < end) {
@@ -89,7 +89,7 @@ in uint source;
 out vec3 position;
 out vec3 normal;
 
-ivec2 place(int index) { return ivec2(index % ${ROW}, index / ${ROW}); }
+ivec2 place(int index) { return ivec2(index % ${TEXTURE_WIDTH}, index / ${TEXTURE_WIDTH}); }
 vec3 at(uint vertex) { return texelFetch(positions, place(int(vertex)), 0).xyz; }
 
 void main() {
@@ -109,7 +109,7 @@ const NO_FRAGMENTS = `#version 300 es
 precision highp float;
 void main() {}`;
 
-/** A program of two shaders; `outputs`: what the first one writes to buffers. */
+/** Compile and link a program; `outputs` names the variables that transform feedback captures. */
 export function makeProgram(gl, vertex, fragment, outputs = []) {
   const program = gl.createProgram();
   for (const [type, source] of [
@@ -128,30 +128,30 @@ export function makeProgram(gl, vertex, fragment, outputs = []) {
   return program;
 }
 
-const rowsOf = (count) => Math.max(Math.ceil(count / ROW), 1);
+const countTextureRows = (count) => Math.max(Math.ceil(count / TEXTURE_WIDTH), 1);
 
-/** Positions and normals of one animation (one run of frames), in buffers. */
+/** Positions and normals of one animation (one run of frames) in WebGL buffers. */
 export class GpuMotion extends GroupedMotion {
-  /** Whether positions and faces of an animation fit into textures. */
+  /** Whether an animation's positions and faces fit into textures. */
   static holds(gl, animation) {
     const corners = animation.objects.reduce((sum, { faceIndices }) => sum + faceIndices.length, 0);
-    // A fan of n - 2 triangles has less than 3 n corners.
-    return rowsOf(Math.max(animation.vertexCount + 1, 3 * corners)) <= gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    // A fan of n - 2 triangles has fewer than 3 n corners.
+    return countTextureRows(Math.max(animation.vertexCount + 1, 3 * corners)) <= gl.getParameter(gl.MAX_TEXTURE_SIZE);
   }
 
   /**
    * @param {WebGL2RenderingContext} gl
    * @param {import("./pdeanim.js").PdeAnimation} animation
-   * @param {Uint32Array[]} drawn of each pair of buffers the vertices that it holds, in order; all in one where nothing is said
+   * @param {Uint32Array[]} drawn for each pair of buffers, the vertices to write, in order [default: one pair with all]
    */
-  constructor(gl, animation, drawn = [allVertices(animation)]) {
+  constructor(gl, animation, drawn = [listVertices(animation)]) {
     super(animation);
     this.gl = gl;
     this.#sum = makeProgram(gl, SUM_SHADER, NO_FRAGMENTS, ["position"]);
     this.#draw = makeProgram(gl, DRAWN_SHADER, NO_FRAGMENTS, ["position", "normal"]);
     this.#feedback = gl.createTransformFeedback();
-    // Whole rows of the texture that sums are copied to.
-    const size = 12 * ROW * rowsOf(this.vertexCount);
+    // The sums are copied to a texture in whole rows.
+    const size = 12 * TEXTURE_WIDTH * countTextureRows(this.vertexCount);
     this.#reference = this.#buffer(size, animation.reference());
     this.#sums = [this.#buffer(size), this.#buffer(size)];
     this.#latest = this.#sums[0];
@@ -161,11 +161,11 @@ export class GpuMotion extends GroupedMotion {
       positions: this.#buffer(12 * sources.length),
       normals: this.#buffer(12 * sources.length),
     }));
-    // A binding point that others hardly take: the context may be shared.
+    // The last binding point: other users of a shared context are unlikely to take it.
     this.#block = gl.getParameter(gl.MAX_UNIFORM_BUFFER_BINDINGS) - 1;
     this.#weights = gl.createBuffer();
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.#weights);
-    gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST_FUNCTIONS, gl.DYNAMIC_DRAW);
+    gl.bufferData(gl.UNIFORM_BUFFER, 16 * MAX_FUNCTIONS, gl.DYNAMIC_DRAW);
     gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), this.#block);
     this.#array = gl.createVertexArray();
     this._begin();
@@ -188,16 +188,16 @@ export class GpuMotion extends GroupedMotion {
   #others;
   #positionTexture;
 
-  /** Whether a group's fields fit. */
+  /** Whether a group's fields fit into a texture. */
   fits(index) {
     const { functionCount, axisCount } = this.animation.groups[index];
     const layers = axisCount === 3 ? functionCount : Math.ceil(functionCount / 4);
-    const bytes = layers * rowsOf(this.vertexCount) * ROW * (axisCount === 3 ? 12 : 16);
+    const bytes = layers * countTextureRows(this.vertexCount) * TEXTURE_WIDTH * (axisCount === 3 ? 12 : 16);
     return (
-      functionCount <= MOST_FUNCTIONS - PADDING &&
+      functionCount <= MAX_FUNCTIONS - WEIGHT_PADDING &&
       layers <= this.gl.getParameter(this.gl.MAX_ARRAY_TEXTURE_LAYERS) &&
-      rowsOf(this.vertexCount + 1) <= this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) &&
-      bytes <= MOST_FIELD_BYTES
+      countTextureRows(this.vertexCount + 1) <= this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) &&
+      bytes <= MAX_FIELD_BYTES
     );
   }
 
@@ -209,7 +209,7 @@ export class GpuMotion extends GroupedMotion {
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
   }
 
-  /** What the first buffer of positions holds. */
+  /** Read the first buffer of positions. */
   readPositions() {
     const { gl } = this;
     const found = new Float32Array(3 * this.drawn[0].count);
@@ -233,7 +233,7 @@ export class GpuMotion extends GroupedMotion {
 
   _addGroups(time, near) {
     const { gl, animation } = this;
-    const { frames, shares } = framesAround(animation.times, time);
+    const { frames, shares } = findFramesAround(animation.times, time);
     const program = this.#sum;
     const uniform = (name) => gl.getUniformLocation(program, name);
     let before = this.#reference;
@@ -243,7 +243,7 @@ export class GpuMotion extends GroupedMotion {
       const place = this.#attribute(program, "before", before);
       gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
       gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, this.#weights);
-      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, weightRows(animation, time, index, PADDING));
+      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, packWeights(animation, time, index, WEIGHT_PADDING));
       this.#bind(program, "fields", 0, gl.TEXTURE_2D_ARRAY, group.fields);
       this.#bind(program, "corrections", 1, gl.TEXTURE_2D, group.corrections);
       this.#bind(program, "starts", 2, gl.TEXTURE_2D, group.starts);
@@ -265,7 +265,7 @@ export class GpuMotion extends GroupedMotion {
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.#latest);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#positionTexture);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rowsOf(this.vertexCount), gl.RGB, gl.FLOAT, 0);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, countTextureRows(this.vertexCount), gl.RGB, gl.FLOAT, 0);
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
     gl.useProgram(program);
     this.#bind(program, "positions", 0, gl.TEXTURE_2D, this.#positionTexture);
@@ -278,7 +278,9 @@ export class GpuMotion extends GroupedMotion {
     }
   }
 
-  /** Bind a buffer to the one attribute of a program, for a pointer to be set into it; returns the attribute's place. */
+  /**
+   * Bind a buffer as the only attribute of a program, ready for `vertexAttribPointer`; return the attribute's location.
+   */
   #attribute(program, name, buffer) {
     const { gl } = this;
     const place = gl.getAttribLocation(program, name);
@@ -288,7 +290,7 @@ export class GpuMotion extends GroupedMotion {
     return place;
   }
 
-  /** Run the program in use once for each vertex, into a buffer for each of its outputs. */
+  /** Run the current program once per vertex; write each output to its own buffer. */
   #run(count, ...into) {
     const { gl } = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
@@ -306,7 +308,7 @@ export class GpuMotion extends GroupedMotion {
     gl.bindVertexArray(null);
   }
 
-  /** Values are uploaded as they stand, whatever others that share the context have set. */
+  /** Reset how pixels are gunzip: other users of a shared context may have changed it. */
   _begin() {
     const { gl } = this;
     gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
@@ -331,13 +333,13 @@ export class GpuMotion extends GroupedMotion {
     const fields = animation.fields(index);
     const layers = axisCount === 3 ? functionCount : Math.ceil(functionCount / 4);
     const texture = gl.createTexture();
-    const rows = rowsOf(vertexCount);
+    const rows = countTextureRows(vertexCount);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
     const [inside, outside] = axisCount === 3 ? [gl.RGB32F, gl.RGB] : [gl.RGBA32F, gl.RGBA];
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, inside, ROW, rows, Math.max(layers, 1));
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, inside, TEXTURE_WIDTH, rows, Math.max(layers, 1));
     const columns = axisCount === 3 ? 3 : 4;
-    const layer = new Float32Array(ROW * rows * columns);
+    const layer = new Float32Array(TEXTURE_WIDTH * rows * columns);
     for (let k = 0; k < layers; k++) {
       if (axisCount === 3) {
         layer.set(fields.subarray(3 * k * vertexCount, 3 * (k + 1) * vertexCount));
@@ -348,7 +350,7 @@ export class GpuMotion extends GroupedMotion {
           for (let v = 0; v < vertexCount; v++) layer[4 * v + column] = is ? fields[from + v] : 0;
         }
       }
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, ROW, rows, 1, outside, gl.FLOAT, layer);
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, TEXTURE_WIDTH, rows, 1, outside, gl.FLOAT, layer);
     }
     gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
@@ -357,7 +359,7 @@ export class GpuMotion extends GroupedMotion {
 
   #uploadCorrections(index) {
     const { gl } = this;
-    const { starts, rows } = correctionsByVertex(this.animation, index);
+    const { starts, rows } = sortCorrectionsByVertex(this.animation, index);
     return {
       hasCorrections: rows.length > 0,
       corrections: this.#texture(gl.RGBA32F, gl.RGBA, gl.FLOAT, rows, 4),
@@ -377,13 +379,13 @@ export class GpuMotion extends GroupedMotion {
 
   #texture(inside, outside, type, values, columns) {
     const { gl } = this;
-    const rows = rowsOf(values.length / columns);
-    const padded = new values.constructor(ROW * rows * columns);
+    const rows = countTextureRows(values.length / columns);
+    const padded = new values.constructor(TEXTURE_WIDTH * rows * columns);
     padded.set(values);
     const texture = gl.createTexture();
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, inside, ROW, rows, 0, outside, type, padded);
+    gl.texImage2D(gl.TEXTURE_2D, 0, inside, TEXTURE_WIDTH, rows, 0, outside, type, padded);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
     return texture;

@@ -1,16 +1,16 @@
 import type { AnimatedObject } from "./pdeanim.js";
 
-/** Triangles, vertices of all objects numbered through, and the face that each is of. */
+/** Triangulate faces: vertex indices across all objects, and the face of each triangle. */
 export function trianglesOf(objects: AnimatedObject[]): { triangles: Uint32Array; faces: Uint32Array };
 
-/** Edges of faces, each once, and of lines: two vertices each. */
+/** List the edges of faces (each once) and of lines, two vertices per edge. */
 export function edgesOf(objects: AnimatedObject[]): Uint32Array;
 
-/** Of each vertex the other two of the triangles around it. */
+/** List the two other vertices of each triangle around each vertex. */
 export function cornersAround(
   triangles: Uint32Array,
   vertexCount: number,
 ): { starts: Uint32Array; others: Uint32Array };
 
-/** Normals of vertices, of length 1. */
+/** Compute unit normals of vertices. */
 export function normalsOf(positions: Float32Array, triangles: Uint32Array, out?: Float32Array): Float32Array;

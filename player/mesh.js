@@ -1,9 +1,9 @@
 /**
- * What is drawn of a mesh: triangles, edges, and for normals the corners around each vertex. Faces are polygons of any size;
- * a triangle fan of each is drawn.
+ * Derives from polygons what is drawn: triangles, edges, and the triangles around each vertex, for normals. A polygon
+ * of any size becomes a triangle fan.
  */
 
-/** Triangles of all objects of an animation, or of one: vertices numbered through, and the face that each is of. */
+/** Triangulate the faces of all given objects: vertex indices across all objects, and the face of each triangle. */
 export function trianglesOf(objects) {
   let count = 0;
   for (const { faceSizes } of objects) for (const size of faceSizes) count += Math.max(size - 2, 0);
@@ -27,7 +27,7 @@ export function trianglesOf(objects) {
   return { triangles, faces };
 }
 
-/** Edges of faces, each once, and of lines: two vertices each. */
+/** List the edges of faces (each once) and of lines, two vertices per edge. */
 export function edgesOf(objects) {
   const found = [];
   for (const { firstVertex, vertexCount, faceSizes, faceIndices, lineSizes, lineIndices } of objects) {
@@ -55,7 +55,10 @@ export function edgesOf(objects) {
   return Uint32Array.from(found);
 }
 
-/** Of each vertex the other two of the triangles around it: `starts[v]` to `starts[v + 1]` - 1 number pairs of `others`. */
+/**
+ * List the two other vertices of each triangle around each vertex; pairs `starts[v]` to `starts[v + 1] - 1` belong to
+ * `v`.
+ */
 export function cornersAround(triangles, vertexCount) {
   const starts = new Uint32Array(vertexCount + 1);
   for (const vertex of triangles) starts[vertex + 1]++;
@@ -72,7 +75,7 @@ export function cornersAround(triangles, vertexCount) {
   return { starts, others };
 }
 
-/** Normals of vertices: the sum over triangles around each, by their areas, of length 1. */
+/** Compute unit normals of vertices: the normalised sum of the normals of their triangles, weighted by area. */
 export function normalsOf(positions, triangles, out = new Float32Array(positions.length)) {
   out.fill(0);
   for (let corner = 0; corner < triangles.length; corner += 3) {

@@ -1,6 +1,6 @@
 import type { PdeAnimation } from "./pdeanim.js";
 
-/** What is drawn: positions and normals of vertices in an order, as vertex attributes of three floats. */
+/** One pair of buffers to draw from: positions and normals of listed vertices, as vertex attributes of three floats. */
 export interface DrawnBuffers<Buffer> {
   count: number;
   sources: Buffer;
@@ -8,27 +8,27 @@ export interface DrawnBuffers<Buffer> {
   normals: Buffer;
 }
 
-/** Positions and normals of one animation (one run of frames), in buffers of a graphics processor. */
+/** Positions and normals of one animation (one run of frames) in buffers of a graphics processor. */
 export abstract class GroupedMotion<Buffer> {
   readonly animation: PdeAnimation;
   readonly vertexCount: number;
   readonly drawn: DrawnBuffers<Buffer>[];
-  /** The first pair of buffers. */
+  /** Buffers of the first pair. */
   readonly positions: Buffer;
   readonly normals: Buffer;
-  /** Whether the last positions were made by the graphics processor, not by the decoder. */
+  /** Whether the graphics processor, not the decoder, computed the latest positions. */
   readonly isOnGpu: boolean;
-  /** Whether a group's fields fit. */
+  /** Whether a group's fields fit on the graphics processor. */
   fits(group: number): boolean;
-  /** Groups that count at a time [s] as far as float32 goes. */
+  /** Groups whose weight at a time [s] float32 can resolve. */
   groupsNear(time: number): number[];
-  /** Upload a group ahead of its time. */
+  /** Upload a group before it is needed. */
   prefetch(group: number): void;
-  /** Upload the group that comes after a time [s], if there is one. */
+  /** Upload the group that follows a time [s], if there is one. */
   prefetchAfter(time: number): void;
-  /** Make positions and normals at a time [s]. */
+  /** Compute positions and normals at a time [s]. */
   evaluate(time: number): void;
-  /** Take positions from elsewhere, and make normals of them. */
+  /** Show the given positions and compute their normals. */
   show(positions: Float32Array): void;
   close(): void;
 }

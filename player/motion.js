@@ -1,25 +1,30 @@
 /**
- * Positions and normals at any time on a graphics processor: what WebGL 2 (`gpu.js`) and WebGPU (`webgpu.js`) have in common.
+ * Evaluates positions and normals on a graphics processor: the part that WebGL 2 (`gpu.js`) and WebGPU (`webgpu.js`)
+ * share.
  *
- * Groups of frames are uploaded when they are first needed, and the latest are kept. At a time the fields of the groups near it
- * are multiplied by their weights and added up; a group that does not fit is evaluated by the decoder and uploaded.
+ * Groups of frames are uploaded when they are first needed, and the latest few stay. At a given time, the fields of the
+ * groups around it are multiplied by their weights and summed. If a group does not fit, the decoder evaluates and the
+ * positions are uploaded.
  */
 
-/** Fields of one group [bytes] at most. */
-export const MOST_FIELD_BYTES = 2 ** 28;
+/** Largest size of one group's fields [bytes]. */
+export const MAX_FIELD_BYTES = 2 ** 28;
 
-/** Groups whose fields are kept. Two count at the border between them; a third one is the next. */
-const MOST_GROUPS = 3;
+/** Number of groups to keep. Two contribute at the border between them; the third is the next one. */
+const MAX_KEPT_GROUPS = 3;
 
-/** From so many frames away a group's share is below what float32 can add: the spline's weights shrink by 0.27 a frame. */
-const FAR_FRAMES = 16;
+/**
+ * Distance [frames] at which float32 cannot resolve a group's weight any more: spline weights shrink by 0.27 per frame.
+ */
+const NEGLIGIBLE_AFTER_FRAMES = 16;
 
 /**
  * One animation (one run of frames) on a graphics processor.
  *
- * A class that extends it has `fits(index)`, whether a group's fields fit, and `close()`; and for this one `_begin()`, called
- * before each piece of work, `_uploadGroup(index)` and `_dropGroup(uploaded)`, `_addGroups(time, near)`, which adds groups up,
- * `_uploadPositions(positions)`, and `_writeDrawn()`, which makes normals and fills the buffers of `drawn`.
+ * Subclasses offer `fits(index)`, whether a group's fields fit, and `close()`. They also implement, for this class:
+ * `_begin()`, called before each piece of work; `_uploadGroup(index)` and `_dropGroup(uploaded)`; `_addGroups(time,
+ * near)`, which sums groups; `_uploadPositions(positions)`; and `_writeDrawn()`, which computes normals and fills the
+ * buffers of `drawn`.
  */
 export class GroupedMotion {
   /** @param {import("./pdeanim.js").PdeAnimation} animation */
@@ -31,7 +36,7 @@ export class GroupedMotion {
 
   #groups = new Map();
 
-  /** The first pair of buffers: of all vertices where the constructor was told nothing else. */
+  /** Positions of the first pair of buffers: all vertices, unless the constructor was given other lists. */
   get positions() {
     return this.drawn[0].positions;
   }
@@ -40,34 +45,34 @@ export class GroupedMotion {
     return this.drawn[0].normals;
   }
 
-  /** Groups that count at a time as far as float32 goes. */
+  /** List the groups whose weight at a time float32 can resolve. */
   groupsNear(time) {
     const { animation } = this;
     const [first, behind] = animation.groupsAt(time);
-    const frame = frameAt(animation.times, time);
+    const frame = findFrame(animation.times, time);
     const near = [];
     for (let index = first; index < behind; index++) {
       const { firstFrame, frameCount } = animation.groups[index];
       const away = Math.max(firstFrame - frame, frame - (firstFrame + frameCount - 1));
-      if (away <= FAR_FRAMES) near.push(index);
+      if (away <= NEGLIGIBLE_AFTER_FRAMES) near.push(index);
     }
     return near;
   }
 
-  /** Upload a group ahead of its time. */
+  /** Upload a group before it is needed. */
   prefetch(index) {
     this._begin();
     if (this.fits(index)) this._group(index);
   }
 
-  /** Upload the group that comes after a time [s], if there is one. */
+  /** Upload the group that follows a time [s], if there is one. */
   prefetchAfter(time) {
     const { animation } = this;
-    const next = animation.groupOf(frameAt(animation.times, time)) + 1;
+    const next = animation.groupOf(findFrame(animation.times, time)) + 1;
     if (next < animation.groupCount) this.prefetch(next);
   }
 
-  /** Make positions and normals at a time [s]: the buffers of `drawn` hold them. */
+  /** Compute positions and normals at a time [s] into the buffers of `drawn`. */
   evaluate(time) {
     this._begin();
     const near = this.groupsNear(time);
@@ -80,23 +85,23 @@ export class GroupedMotion {
     this._writeDrawn();
   }
 
-  /** Take positions from elsewhere, and make normals of them. */
+  /** Show the given positions and compute their normals. */
   show(positions) {
     this._begin();
     this._uploadPositions(positions);
     this._writeDrawn();
   }
 
-  /** What `_uploadGroup` made of a group, now or before. */
+  /** Return a group as `_uploadGroup` returned it; upload it only if it is not kept. */
   _group(index) {
     let found = this.#groups.get(index);
     if (found) {
       this.#groups.delete(index);
     } else {
       found = this._uploadGroup(index);
-      if (this.#groups.size >= MOST_GROUPS) this.#drop(this.#groups.keys().next().value);
+      if (this.#groups.size >= MAX_KEPT_GROUPS) this.#drop(this.#groups.keys().next().value);
     }
-    this.#groups.set(index, found); // the latest comes last
+    this.#groups.set(index, found);  // insertion order: the latest used comes last
     return found;
   }
 
@@ -110,11 +115,11 @@ export class GroupedMotion {
   }
 }
 
-/** The vertices of an animation, in order. */
-export const allVertices = ({ vertexCount }) => Uint32Array.from({ length: vertexCount }, (_, vertex) => vertex);
+/** List all vertices of an animation, in order. */
+export const listVertices = ({ vertexCount }) => Uint32Array.from({ length: vertexCount }, (_, vertex) => vertex);
 
-/** The last frame that is not after a time; the first one before all. */
-export function frameAt(times, time) {
+/** Return the last frame that is not after a time; before the clip, the first frame. */
+export function findFrame(times, time) {
   let low = 0;
   let high = times.length;
   while (high - low > 1) {
@@ -125,16 +130,19 @@ export function frameAt(times, time) {
   return low;
 }
 
-/** The two frames around a time, and the share of each: corrections go from one to the other in a straight line. */
-export function framesAround(times, time) {
-  const left = frameAt(times, time);
+/** Return the two frames around a time and their weights: corrections are interpolated linearly. */
+export function findFramesAround(times, time) {
+  const left = findFrame(times, time);
   const right = Math.min(left + 1, times.length - 1);
   const share = right > left ? Math.min(Math.max((time - times[left]) / (times[right] - times[left]), 0), 1) : 0;
   return { frames: [left, right], shares: [1 - share, share] };
 }
 
-/** Weights of a group at a time, four numbers a function: of x, y and z where axes have fields in common, else one. */
-export function weightRows(animation, time, index, padding = 0) {
+/**
+ * Return a group's weights at a time, four numbers per function: x, y and z if the axes share a field, otherwise one
+ * number.
+ */
+export function packWeights(animation, time, index, padding = 0) {
   const { functionCount, axisCount } = animation.groups[index];
   const weights = animation.weights(time, index);
   const rows = new Float32Array(4 * (functionCount + padding));
@@ -144,8 +152,8 @@ export function weightRows(animation, time, index, padding = 0) {
   return rows;
 }
 
-/** Corrections by vertex, of each vertex by frame (x, y, z and the frame), and where each vertex's begin. */
-export function correctionsByVertex(animation, index) {
+/** Sort corrections by vertex and frame (rows of x, y, z, frame); `starts` gives each vertex's first row. */
+export function sortCorrectionsByVertex(animation, index) {
   const { vertexCount } = animation;
   const { frames, vertices, offsets } = animation.corrections(index);
   const starts = new Uint32Array(vertexCount + 1);

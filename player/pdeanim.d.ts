@@ -1,4 +1,4 @@
-/** What can go wrong: `code` says of which kind it is. */
+/** An error; `code` tells its kind. */
 export class PdeanimError extends Error {
   code:
     | "corrupt"
@@ -11,11 +11,11 @@ export class PdeanimError extends Error {
     | "bytes-missing";
   /** Byte of the file, or -1. */
   offset: number;
-  /** Frame, or -1. */
+  /** Frame index, or -1. */
   frame: number;
 }
 
-/** Where bytes of a file come from. */
+/** Provides bytes of a file. */
 export interface Source {
   readonly size: number;
   readonly isMissing: boolean;
@@ -31,23 +31,23 @@ export class MemorySource implements Source {
   read(offset: number, size: number): Uint8Array;
 }
 
-/** A file at an address, read in parts. */
+/** A file at a URL, read in parts. */
 export class HttpSource implements Source {
   static open(address: string | URL, request?: RequestInit): Promise<HttpSource>;
   readonly size: number;
   readonly isMissing: boolean;
-  /** Bytes that were fetched so far. */
+  /** Bytes fetched so far. */
   readonly bytesFetched: number;
   read(offset: number, size: number): Uint8Array | null;
   fetchMissing(): Promise<void>;
 }
 
 export interface OpenOptions {
-  /** Bytes that the file may ask for; 2 GiB where nothing is said. */
+  /** Most memory [bytes] that decoding the file may take [default: 2 GiB]. */
   maxMemory?: number;
-  /** What requests are made with, such as headers. */
+  /** Options for `fetch`, such as headers. */
   request?: RequestInit;
-  /** The module, where it is not beside the script. */
+  /** The WebAssembly module, if `pdeanim.wasm` is not next to the script. */
   wasm?: BufferSource;
 }
 
@@ -55,9 +55,9 @@ export interface AnimatedObject {
   name: string;
   firstVertex: number;
   vertexCount: number;
-  /** Corners of each face. */
+  /** Number of corners of each face. */
   faceSizes: Int32Array;
-  /** Their vertices, face after face, from 0 within the object. */
+  /** Vertices of the corners, face after face, counted from 0 within the object. */
   faceIndices: Int32Array;
   lineSizes: Int32Array;
   lineIndices: Int32Array;
@@ -69,9 +69,9 @@ export interface Attribute {
   columns: number;
   /** Row after row. */
   values: Float32Array | Float64Array | Int32Array | BigInt64Array | Uint8Array;
-  /** Row of each element, -1 for none; null: element k has row k. */
+  /** Row of each element, -1 for none; null if element k has row k. */
   indices: Int32Array | null;
-  /** What integers stand for, if they do. */
+  /** Names of the integer values, if they have names. */
   labels: string[];
 }
 
@@ -79,14 +79,14 @@ export interface FrameGroup {
   firstFrame: number;
   frameCount: number;
   functionCount: number;
-  /** Of a field: 1 where all axes have it in common, else 3. */
+  /** Components of a field: 1 if all axes share the field, otherwise 3. */
   axisCount: 1 | 3;
 }
 
 export interface Corrections {
   frames: Int32Array;
   vertices: Int32Array;
-  /** x, y, z of one after the other [scene units]. */
+  /** x, y, z of each correction [scene units]. */
   offsets: Float32Array;
 }
 
@@ -97,16 +97,16 @@ export interface Section {
 }
 
 export interface EvaluateOptions {
-  /** One object's vertices alone. */
+  /** Evaluate the vertices of this object only. */
   object?: number;
-  /** Written to, and returned. */
+  /** Array to write to; it is returned. */
   out?: Float32Array;
 }
 
-/** Compile the decoder ahead of the first `open`. */
+/** Compile the decoder before the first `open`. */
 export function compile(bytes?: BufferSource): Promise<WebAssembly.Module>;
 
-/** A deforming mesh, at any time. */
+/** A deforming mesh that can be evaluated at any time. */
 export class PdeAnimation {
   private constructor();
   static open(
@@ -119,14 +119,14 @@ export class PdeAnimation {
   readonly objectCount: number;
   readonly runCount: number;
   readonly groupCount: number;
-  /** Frames a second, as the file was made for. */
+  /** Nominal frame rate [frames per second]. */
   readonly frameRate: number;
-  /** Of the frames [s]. */
+  /** Times of the frames [s]. */
   readonly times: Float64Array;
   /** First and last time [s]. */
   readonly start: number;
   readonly end: number;
-  /** Bytes of the file. */
+  /** Size of the file [bytes]. */
   readonly fileSize: number;
 
   prepare(time: number): Promise<void>;

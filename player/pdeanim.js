@@ -1,11 +1,12 @@
 /**
- * Deforming meshes of `.pdeanim` files, at any time.
+ * Evaluates the deforming meshes of `.pdeanim` files at any time.
  *
  *     const animation = await PdeAnimation.open("cloth.pdeanim");
  *     await animation.prepare(1.25);
- *     const points = animation.positions(1.25); // x, y, z of one vertex after the other
+ *     const points = animation.positions(1.25); // x, y, z of each vertex in turn
  *
- * Vertices of all objects are numbered through: those of the first object, then those of the second.
+ * Vertices of all objects are numbered in one row: first those of the first object, then those of the second, and so
+ * on.
  */
 import { Core } from "./core.js";
 import { PdeanimError } from "./errors.js";
@@ -19,25 +20,25 @@ const POSITIONS = 0;
 const VELOCITIES = 1;
 const ACCELERATIONS = 2;
 
-/** What a file may ask for, where nothing is said: half of what WebAssembly can address. */
-const MOST_BYTES = 2 ** 31;
+/** Default of `maxMemory` [bytes]: half of what WebAssembly can address. */
+const DEFAULT_MAX_MEMORY = 2 ** 31;
 
 const ALL_OBJECTS = -1n;
 const DOMAINS = ["vertices", "faces", "corners", "object"];
 const TYPES = [Float32Array, Float64Array, Int32Array, BigInt64Array, Uint8Array];
-const CORRECTION_NUMBERS = 5;
+const WORDS_PER_CORRECTION = 5;
 
 export class PdeAnimation {
   /**
-   * Open a file: its bytes, its address, or a source of them. Of an address only headers are read.
+   * Open a file, given its bytes, its URL or a source. From a URL only the headers are read.
    * @param {ArrayBuffer | ArrayBufferView | string | URL | MemorySource | HttpSource} from
-   * @param {{ maxMemory?: number, request?: RequestInit, wasm?: BufferSource }} options bytes that the file may ask for;
-   *     what requests are made with; the module, where it is not beside this one
+   * @param {{ maxMemory?: number, request?: RequestInit, wasm?: BufferSource }} options most memory [bytes] that decoding may
+   *     take; options for `fetch`; the WebAssembly module, if it is not next to this script
    * @returns {Promise<PdeAnimation>}
    */
   static async open(from, options = {}) {
-    const core = await Core.start(await sourceOf(from, options.request), options.wasm);
-    const handle = await core.fetched(() => core.open(options.maxMemory ?? MOST_BYTES));
+    const core = await Core.start(await makeSource(from, options.request), options.wasm);
+    const handle = await core.retryUntilFetched(() => core.open(options.maxMemory ?? DEFAULT_MAX_MEMORY));
     return new PdeAnimation(core, handle);
   }
 
@@ -47,7 +48,7 @@ export class PdeAnimation {
   #objects = new Map();
   #groups = null;
 
-  /** For `open` and `run` alone. */
+  /** Called by `open` and `run` only. */
   constructor(core, handle) {
     this.#core = core;
     this.#pointer = handle;
@@ -61,7 +62,7 @@ export class PdeAnimation {
     this.times = core.copy(Float64Array, functions.pdeanim_times(handle), this.frameCount);
   }
 
-  /** Bytes of the file. */
+  /** Size of the file [bytes]. */
   get fileSize() {
     return this.#core.source.size;
   }
@@ -76,11 +77,11 @@ export class PdeAnimation {
   }
 
   /**
-   * Read from the file's address what positions, velocities and accelerations at a time need, with mesh and attributes.
-   * Of a file in memory nothing is left to do.
+   * Fetch everything that positions, velocities and accelerations at a time [s] need, and the mesh and its attributes.
+   * Returns at once if the file is in memory.
    */
   async prepare(time) {
-    await this.#core.fetched(() => {
+    await this.#core.retryUntilFetched(() => {
       const run = this.at(time);
       for (let object = 0; object < run.objectCount; object++) {
         run.object(object);
@@ -91,17 +92,20 @@ export class PdeAnimation {
     });
   }
 
-  /** The run of frames that holds at a time [s], with faces of its own: of most files it is this one. */
+  /**
+   * Return the run of frames, with its own faces, that is shown at a time [s]; most files have one run and return
+   * themselves.
+   */
   at(time) {
     return this.runCount === 1 ? this : this.run(Number(this.#core.functions.pdeanim_run_at(this.#handle, time)));
   }
 
-  /** The first frame of a run; of the number of runs the number of frames. */
+  /** Return the first frame of a run; for `runCount`, the number of frames. */
   firstFrameOfRun(run) {
     return Number(this.#core.functions.pdeanim_first_frame_of_run(this.#handle, BigInt(run)));
   }
 
-  /** One run of frames, which stays open as long as this is. */
+  /** Open one run of frames; it stays open until this animation is closed. */
   run(index) {
     if (!this.#runs.has(index)) {
       const core = this.#core;
@@ -112,8 +116,8 @@ export class PdeAnimation {
   }
 
   /**
-   * An object: its name, its place among the vertices, and its faces and lines: how many corners each has, and the corners'
-   * vertices, from 0 within the object.
+   * Return an object: its name, its range of vertices, its faces and lines. Sizes count the corners of each face or
+   * line; indices are the corners' vertices, counted from 0 within the object.
    */
   object(index) {
     if (!this.#objects.has(index)) {
@@ -140,8 +144,8 @@ export class PdeAnimation {
   }
 
   /**
-   * Attributes of an object, such as UVs: of each its name, domain, rows of so many columns, and the row of each element
-   * (-1 for none), or null where element k has row k; labels are what integers stand for.
+   * Return the attributes of an object, such as UVs: name, domain, rows of values, and the row of each element (-1 for
+   * none), or null if element k has row k. Labels name integer values.
    */
   attributes(object) {
     const core = this.#core;
@@ -168,8 +172,8 @@ export class PdeAnimation {
   }
 
   /**
-   * Positions [scene units] of all vertices, or of one object's: x, y, z of one after the other. Before the first frame and
-   * after the last one the mesh stands still.
+   * Return the positions [scene units] of all vertices, or of one object's: x, y, z of each in turn. The mesh rests before the
+   * first frame and after the last one.
    * @param {number} time [s]
    * @param {{ object?: number, out?: Float32Array }} options
    * @returns {Float32Array}
@@ -178,12 +182,12 @@ export class PdeAnimation {
     return this.#evaluate(POSITIONS, time, options);
   }
 
-  /** Velocities [scene units / s], as `positions` gives positions. */
+  /** Return velocities [scene units / s], laid out like positions. */
   velocities(time, options = {}) {
     return this.#evaluate(VELOCITIES, time, options);
   }
 
-  /** Accelerations [scene units / s^2]. */
+  /** Return accelerations [scene units / s^2], laid out like positions. */
   accelerations(time, options = {}) {
     return this.#evaluate(ACCELERATIONS, time, options);
   }
@@ -194,10 +198,10 @@ export class PdeAnimation {
     const which = object === undefined ? ALL_OBJECTS : BigInt(object);
     core.view.setFloat64(core.scratch, time, true);
     const work = (at) => core.call("evaluate", this.#handle, quantity, core.scratch, 1, which, at);
-    return core.filled(Float32Array, 3 * vertices, work, out);
+    return core.readArray(Float32Array, 3 * vertices, work, out);
   }
 
-  /** Groups of frames: of each its frames, its functions of time, and the axes of their fields, 1 or 3. */
+  /** Groups of frames: their frames, their number of functions of time, and the components (1 or 3) of their fields. */
   get groups() {
     this.#groups ??= Array.from({ length: this.groupCount }, (_, index) => {
       const core = this.#core;
@@ -210,17 +214,17 @@ export class PdeAnimation {
     return this.#groups;
   }
 
-  /** The group of a frame. */
+  /** Return the group of a frame. */
   groupOf(frame) {
     return this.groups.findIndex((group) => frame < group.firstFrame + group.frameCount);
   }
 
-  /** The reference frame [scene units]: x, y, z of one vertex after the other. */
+  /** Return the reference frame [scene units]: x, y, z of each vertex in turn. */
   reference() {
-    return this.#core.filled(Float32Array, 3 * this.vertexCount, (at) => this.#core.call("reference", this.#handle, at));
+    return this.#core.readArray(Float32Array, 3 * this.vertexCount, (at) => this.#core.call("reference", this.#handle, at));
   }
 
-  /** Groups that count for positions at a time: the first, and one behind the last. */
+  /** Return the groups that contribute to positions at a time: the first, and one past the last. */
   groupsAt(time) {
     const core = this.#core;
     core.call("groups_at", this.#handle, POSITIONS, time, core.scratch, core.scratch + 8);
@@ -228,43 +232,48 @@ export class PdeAnimation {
     return [first, first + core.number(core.scratch + 8)];
   }
 
-  /** Weights of a group's functions for positions at a time: of each axis one after the other where fields have one. */
+  /**
+   * Return the weights of a group's functions for positions at a time; if axes share a field, all weights of x, then y,
+   * then z.
+   */
   weights(time, group) {
     const { functionCount, axisCount } = this.groups[group];
     const count = axisCount === 3 ? functionCount : 3 * functionCount;
     const work = (at) => this.#core.call("weights", this.#handle, POSITIONS, time, BigInt(group), at);
-    return this.#core.filled(Float64Array, count, work);
+    return this.#core.readArray(Float64Array, count, work);
   }
 
-  /** Fields of a group [scene units]: of each function all vertices, of each vertex its axes. */
+  /** Return the fields of a group [scene units]: function by function, vertex by vertex, component by component. */
   fields(group) {
     const { functionCount, axisCount } = this.groups[group];
     const work = (at) => this.#core.call("fields", this.#handle, BigInt(group), at);
-    return this.#core.filled(Float32Array, functionCount * axisCount * this.vertexCount, work);
+    return this.#core.readArray(Float32Array, functionCount * axisCount * this.vertexCount, work);
   }
 
-  /** What the fields lack at frames of a group: frames, vertices, and x, y, z of each. */
+  /**
+   * Return the corrections that are added to the fields at frames of a group: frames, vertices, and x, y, z of each.
+   */
   corrections(group) {
     const core = this.#core;
     core.call("corrections", this.#handle, BigInt(group), core.scratch, core.scratch + 8);
     const count = core.number(core.scratch + 8);
     const place = core.pointer(core.scratch);
-    const whole = core.copy(Int32Array, place, CORRECTION_NUMBERS * count);
+    const whole = core.copy(Int32Array, place, WORDS_PER_CORRECTION * count);
     const single = new Float32Array(whole.buffer);
     const frames = new Int32Array(count);
     const vertices = new Int32Array(count);
     const offsets = new Float32Array(3 * count);
     for (let k = 0; k < count; k++) {
-      frames[k] = whole[CORRECTION_NUMBERS * k];
-      vertices[k] = whole[CORRECTION_NUMBERS * k + 1];
-      offsets.set(single.subarray(CORRECTION_NUMBERS * k + 2, CORRECTION_NUMBERS * (k + 1)), 3 * k);
+      frames[k] = whole[WORDS_PER_CORRECTION * k];
+      vertices[k] = whole[WORDS_PER_CORRECTION * k + 1];
+      offsets.set(single.subarray(WORDS_PER_CORRECTION * k + 2, WORDS_PER_CORRECTION * (k + 1)), 3 * k);
     }
     return { frames, vertices, offsets };
   }
 
-  /** The patch, or the piece of a curve, that each vertex belongs to. */
+  /** Return the patch, or the piece of a curve, that each vertex belongs to. */
   elements() {
-    return this.#core.filled(Int32Array, this.vertexCount, (at) => this.#core.call("elements", this.#handle, at));
+    return this.#core.readArray(Int32Array, this.vertexCount, (at) => this.#core.call("elements", this.#handle, at));
   }
 
   /** Sections of the file: type, offset and length [bytes]. */
@@ -278,12 +287,12 @@ export class PdeAnimation {
     });
   }
 
-  /** Check every byte, and that everything decodes. */
+  /** Check every byte, and that everything decodes; throw if not. */
   verify() {
     this.#core.call("verify", this.#handle);
   }
 
-  /** Give back what is decoded. Runs that were opened go with it. */
+  /** Free what is decoded, and close all runs that were opened. */
   close() {
     for (const run of this.#runs.values()) run.close();
     this.#runs.clear();
@@ -297,9 +306,9 @@ export class PdeAnimation {
   }
 }
 
-async function sourceOf(from, request) {
+async function makeSource(from, request) {
   if (typeof from === "string" || from instanceof URL) return HttpSource.open(from, request);
   if (from instanceof ArrayBuffer || ArrayBuffer.isView(from)) return new MemorySource(from);
   if (typeof from?.read === "function") return from;
-  throw new PdeanimError("open takes bytes, an address or a source", "argument");
+  throw new PdeanimError("open takes bytes, a URL or a source of bytes", "argument");
 }

@@ -1,6 +1,6 @@
 import { PdeanimError } from "./errors.js";
 
-/** Bytes that are asked for at once: a few milliseconds of a slow line, and all headers of most files. */
+/** Size of a request [bytes]: a few milliseconds on a slow line, and enough for all headers of most files. */
 const BLOCK_BYTES = 1 << 16;
 
 /** A whole file in memory. */
@@ -13,23 +13,23 @@ export class MemorySource {
     this.size = this.bytes.length;
   }
 
-  /** Bytes from `offset` on, fewer at the end of the file alone; null where they must be fetched first. */
+  /** Return bytes from `offset` on, fewer only at the end of the file; null if they must be fetched first. */
   read(offset, size) {
     return this.bytes.subarray(offset, offset + size);
   }
 
-  /** Whether there is something to be fetched. */
+  /** Whether the last read needs bytes that are not fetched yet. */
   get isMissing() {
     return false;
   }
 }
 
-/** A file at an address, of which parts are read as they are needed (HTTP ranges). */
+/** A file at a URL, read in parts as they are needed (HTTP ranges). */
 export class HttpSource {
   /**
-   * Read the first part. A server that knows no ranges sends all.
+   * Read the first part; a server that does not support ranges sends the whole file.
    * @param {string | URL} address
-   * @param {RequestInit} request what requests are made with, such as headers
+   * @param {RequestInit} request options for `fetch`, such as headers
    */
   static async open(address, request = {}) {
     const source = new HttpSource(address, request);
@@ -70,7 +70,7 @@ export class HttpSource {
     return this.#missing !== null;
   }
 
-  /** Fetch what the last read lacked. */
+  /** Fetch the bytes that the last read missed. */
   async fetchMissing() {
     const { first, behind } = this.#missing;
     await this.#fetchBlocks(first, behind);
@@ -81,10 +81,10 @@ export class HttpSource {
     const headers = new Headers(this.request.headers);
     headers.set("Range", `bytes=${first * BLOCK_BYTES}-${behind * BLOCK_BYTES - 1}`);
     const response = await fetch(this.address, { ...this.request, headers });
-    if (!response.ok) throw new PdeanimError(`${this.address}: the server answers ${response.status}`, "read-failed");
+    if (!response.ok) throw new PdeanimError(`${this.address}: the server answered ${response.status}`, "read-failed");
     const tag = response.headers.get("ETag");
     if (this.size && tag !== this.#tag) {
-      throw new PdeanimError(`${this.address}: the file has changed; open it again`, "read-failed");
+      throw new PdeanimError(`${this.address}: the file has changed on the server; open it again`, "read-failed");
     }
     this.#tag = tag;
     const bytes = new Uint8Array(await response.arrayBuffer());
@@ -92,7 +92,7 @@ export class HttpSource {
     let start = 0;
     if (response.status === 206) {
       const range = /bytes (\d+)-\d+\/(\d+)/.exec(response.headers.get("Content-Range") ?? "");
-      if (!range) throw new PdeanimError(`${this.address}: the server does not say which bytes it sends`, "read-failed");
+      if (!range) throw new PdeanimError(`${this.address}: the server did not say which bytes it sent (Content-Range)`, "read-failed");
       start = Number(range[1]);
       this.size = Number(range[2]);
     } else {

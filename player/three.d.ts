@@ -3,28 +3,30 @@ import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
 
-/** A mesh (or line segments, or points) for each object of a file, in its children; materials may be replaced. */
+/**
+ * Holds a mesh (or line segments, or points) for each object of a file as children; you may replace their materials.
+ */
 export class DeformingGroup extends Group {
   /**
-   * With a renderer (a `WebGPURenderer` after its `init()`), its graphics processor evaluates; the decoder does where there is
-   * none, and what does not fit.
+   * `renderer`: evaluate on its graphics processor (a `WebGPURenderer` only after its `init()`). Without one, or if the
+   * clip does not fit there, the decoder evaluates.
    */
   constructor(animation: PdeAnimation, options?: { renderer?: WebGLRenderer | WebGPURenderer | null });
   readonly animation: PdeAnimation;
   /** Seconds from the first frame to the last one. */
   readonly duration: number;
-  /** Show the shape at a time [s] from the clip's start. */
+  /** Show the shape at a time [s], counted from the start of the clip. */
   setTime(seconds: number): void;
-  /** Whether the graphics processor made the shape that is shown. */
+  /** Whether the graphics processor computed the shape that is shown. */
   readonly isOnGpu: boolean;
-  /** Upload the frames that come after those of now, when there is time for it. */
+  /** Upload the next group of frames, when there is time to spare. */
   prefetch(): void;
   dispose(): void;
 }
 
-/** Loads `.pdeanim` files, as three's own loaders load theirs. */
+/** Loads `.pdeanim` files with the interface of three.js loaders. */
 export class PDEAnimLoader extends Loader<DeformingGroup> {
-  /** Evaluate on the graphics processor of a renderer, the one that will draw; null for the decoder. */
+  /** Evaluate on the graphics processor of this renderer, which must be the one that draws; null: use the decoder. */
   setRenderer(renderer: WebGLRenderer | WebGPURenderer | null): this;
   load(
     url: string,

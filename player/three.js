@@ -1,12 +1,12 @@
 /**
- * Deforming meshes in three.js.
+ * Shows deforming meshes in three.js.
  *
  *     const animation = await new PDEAnimLoader().setRenderer(renderer).loadAsync("cloth.pdeanim");
  *     scene.add(animation);
- *     animation.setTime(seconds); // in the loop that draws
+ *     animation.setTime(seconds); // in the render loop
  *
- * With a renderer, positions and normals are made on the graphics processor, into buffers that are attributes of geometries as
- * any others: for every material, for shadows. Without one they are made by the decoder.
+ * With a renderer, the graphics processor computes positions and normals into buffers that serve as ordinary attributes
+ * of the geometries, so every material and shadow works. Without one, the decoder computes them.
  */
 import {
   Box3,
@@ -32,17 +32,17 @@ import { edgesOf, normalsOf, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
 import { WebGpuMotion } from "./webgpu.js";
 
-/** Loads `.pdeanim` files, as three's own loaders load theirs. */
+/** Loads `.pdeanim` files with the interface of three.js loaders. */
 export class PDEAnimLoader extends Loader {
   #renderer = null;
 
-  /** Evaluate on the graphics processor of a renderer, the one that will draw; null for the decoder. */
+  /** Evaluate on the graphics processor of this renderer, which must be the one that draws; null: use the decoder. */
   setRenderer(renderer) {
     this.#renderer = renderer;
     return this;
   }
 
-  /** Fetch a file; `onLoad` is called with a `DeformingGroup`. */
+  /** Fetch a file; `onLoad` receives a `DeformingGroup`. */
   load(url, onLoad, onProgress, onError) {
     const loader = new FileLoader(this.manager);
     loader.setPath(this.path);
@@ -57,7 +57,7 @@ export class PDEAnimLoader extends Loader {
     loader.load(url, (data) => this.parse(data, onLoad, fail), onProgress, fail);
   }
 
-  /** Make a `DeformingGroup` of the bytes of a file; `onLoad` is called with it. */
+  /** Build a `DeformingGroup` from the bytes of a file; `onLoad` receives it. */
   parse(data, onLoad, onError) {
     this.parseAsync(data).then(onLoad, onError ?? console.error);
   }
@@ -69,19 +69,19 @@ export class PDEAnimLoader extends Loader {
   }
 }
 
-/** A mesh for each object of a file; line segments for one of lines alone, points for one of vertices alone. */
+/** A mesh for each object of a file; line segments for an object of lines only, points for one of vertices only. */
 export class DeformingGroup extends Group {
   /**
    * @param {PdeAnimation} animation
-   * @param {{ renderer?: import("three").WebGLRenderer | import("three/webgpu").WebGPURenderer | null }} options the renderer
-   *     that evaluates (a `WebGPURenderer` once `init()` is done); the decoder does where there is none
+   * @param {{ renderer?: import("three").WebGLRenderer | import("three/webgpu").WebGPURenderer | null }} options evaluate on
+   *     this renderer's graphics processor (a `WebGPURenderer` only after its `init()`); without one the decoder evaluates
    */
   constructor(animation, { renderer = null } = {}) {
     super();
     this.animation = animation;
     this.duration = animation.end - animation.start;
     this.time = null;
-    this.#graphics = graphicsOf(renderer);
+    this.#graphics = makeGraphics(renderer);
     this.#graphics?.onRestored(this.#restore, true);
     this.setTime(0);
   }
@@ -90,12 +90,12 @@ export class DeformingGroup extends Group {
   #run = null;
   #motion = null;
 
-  /** Whether the graphics processor made the shape that is shown. */
+  /** Whether the graphics processor computed the shape that is shown. */
   get isOnGpu() {
     return this.#motion !== null && this.#motion.isOnGpu;
   }
 
-  /** Show the shape at a time [s] from the clip's start. */
+  /** Show the shape at a time [s], counted from the start of the clip. */
   setTime(seconds) {
     const time = this.animation.start + seconds;
     if (time === this.time) return;
@@ -108,27 +108,27 @@ export class DeformingGroup extends Group {
       const { shape, sources } = mesh.userData.pdeanim;
       shape.time = time;
       if (!this.#motion) {
-        take(attributes.position, shape.points, sources);
-        take(attributes.normal, shape.normals, sources);
+        gatherVertices(attributes.position, shape.points, sources);
+        gatherVertices(attributes.normal, shape.normals, sources);
       }
       mesh.geometry.boundingSphere = null;
       mesh.geometry.boundingBox = null;
     }
   }
 
-  /** Upload the frames that come after those of now, when there is time for it. */
+  /** Upload the next group of frames, when there is time to spare. */
   prefetch() {
     if (this.#motion) this.#graphics.work(() => this.#motion.prefetchAfter(this.time));
   }
 
-  /** Give back geometries, materials and what is decoded. */
+  /** Free geometries, materials and everything decoded. */
   dispose() {
     this.#graphics?.onRestored(this.#restore, false);
     this.#clear();
     this.animation.close();
   }
 
-  /** What the graphics processor had is gone: upload it again. */
+  /** Upload everything again after a lost context. */
   #restore = () => {
     const { time } = this;
     this.#run = null;
@@ -153,8 +153,8 @@ export class DeformingGroup extends Group {
     const parts = run.objects.map((object, index) => {
       const own = { ...object, firstVertex: 0 };
       const { triangles } = trianglesOf([own]);
-      const drawn = triangles.length ? withUvs(run.attributes(index), own, triangles) : withoutFaces(own);
-      return { shape: new Shape(run, index, triangles), ...drawn };
+      const drawn = triangles.length ? splitAtUvSeams(run.attributes(index), own, triangles) : describeFaceless(own);
+      return { shape: new DecodedShape(run, index, triangles), ...drawn };
     });
     if (this.#graphics?.holds(run)) {
       const drawn = parts.map(({ sources }, index) => sources.map((vertex) => run.object(index).firstVertex + vertex));
@@ -177,7 +177,8 @@ export class DeformingGroup extends Group {
       const material = before[index]?.type === kind ? before[index].material : MATERIALS[kind]();
       const mesh = new OBJECTS[kind](geometry, material);
       mesh.name = run.object(index).name;
-      // A sphere around the shape of each frame would take the decoder; a mesh out of sight costs its vertices.
+      // Culling needs a bounding sphere per frame, which only the decoder could compute; drawing unseen vertices is
+      // cheaper.
       mesh.frustumCulled = !drawn;
       mesh.userData.pdeanim = { shape, sources };
       this.add(mesh);
@@ -189,11 +190,11 @@ const OBJECTS = { Mesh, LineSegments, Points };
 const MATERIALS = {
   Mesh: () => new MeshStandardMaterial({ side: DoubleSide }),
   LineSegments: () => new LineBasicMaterial(),
-  Points: () => new PointsMaterial({ sizeAttenuation: false, size: 3 }), // pixels: nothing says how large they are
+  Points: () => new PointsMaterial({ sizeAttenuation: false, size: 3 }),  // pixels: files store no point size
 };
 
-/** Positions and normals of an object by the decoder, at the time that is set; made when they are asked for. */
-class Shape {
+/** Lazily decoded positions and normals of an object at `time`. */
+class DecodedShape {
   constructor(run, object, triangles) {
     Object.assign(this, { run, object, triangles, time: null });
   }
@@ -222,8 +223,8 @@ class Shape {
   }
 }
 
-/** What evaluates on the graphics processor of a renderer, or null where nothing does. */
-function graphicsOf(renderer) {
+/** Return an evaluator for the renderer's graphics processor, or null if it cannot evaluate. */
+function makeGraphics(renderer) {
   if (renderer?.isWebGLRenderer && renderer.capabilities.isWebGL2) return new WebGlGraphics(renderer);
   if (renderer?.isWebGPURenderer && renderer.backend.isWebGPUBackend && renderer.backend.device) {
     return new WebGpuGraphics(renderer);
@@ -246,10 +247,10 @@ class WebGlGraphics {
 
   attribute(buffer, sources, values) {
     const attribute = new GLBufferAttribute(buffer, this.renderer.getContext().FLOAT, 3, 4, sources.length);
-    return Object.assign(attribute, readBy(sources, values));
+    return Object.assign(attribute, makeGetters(sources, values));
   }
 
-  /** Do work with the renderer's context, and let the renderer know that its state is another one. */
+  /** Do work in the renderer's context, then make the renderer reset its cached state. */
   work(work) {
     const { renderer } = this;
     const [target, face, level] = [
@@ -262,7 +263,7 @@ class WebGlGraphics {
     renderer.setRenderTarget(target, face, level);
   }
 
-  /** Have `restore` called, or no longer, where a context that was lost came back. */
+  /** Start or stop calling `restore` when a lost context comes back. */
   onRestored(restore, isWanted) {
     const { domElement } = this.renderer;
     if (isWanted) domElement.addEventListener("webglcontextrestored", restore);
@@ -283,36 +284,36 @@ class WebGpuGraphics {
     return new WebGpuMotion(this.backend.device, run, drawn);
   }
 
-  /** An attribute that has its buffer before the renderer makes one of it. */
+  /** Make an attribute and give it its buffer before the renderer would create one. */
   attribute(buffer, sources, values) {
     const attribute = new BufferAttribute(new Float32Array(0), 3);
     attribute.count = sources.length;
     this.backend.get(attribute).buffer = buffer;
-    return Object.assign(attribute, readBy(sources, values));
+    return Object.assign(attribute, makeGetters(sources, values));
   }
 
   work(work) {
     work();
   }
 
-  /** A device that was lost does not come back. */
+  /** A lost device does not come back. */
   onRestored() {}
 }
 
-/** How an attribute that the graphics processor fills is read, by a ray or a box: from what the decoder says. */
-function readBy(sources, values) {
+/** Return getters for an attribute on the graphics processor, for rays and boxes: they read the decoder's values. */
+function makeGetters(sources, values) {
   const getComponent = (index, component) => values()[3 * sources[index] + component];
   return {
     getComponent,
     getX: (index) => getComponent(index, 0),
     getY: (index) => getComponent(index, 1),
     getZ: (index) => getComponent(index, 2),
-    // three asks for four numbers of any attribute where a ray hits, and takes three of a normal.
+    // three.js reads four components of any attribute that a ray hits, and uses three of a normal.
     getW: () => 0,
   };
 }
 
-/** Box and sphere of attributes that the graphics processor fills: three's own read arrays. */
+/** Computes box and sphere through the attributes' getters: three.js reads arrays, which are not there. */
 class GpuGeometry extends BufferGeometry {
   computeBoundingBox() {
     this.boundingBox = new Box3().setFromBufferAttribute(this.attributes.position);
@@ -330,8 +331,8 @@ class GpuGeometry extends BufferGeometry {
   }
 }
 
-/** An object of lines alone, or of vertices alone, as `withUvs` has those of faces. */
-function withoutFaces(object) {
+/** Describe an object that has only lines or only vertices, as `splitAtUvSeams` describes one with faces. */
+function describeFaceless(object) {
   const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
   const edges = edgesOf([object]);
   return edges.length
@@ -339,15 +340,15 @@ function withoutFaces(object) {
     : { kind: "Points", sources, index: null, uvs: null };
 }
 
-/** Vertices as three.js has them, one for each pair of vertex and UV: where each comes from, indices, UVs or null. */
-function withUvs(attributes, object, triangles) {
+/** Split vertices at UV seams, as three.js needs it: the source of each vertex, the indices, and the UVs or null. */
+function splitAtUvSeams(attributes, object, triangles) {
   const uv = attributes.find((attribute) => attribute.columns === 2 && attribute.name.toLowerCase().startsWith("uv"));
   if (!uv || (uv.domain !== "corners" && uv.domain !== "vertices")) {
     const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
     return { kind: "Mesh", sources, index: triangles, uvs: null };
   }
   const rowOf = (element) => (uv.indices ? uv.indices[element] : element);
-  const corners = uv.domain === "corners" ? cornersOfTriangles(object) : triangles;
+  const corners = uv.domain === "corners" ? listTriangleCorners(object) : triangles;
   const numbers = new Map();
   const sources = [];
   const uvs = [];
@@ -365,8 +366,8 @@ function withUvs(attributes, object, triangles) {
   return { kind: "Mesh", sources: Uint32Array.from(sources), index, uvs: Float32Array.from(uvs) };
 }
 
-/** Of each triangle's corners which corners of the faces they are. */
-function cornersOfTriangles({ faceSizes }) {
+/** Return which corner of the faces each corner of the triangles is. */
+function listTriangleCorners({ faceSizes }) {
   const found = [];
   let corner = 0;
   for (const size of faceSizes) {
@@ -376,7 +377,7 @@ function cornersOfTriangles({ faceSizes }) {
   return found;
 }
 
-function take(attribute, values, sources) {
+function gatherVertices(attribute, values, sources) {
   const { array } = attribute;
   for (let k = 0; k < sources.length; k++) {
     const from = 3 * sources[k];

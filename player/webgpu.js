@@ -1,25 +1,26 @@
 /**
- * Positions and normals on the graphics processor (WebGPU).
+ * Evaluates positions and normals on the graphics processor (WebGPU).
  *
- * The fields of a group of frames are uploaded once, as they stand, into a storage buffer; a frame is a few weights. A compute
- * shader adds up their products and what corrections the vertex has at the two frames around the time; a second one makes
- * normals of the sums, and writes positions and normals in the order in which they are drawn. Both buffers are vertex buffers
- * of whatever is drawn. What does not fit is evaluated by the decoder and uploaded.
+ * The fields of a group of frames are uploaded once, unchanged, into a storage buffer; each frame then needs a few
+ * weights. One compute shader sums the weighted fields and adds the vertex's corrections at the two frames around the
+ * time. A second one computes normals from the sums and writes positions and normals in drawing order. Both buffers
+ * serve as vertex buffers of any draw call. The decoder evaluates groups that do not fit, and their positions are
+ * uploaded.
  */
 import { cornersAround, trianglesOf } from "./mesh.js";
 import {
   GroupedMotion,
-  MOST_FIELD_BYTES,
-  allVertices,
-  correctionsByVertex,
-  framesAround,
-  weightRows,
+  MAX_FIELD_BYTES,
+  listVertices,
+  sortCorrectionsByVertex,
+  findFramesAround,
+  packWeights,
 } from "./motion.js";
 
-/** Vertices that one workgroup takes: what every graphics processor has. */
-const WORKGROUP = 64;
+/** Vertices per workgroup: every graphics processor supports it. */
+const WORKGROUP_SIZE = 64;
 
-/** Bits of a buffer's usage and of how it is mapped, as the standard has them: Node has no names for them. */
+/** Bits of buffer usages and map modes, from the WebGPU standard: Node does not define their names. */
 const USAGE = { mapRead: 1, copySource: 4, copyTarget: 8, vertex: 32, uniform: 64, storage: 128 };
 const MAP_READ = 1;
 
@@ -52,7 +53,7 @@ fn correctionAt(wanted: f32, first: u32, behind: u32) -> vec3f {
   return vec3f(0.0);
 }
 
-@compute @workgroup_size(${WORKGROUP})
+@compute @workgroup_size(${WORKGROUP_SIZE})
 fn main(@builtin(global_invocation_id) id: vec3u) {
   let vertex = id.x;
   if (vertex >= frame.vertices) { return; }
@@ -86,7 +87,7 @@ fn pointAt(vertex: u32) -> vec3f {
   return vec3f(points[3u * vertex], points[3u * vertex + 1u], points[3u * vertex + 2u]);
 }
 
-@compute @workgroup_size(${WORKGROUP})
+@compute @workgroup_size(${WORKGROUP_SIZE})
 fn main(@builtin(global_invocation_id) id: vec3u) {
   let place = id.x;
   if (place >= arrayLength(&sources)) { return; }
@@ -104,26 +105,26 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
   }
 }`;
 
-/** What is bound of a buffer: all of it. */
+/** Bind a whole buffer. */
 const whole = (buffer) => ({ buffer });
 
-/** Positions and normals of one animation (one run of frames), in buffers of a device. */
+/** Positions and normals of one animation (one run of frames) in buffers of a device. */
 export class WebGpuMotion extends GroupedMotion {
-  /** Whether positions and faces of an animation fit into what a device binds and dispatches. */
+  /** Whether an animation's positions and faces fit the device's limits on bindings and dispatches. */
   static holds(device, animation) {
     const { maxComputeWorkgroupsPerDimension: most, maxStorageBufferBindingSize: bytes } = device.limits;
     const corners = animation.objects.reduce((sum, { faceIndices }) => sum + faceIndices.length, 0);
-    // A fan of n - 2 triangles has less than 3 n corners, each with the two others: 8 bytes.
+    // A fan of n - 2 triangles has fewer than 3 n corners; each lists two other vertices: 8 bytes.
     const largest = Math.max(12 * animation.vertexCount, 8 * 3 * corners);
-    return largest <= bytes && Math.max(animation.vertexCount, 3 * corners) <= WORKGROUP * most;
+    return largest <= bytes && Math.max(animation.vertexCount, 3 * corners) <= WORKGROUP_SIZE * most;
   }
 
   /**
    * @param {GPUDevice} device
    * @param {import("./pdeanim.js").PdeAnimation} animation
-   * @param {Uint32Array[]} drawn of each pair of buffers the vertices that it holds, in order; all in one where nothing is said
+   * @param {Uint32Array[]} drawn for each pair of buffers, the vertices to write, in order [default: one pair with all]
    */
-  constructor(device, animation, drawn = [allVertices(animation)]) {
+  constructor(device, animation, drawn = [listVertices(animation)]) {
     super(animation);
     this.device = device;
     this.#sum = this.#pipeline(SUM_SHADER);
@@ -156,10 +157,10 @@ export class WebGpuMotion extends GroupedMotion {
   #weights;
   #frame;
 
-  /** Whether a group's fields fit. */
+  /** Whether a group's fields fit into a storage buffer. */
   fits(index) {
     const { functionCount, axisCount } = this.animation.groups[index];
-    const most = Math.min(MOST_FIELD_BYTES, this.device.limits.maxStorageBufferBindingSize);
+    const most = Math.min(MAX_FIELD_BYTES, this.device.limits.maxStorageBufferBindingSize);
     return 4 * functionCount * axisCount * this.vertexCount <= most;
   }
 
@@ -170,7 +171,7 @@ export class WebGpuMotion extends GroupedMotion {
     this.device.queue.writeBuffer(this.#latest, 0, positions);
   }
 
-  /** What the first buffer of positions holds. */
+  /** Read the first buffer of positions. */
   async readPositions() {
     const { device } = this;
     const size = 12 * this.drawn[0].count;
@@ -194,16 +195,16 @@ export class WebGpuMotion extends GroupedMotion {
   _addGroups(time, near) {
     const { animation, vertexCount } = this;
     const { queue } = this.device;
-    const { frames, shares } = framesAround(animation.times, time);
+    const { frames, shares } = findFramesAround(animation.times, time);
     let before = this.#reference;
     near.forEach((index, pass) => {
       const { functionCount, hasAxes, hasCorrections, fields, corrections, starts } = this._group(index);
       const frame = new ArrayBuffer(32);
       new Uint32Array(frame, 0, 4).set([vertexCount, functionCount, hasAxes, hasCorrections]);
       new Float32Array(frame, 16, 4).set([...frames, ...shares]);
-      // Written and read in the order of submission: the next group's may take their place.
+      // The queue keeps the order of writes and dispatches, so the next group may overwrite these.
       queue.writeBuffer(this.#frame, 0, frame);
-      queue.writeBuffer(this.#weights, 0, weightRows(animation, time, index));
+      queue.writeBuffer(this.#weights, 0, packWeights(animation, time, index));
       this.#latest = this.#sums[pass % 2];
       const bound = [this.#frame, this.#weights, fields, corrections, starts, before, this.#latest];
       this.#dispatch([[this.#sum, bound.map(whole), vertexCount]]);
@@ -222,7 +223,7 @@ export class WebGpuMotion extends GroupedMotion {
 
   _uploadGroup(index) {
     const { functionCount, axisCount } = this.animation.groups[index];
-    const { starts, rows } = correctionsByVertex(this.animation, index);
+    const { starts, rows } = sortCorrectionsByVertex(this.animation, index);
     return {
       functionCount,
       hasAxes: axisCount === 3 ? 1 : 0,
@@ -242,7 +243,7 @@ export class WebGpuMotion extends GroupedMotion {
     return this.device.createComputePipeline({ layout: "auto", compute: { module, entryPoint: "main" } });
   }
 
-  /** Run pipelines, each with what is bound to it, once for each of so many vertices. */
+  /** Run pipelines, each with its bindings and its number of vertices. */
   #dispatch(runs) {
     const { device } = this;
     const encoder = device.createCommandEncoder();
@@ -252,7 +253,7 @@ export class WebGpuMotion extends GroupedMotion {
       const entries = bound.map((resource, binding) => ({ binding, resource }));
       pass.setPipeline(pipeline);
       pass.setBindGroup(0, device.createBindGroup({ layout: pipeline.getBindGroupLayout(0), entries }));
-      pass.dispatchWorkgroups(Math.ceil(count / WORKGROUP));
+      pass.dispatchWorkgroups(Math.ceil(count / WORKGROUP_SIZE));
     }
     pass.end();
     device.queue.submit([encoder.finish()]);
@@ -264,7 +265,9 @@ export class WebGpuMotion extends GroupedMotion {
     return buffer;
   }
 
-  /** A buffer that shaders read and write; none is smaller than one element of what a shader may bind it as. */
+  /**
+   * Create a buffer that shaders read and write, at least as large as the largest element type that a shader declares.
+   */
   #empty(size, usage = 0) {
     const always = USAGE.storage | USAGE.copySource | USAGE.copyTarget;
     return this.device.createBuffer({ size: Math.max(size, 16), usage: always | usage });

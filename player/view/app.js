@@ -1,34 +1,34 @@
-/** The page: opens what it holds, plays it, and shows what one asks for. */
+/** The page of the viewer: opens the embedded clips, plays them and handles the controls. */
 import { compile, PdeAnimation } from "pdeanim";
-import { frameAt } from "pdeanim/motion.js";
+import { findFrame } from "pdeanim/motion.js";
 
 import { OrbitCamera } from "pdeanim/view/camera.js";
-import { bytesOf, Clip, Original, unpacked } from "pdeanim/view/clip.js";
-import { distances, FrameErrors, largest } from "pdeanim/view/errors.js";
+import { decodeBase64, Clip, Original, gunzip } from "pdeanim/view/clip.js";
+import { distances, FrameErrors, findLargest } from "pdeanim/view/errors.js";
 import * as panel from "pdeanim/view/panel.js";
 import { Stage } from "pdeanim/view/stage.js";
 
 const SPEEDS = [0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 4];
 const SHADINGS = { smooth: "smooth", flat: "flat", edges: "smooth with edges", wireframe: "wireframe" };
-const COLOURINGS = [["plain", "one colour"], ["patches", "patches or curves"]];
+const COLOURINGS = [["plain", "one colour"], ["patches", "by patch or curve"]];
 
-/** What views of two clips are called; the first clip is A, the other one B. */
-const VIEWS = { side: "side by side", a: "A alone", b: "B alone", over: "B as wires over A", change: "A in colours of error" };
+/** Names of the views of two clips; A is the first clip, B the second. */
+const VIEWS = { side: "side by side", a: "A only", b: "B only", over: "B as a wireframe over A", change: "A coloured by error" };
 
 const KEYS = [
-  ["space", "play, pause"],
-  ["← →", "frame by frame; with shift a tenth"],
-  ["home end", "first, last"],
+  ["space", "play or pause"],
+  ["← →", "previous, next frame; with shift a tenth of a frame"],
+  ["home end", "first, last frame"],
   ["[ ]", "slower, faster"],
-  ["s", "shading"],
-  ["c", "colour"],
-  ["o", "object"],
-  ["v", "view of two"],
-  ["f", "whole mesh in sight"],
+  ["s", "next shading"],
+  ["c", "next colouring"],
+  ["o", "next object"],
+  ["v", "next view of two clips"],
+  ["f", "show the whole mesh"],
 ];
 
-/** Steps over a group of frames at which is looked how far its shapes reach. */
-const FITTED_TIMES = 6;
+/** Number of steps over a group of frames at which its extent is sampled. */
+const EXTENT_STEPS = 6;
 
 const byId = (id) => document.getElementById(id);
 
@@ -42,12 +42,12 @@ class App {
   async start(data) {
     const canvas = byId("canvas");
     this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-    if (!this.gl) throw new Error("this browser has no WebGL 2");
-    await compile(data.wasm && (await unpacked(await bytesOf(data.wasm))));
+    if (!this.gl) throw new Error("this browser does not support WebGL 2; try another one");
+    await compile(data.wasm && (await gunzip(await decodeBase64(data.wasm))));
     this.stage = new Stage(this.gl);
     this.clips = [];
     for (const { name, data: text, address } of data.clips) {
-      const animation = await PdeAnimation.open(text ? await bytesOf(text) : await this.#fetched(address));
+      const animation = await PdeAnimation.open(text ? await decodeBase64(text) : await this.#fetched(address));
       this.clips.push(new Clip(this.gl, animation, name));
     }
     const [first] = this.clips;
@@ -75,19 +75,19 @@ class App {
 
   async #fetched(address) {
     const response = await fetch(address);
-    if (!response.ok) throw new Error(`${address}: the server answers ${response.status}`);
+    if (!response.ok) throw new Error(`${address}: the server answered ${response.status}`);
     return response.arrayBuffer();
   }
 
   async #takeOriginal({ name, step, data }) {
-    const differences = new Int16Array(await unpacked(await bytesOf(data)));
+    const differences = new Int16Array(await gunzip(await decodeBase64(data)));
     this.second = new Original(this.gl, this.first, differences, step, name);
   }
 
   #compare() {
     const [a, b] = [this.animation, this.second.animation ?? this.animation];
     if (a.runCount > 1 || b.runCount > 1 || a.vertexCount !== b.vertexCount) {
-      this.say("the two have different vertices: no distances");
+      this.say("no distances: the two clips have different vertices");
     } else {
       this.errors = new FrameErrors(this.first, this.second);
       this.chart = new panel.ErrorChart(byId("chart"), a, (time) => this.seek(time));
@@ -97,11 +97,11 @@ class App {
     }
     byId("comparing").hidden = false;
     if (!this.errors) byId("compare").querySelector('[value="change"]').remove();
-    this.#option("colour", this.errors ? [...COLOURINGS, ["error", "error"]] : COLOURINGS);
+    this.#option("colour", this.errors ? [...COLOURINGS, ["error", "by error"]] : COLOURINGS);
     byId("compare").value = this.errors ? "change" : "side";
   }
 
-  /** A choice: values with what they are called, in this order. */
+  /** Fill a select element with (value, text) pairs. */
   #option(id, choices, chosen) {
     const select = byId(id);
     const before = chosen ?? select.value;
@@ -136,8 +136,8 @@ class App {
     this.camera.follow(byId("canvas"), () => this.#draw());
     document.addEventListener("keydown", (event) => this.#key(event));
     const { length } = data.clips;
-    byId("summary").textContent = `${animation.frameCount} frames, ${panel.bytesText(this.animation.fileSize)}${
-      length > 1 ? ` against ${panel.bytesText(this.clips[1].animation.fileSize)}` : ""
+    byId("summary").textContent = `${animation.frameCount} frames, ${panel.formatBytes(this.animation.fileSize)}${
+      length > 1 ? ` against ${panel.formatBytes(this.clips[1].animation.fileSize)}` : ""
     }`;
     byId("keys").replaceChildren();
     for (const [key, what] of KEYS) {
@@ -155,7 +155,7 @@ class App {
   #key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { times, start, end } = this.animation;
-    const frame = frameAt(times, this.time);
+    const frame = findFrame(times, this.time);
     const step = (direction) => {
       const gap = times.length > 1 ? (end - start) / (times.length - 1) : 0;
       if (event.shiftKey) return this.time + 0.1 * direction * gap;
@@ -223,14 +223,14 @@ class App {
     this.#draw();
   }
 
-  /** In sight, whole: the shape of now, and as it moves in the group of frames of now, which is decoded anyway. */
+  /** Frame the whole mesh: its extent over the current group of frames, which is decoded anyway. */
   fit() {
     const { object } = this;
     const run = this.animation.at(this.time);
-    const { firstFrame, frameCount } = run.groups[run.groupOf(frameAt(run.times, this.time))];
+    const { firstFrame, frameCount } = run.groups[run.groupOf(findFrame(run.times, this.time))];
     const [low, high] = [Array(3).fill(Infinity), Array(3).fill(-Infinity)];
-    for (let k = 0; k <= FITTED_TIMES; k++) {
-      const time = run.times[firstFrame + Math.round((k / FITTED_TIMES) * (frameCount - 1))];
+    for (let k = 0; k <= EXTENT_STEPS; k++) {
+      const time = run.times[firstFrame + Math.round((k / EXTENT_STEPS) * (frameCount - 1))];
       run.positions(time, object === null ? {} : { object }).forEach((value, place) => {
         low[place % 3] = Math.min(low[place % 3], value);
         high[place % 3] = Math.max(high[place % 3], value);
@@ -262,7 +262,7 @@ class App {
     canvas.width = Math.max(Math.round(canvas.clientWidth * scale), 1);
     canvas.height = Math.max(Math.round(canvas.clientHeight * scale), 1);
     const style = getComputedStyle(document.documentElement);
-    const colour = (name) => panel.numbersOf(style.getPropertyValue(name).trim());
+    const colour = (name) => panel.parseColour(style.getPropertyValue(name).trim());
     this.look = { page: colour("--page"), mesh: colour("--mesh"), other: colour("--second"), pointSize: 3 * scale };
     panel.drawTicks(byId("ticks"), this.animation, style.getPropertyValue("--quiet"));
     this.#draw();
@@ -303,7 +303,7 @@ class App {
 
   #showState(view, isHeat, most) {
     byId("time").value = this.time;
-    byId("now").textContent = panel.timeText(this.animation, this.time);
+    byId("now").textContent = panel.formatTime(this.animation, this.time);
     const names = view === "side" ? [this.first.name, this.second.name] : [];
     byId("labels").replaceChildren(
       ...names.map((name, k) => {
@@ -316,7 +316,7 @@ class App {
     const legend = byId("legend");
     legend.hidden = !isHeat;
     if (isHeat) {
-      legend.innerHTML = `<i style="background:${RAMP}"></i><div><span>0</span><span>distance</span><span>${panel.lengthText(most)}</span></div>`;
+      legend.innerHTML = `<i style="background:${COLOUR_RAMP}"></i><div><span>0</span><span>distance</span><span>${panel.formatLength(most)}</span></div>`;
     }
     this.#drawErrors();
   }
@@ -325,13 +325,13 @@ class App {
     if (!this.errors) return;
     const { errors } = this;
     this.chart.draw(errors, this.time);
-    byId("measured").textContent = errors.isDone ? "" : `(${errors.count} of ${errors.most.length} measured)`;
+    byId("measured").textContent = errors.isDone ? "" : `(${errors.count} of ${errors.most.length} frames measured)`;
     const { value, vertex, frame } = errors.worst;
     this.#markWorst();
-    byId("worst").textContent = `Worst: ${panel.lengthText(value)} at vertex ${vertex} of frame ${frame}.`;
+    byId("worst").textContent = `Worst: ${panel.formatLength(value)} at vertex ${vertex} in frame ${frame}.`;
   }
 
-  /** A ring around the worst vertex, at its frame, where A fills the picture in colours of error. */
+  /** Place a ring around the worst vertex if its frame is shown and A is coloured by error. */
   #markWorst() {
     const { vertex, frame } = this.errors.worst;
     const mark = byId("mark");
@@ -344,7 +344,7 @@ class App {
     mark.style.top = `${100 * y}%`;
   }
 
-  /** For tests: positions as the graphics processor has them at a time. */
+  /** Return the positions on the graphics processor at a time, for tests. */
   readPositions(time) {
     this.pause();
     this.seek(time);
@@ -353,11 +353,11 @@ class App {
   }
 
   worstVertexNow() {
-    return largest(distances(this.first.positions(this.time), this.second.positions(this.time)));
+    return findLargest(distances(this.first.positions(this.time), this.second.positions(this.time)));
   }
 }
 
-const RAMP = "linear-gradient(90deg, #29459e, #219e99, #fad44a, #d62629)";
+const COLOUR_RAMP = "linear-gradient(90deg, #29459e, #219e99, #fad44a, #d62629)";
 const WIRES = { shading: "wireframe", colouring: "plain" };
 
 const app = new App();

@@ -1,11 +1,14 @@
-/** A camera that turns around a point: drag, wheel, pinch, or keys. Matrices are column after column, as WebGL has them. */
+/**
+ * A camera that orbits a point, driven by drag, wheel, pinch or keys. Matrices are in column-major order, as WebGL
+ * expects.
+ */
 
 const FIELD_OF_VIEW = Math.PI / 5;
-const STEEPEST = Math.PI / 2 - 0.01;
+const MAX_PITCH = Math.PI / 2 - 0.01;
 
-/** How far one pixel turns [radians], and what one notch of a wheel makes the distance larger by. */
-const TURN = 0.008;
-const NOTCH = 1.0015;
+/** Rotation per pixel of dragging [radians]; factor on the distance per unit of wheel movement. */
+const RADIANS_PER_PIXEL = 0.008;
+const ZOOM_PER_WHEEL_UNIT = 1.0015;
 
 export class OrbitCamera {
   yaw = 0.6;
@@ -14,7 +17,7 @@ export class OrbitCamera {
   target = [0, 0, 0];
   size = 1;
 
-  /** Look at a box, whole. `up`: 1 for y, 2 for z. */
+  /** Frame a whole box. `up` is the vertical axis: 1 for y, 2 for z. */
   fit(low, high, up = 1) {
     this.up = up;
     this.target = low.map((value, axis) => (value + high[axis]) / 2);
@@ -22,7 +25,7 @@ export class OrbitCamera {
     this.distance = (0.5 * this.size) / Math.sin(FIELD_OF_VIEW / 2);
   }
 
-  /** Axes of the view: to the right, up, and towards the camera. */
+  /** Return the axes of the view: right, up, and towards the camera. */
   axes() {
     const [side, height] = [Math.cos(this.pitch), Math.sin(this.pitch)];
     const back = this.#turned([side * Math.sin(this.yaw), height, side * Math.cos(this.yaw)]);
@@ -40,7 +43,7 @@ export class OrbitCamera {
     const near = Math.max(this.distance - 2 * this.size, this.distance * 0.01);
     const far = this.distance + 2 * this.size;
     const scale = 1 / Math.tan(FIELD_OF_VIEW / 2);
-    const fitted = Math.min(aspect, 1); // tall windows show the whole width
+    const fitted = Math.min(aspect, 1);  // narrow windows still show the whole width
     const depth = (far + near) / (near - far);
     const rows = [
       [right, (scale * fitted) / aspect, 0],
@@ -56,7 +59,7 @@ export class OrbitCamera {
     return found;
   }
 
-  /** Where a point is in the picture, as shares of its width and height from the top left. */
+  /** Project a point to the picture: fractions of its width and height from the top left. */
   placeOf(point, aspect) {
     const matrix = this.matrix(aspect);
     const row = (k) => point[0] * matrix[k] + point[1] * matrix[4 + k] + point[2] * matrix[8 + k] + matrix[12 + k];
@@ -64,11 +67,11 @@ export class OrbitCamera {
   }
 
   turn(x, y) {
-    this.yaw -= TURN * x;
-    this.pitch = Math.min(Math.max(this.pitch + TURN * y, -STEEPEST), STEEPEST);
+    this.yaw -= RADIANS_PER_PIXEL * x;
+    this.pitch = Math.min(Math.max(this.pitch + RADIANS_PER_PIXEL * y, -MAX_PITCH), MAX_PITCH);
   }
 
-  /** Move by a share of the picture's height. */
+  /** Move by fractions of the picture's height. */
   pan(x, y) {
     const { right, above } = this.axes();
     const step = 2 * this.distance * Math.tan(FIELD_OF_VIEW / 2);
@@ -79,7 +82,7 @@ export class OrbitCamera {
     this.distance = Math.min(Math.max(this.distance * factor, this.size * 1e-3), this.size * 1e3);
   }
 
-  /** Follow pointers and the wheel over an element; `changed` is called after each step. */
+  /** Handle pointer and wheel events of an element; `changed` is called after each step. */
   follow(element, changed) {
     const pointers = new Map();
     const spread = () => {
@@ -117,7 +120,7 @@ export class OrbitCamera {
       "wheel",
       (event) => {
         event.preventDefault();
-        this.zoom(NOTCH ** event.deltaY);
+        this.zoom(ZOOM_PER_WHEEL_UNIT ** event.deltaY);
         changed();
       },
       { passive: false },

@@ -1,15 +1,15 @@
-/** A clip on the page: a file, and what is drawn of the run that holds at a time. Or the original beside it. */
-import { frameAt } from "pdeanim/motion.js";
+/** A clip on the page, with the drawable model of the run that is shown; or the original it is compared with. */
+import { findFrame } from "pdeanim/motion.js";
 
 import { Model } from "pdeanim/view/model.js";
 
-/** Bytes of a text of 64 letters. */
-export async function bytesOf(text) {
+/** Decode base64. */
+export async function decodeBase64(text) {
   return new Uint8Array(await (await fetch(`data:application/octet-stream;base64,${text}`)).arrayBuffer());
 }
 
-/** Undo gzip. */
-export async function unpacked(bytes) {
+/** Decompress gzip. */
+export async function gunzip(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Response(stream).arrayBuffer();
 }
@@ -23,14 +23,14 @@ export class Clip {
     return this.animation.at(time).positions(time);
   }
 
-  /** Make positions at a time ready to be drawn; returns whether another mesh is drawn than before. */
+  /** Prepare the model for drawing at a time; return whether it is a new model (another run). */
   show(time) {
     const isNew = this.#take(time);
     this.model.motion.evaluate(time);
     return isNew;
   }
 
-  /** Upload the group that comes next, when there is time for it. */
+  /** Upload the group that comes next, when there is time to spare. */
   prefetch(time) {
     const run = this.animation.at(time);
     if (run === this.model?.animation) this.model.motion.prefetchAfter(time);
@@ -45,9 +45,9 @@ export class Clip {
   }
 }
 
-/** What a file was made from: its positions at the frames are the file's, and what is kept of the difference. */
+/** The source of a file, rebuilt from the decoded positions plus stored differences at the frames. */
 export class Original {
-  /** @param {Int16Array} differences of all frames and vertices, in steps of `step` [scene units] */
+  /** @param {Int16Array} differences for all frames and vertices, in multiples of `step` [scene units] */
   constructor(gl, clip, differences, step, name) {
     Object.assign(this, { gl, clip, differences, step, name, model: null });
   }
@@ -55,7 +55,7 @@ export class Original {
   positions(time) {
     const { animation } = this.clip;
     const found = this.clip.positions(time);
-    const frame = frameAt(animation.times, time);
+    const frame = findFrame(animation.times, time);
     const next = Math.min(frame + 1, animation.frameCount - 1);
     const gap = animation.times[next] - animation.times[frame];
     const share = gap ? Math.min(Math.max((time - animation.times[frame]) / gap, 0), 1) : 0;

@@ -1,22 +1,22 @@
-/** Distances between two clips: of each vertex at a time, and of each frame, measured little by little. */
+/** Distances between two clips: per vertex at a time, and per frame, measured in small slices of time. */
 
-/** Milliseconds that measuring may take between two pictures. */
-const SLICE = 8;
+/** Time [ms] that measuring may take between two pictures. */
+const SLICE_MS = 8;
 
-/** Distance of each vertex [scene units]. */
+/** Return the distance of each vertex [scene units]. */
 export function distances(a, b) {
   const found = new Float32Array(a.length / 3);
   for (let v = 0; v < found.length; v++) {
     const x = a[3 * v] - b[3 * v];
     const y = a[3 * v + 1] - b[3 * v + 1];
     const z = a[3 * v + 2] - b[3 * v + 2];
-    found[v] = Math.sqrt(x * x + y * y + z * z); // Math.hypot takes many times as long
+    found[v] = Math.sqrt(x * x + y * y + z * z);  // Math.hypot is many times slower
   }
   return found;
 }
 
-/** The largest of numbers, and which it is. */
-export function largest(values) {
+/** Return the largest value and its index. */
+export function findLargest(values) {
   let place = 0;
   for (let k = 1; k < values.length; k++) if (values[k] > values[place]) place = k;
   return { value: values[place] ?? 0, place };
@@ -36,21 +36,21 @@ export class FrameErrors {
     return this.count === this.most.length;
   }
 
-  /** Measure some frames more. */
+  /** Measure more frames until the time slice is used up. */
   step() {
-    const until = performance.now() + SLICE;
+    const until = performance.now() + SLICE_MS;
     while (!this.isDone && performance.now() < until) {
       const frame = this.count++;
       const time = this.first.animation.times[frame];
       const found = distances(this.first.positions(time), this.second.positions(time));
-      const { value, place } = largest(found);
+      const { value, place } = findLargest(found);
       this.most[frame] = value;
       this.rms[frame] = Math.sqrt(found.reduce((sum, own) => sum + own * own, 0) / Math.max(found.length, 1));
       if (value > this.worst.value) this.worst = { value, vertex: place, frame };
     }
   }
 
-  /** The largest so far, for scales. */
+  /** The largest distance so far, as the scale of charts and colours. */
   get scale() {
     return this.worst.value || 1;
   }

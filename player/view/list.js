@@ -1,9 +1,9 @@
-/** A list of files, each with a picture of its first frame that is drawn when it comes into sight. */
+/** A list of files, each with a picture of its first frame, drawn when it scrolls into view. */
 import { compile, PdeAnimation } from "pdeanim";
 
 import { OrbitCamera } from "pdeanim/view/camera.js";
-import { bytesOf, Clip, unpacked } from "pdeanim/view/clip.js";
-import { bytesText, numbersOf } from "pdeanim/view/panel.js";
+import { decodeBase64, Clip, gunzip } from "pdeanim/view/clip.js";
+import { formatBytes, parseColour } from "pdeanim/view/panel.js";
 import { Stage } from "pdeanim/view/stage.js";
 
 const WIDTH = 448;
@@ -17,12 +17,12 @@ class Pictures {
     this.stage = new Stage(this.gl);
     this.last = Promise.resolve();
     const style = getComputedStyle(document.documentElement);
-    const colour = (name) => numbersOf(style.getPropertyValue(name).trim());
+    const colour = (name) => parseColour(style.getPropertyValue(name).trim());
     this.mesh = colour("--mesh");
     this.look = { page: colour("--page"), pointSize: POINT_SIZE };
   }
 
-  /** Draw the first frame of a file; one after the other. */
+  /** Draw the first frame of a file, after all earlier requests. */
   draw(address, canvas, note) {
     this.last = this.last.then(() => this.#draw(address, canvas, note)).catch((error) => (note.textContent = error.message));
     return this.last;
@@ -51,7 +51,7 @@ class Pictures {
 }
 
 async function start({ files, wasm }) {
-  await compile(await unpacked(await bytesOf(wasm)));
+  await compile(await gunzip(await decodeBase64(wasm)));
   const pictures = new Pictures();
   const waiting = new Map();
   const seen = new IntersectionObserver((entries) => {
@@ -70,7 +70,7 @@ async function start({ files, wasm }) {
     [canvas.width, canvas.height] = [WIDTH, HEIGHT];
     const text = document.createElement("p");
     const note = document.createElement("small");
-    note.textContent = bytesText(size);
+    note.textContent = formatBytes(size);
     text.append(name, document.createElement("br"), note);
     link.append(canvas, text);
     const entry = document.createElement("li");

@@ -1,8 +1,8 @@
-/** What is drawn of one run of frames: buffers of positions and normals, triangles and edges by object, colours. */
+/** Buffers to draw one run of frames: positions and normals, triangles and edges by object, colours. */
 import { GpuMotion } from "pdeanim/gpu.js";
 import { edgesOf, trianglesOf } from "pdeanim/mesh.js";
 
-/** Colours that elements take in turn: hues a golden angle apart, so that neighbours differ. */
+/** Hues of consecutive elements are a golden angle apart [degrees], so that neighbours differ. */
 const GOLDEN_ANGLE = 137.508;
 
 export class Model {
@@ -13,22 +13,22 @@ export class Model {
     const { objects } = animation;
     this.#makeIndices("triangles", objects, (object) => trianglesOf([object]).triangles);
     this.#makeIndices("edges", objects, (object) => edgesOf([object]));
-    this.#makeIndices("points", objects, pointsOf);
+    this.#makeIndices("points", objects, listLoosePoints);
     this.errors = this.#buffer(gl.ARRAY_BUFFER, new Float32Array(animation.vertexCount));
     this.colours = null;
   }
 
-  /** Part of an index buffer that is one object's, or all of it: first and count. */
+  /** Return the range (first, count) of an index buffer for one object, or for all. */
   part(name, object) {
     const { ends } = this[name];
     return object === null ? [0, ends.at(-1)] : [ends[object], ends[object + 1] - ends[object]];
   }
 
-  /** Colours of patches or curves, made when they are first asked for. */
+  /** Colour each vertex by its patch or curve, once. */
   colourElements() {
     if (this.colours) return;
     const bytes = new Uint8Array(4 * this.animation.vertexCount);
-    this.animation.elements().forEach((element, vertex) => bytes.set(colourOf(element), 4 * vertex));
+    this.animation.elements().forEach((element, vertex) => bytes.set(colourOfElement(element), 4 * vertex));
     this.colours = this.#buffer(this.gl.ARRAY_BUFFER, bytes);
   }
 
@@ -62,13 +62,13 @@ export class Model {
   }
 }
 
-/** Vertices of an object without faces and lines. */
-function pointsOf({ firstVertex, vertexCount, faceSizes, lineSizes }) {
+/** List the vertices of an object that has neither faces nor lines. */
+function listLoosePoints({ firstVertex, vertexCount, faceSizes, lineSizes }) {
   if (faceSizes.length || lineSizes.some((size) => size > 1)) return new Uint32Array(0);
   return Uint32Array.from({ length: vertexCount }, (_, vertex) => firstVertex + vertex);
 }
 
-function colourOf(element) {
+function colourOfElement(element) {
   const hue = (element * GOLDEN_ANGLE) % 360;
   const channel = (shift) => {
     const place = (shift + hue / 30) % 12;

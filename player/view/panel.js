@@ -1,7 +1,7 @@
-/** Tables, the chart of errors, and the marks of frames. */
-import { frameAt } from "pdeanim/motion.js";
+/** Tables, the error chart, and the frame marks under the time slider. */
+import { findFrame } from "pdeanim/motion.js";
 
-const NAMES = {
+const SECTION_NAMES = {
   SEQN: "times, names",
   NAME: "names of objects",
   CONN: "faces and lines",
@@ -20,16 +20,16 @@ const NAMES = {
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** Marks closer than this [pixels] are a grey band, so only every so many frames are marked. */
-const LEAST_GAP = 4;
+/** Smallest gap between two frame marks [pixels]; denser marks would merge into a grey band. */
+const MIN_MARK_GAP = 4;
 
-export function bytesText(bytes) {
+export function formatBytes(bytes) {
   const units = ["bytes", "kB", "MB", "GB"];
   const power = Math.min(Math.floor(Math.log10(Math.max(bytes, 1)) / 3), 3);
   return `${power ? (bytes / 1000 ** power).toPrecision(3) : bytes} ${units[power]}`;
 }
 
-export const lengthText = (value) => (value === 0 ? "0" : value.toPrecision(3));
+export const formatLength = (value) => (value === 0 ? "0" : value.toPrecision(3));
 
 function row(cells) {
   const found = document.createElement("tr");
@@ -50,11 +50,11 @@ export function showFacts(table, animation) {
     ["vertices", animation.runCount > 1 ? `at most ${animation.vertexCount}` : animation.vertexCount],
     ["faces", sum("faceSizes")],
     ["lines", sum("lineSizes")],
-    ["frames", `${animation.frameCount} at ${Number(animation.frameRate.toPrecision(6))} a second`],
+    ["frames", `${animation.frameCount} at ${Number(animation.frameRate.toPrecision(6))} per second`],
     ["seconds", (animation.end - animation.start).toFixed(3)],
-    ["runs of frames, each with its faces", animation.runCount],
+    ["runs of frames, each with its own faces", animation.runCount],
     ["groups of frames", run.groupCount],
-    ["functions of time in a group", [...new Set([Math.min(...functions), Math.max(...functions)])].join(" to ")],
+    ["functions of time per group", [...new Set([Math.min(...functions), Math.max(...functions)])].join(" to ")],
     ["attributes", [...new Set(run.objects.flatMap((_, k) => run.attributes(k).map((own) => own.name)))].join(", ")],
   ];
   const shown = rows.filter(([, value]) => value && !(value === 1 && rows.length > 3));
@@ -64,14 +64,14 @@ export function showFacts(table, animation) {
 export function showBytes(table, animations) {
   const rows = [];
   for (const { animation, name } of animations) {
-    if (animations.length > 1) rows.push(row([name, "", bytesText(animation.fileSize)]));
-    const sections = animation.sections.map(({ type, length }) => [NAMES[type] ?? type, length]);
+    if (animations.length > 1) rows.push(row([name, "", formatBytes(animation.fileSize)]));
+    const sections = animation.sections.map(({ type, length }) => [SECTION_NAMES[type] ?? type, length]);
     const rest = animation.fileSize - sections.reduce((sum, [, length]) => sum + length, 0);
     for (const [what, length] of [...sections, ["headers", rest]].sort((a, b) => b[1] - a[1])) {
       if (!length) continue;
       const bar = document.createElement("i");
       bar.style.width = `${(100 * length) / animation.fileSize}%`;
-      const made = row([what, bar, bytesText(length)]);
+      const made = row([what, bar, formatBytes(length)]);
       made.cells[1].className = "share";
       rows.push(made);
     }
@@ -79,7 +79,7 @@ export function showBytes(table, animations) {
   table.replaceChildren(...rows);
 }
 
-/** Marks of frames, and longer ones where groups and runs begin. */
+/** Mark frames, with longer marks where groups (or runs) begin. */
 export function drawTicks(canvas, animation, colour) {
   const scale = devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -97,7 +97,7 @@ export function drawTicks(canvas, animation, colour) {
       ? Array.from({ length: animation.runCount }, (_, index) => animation.firstFrameOfRun(index))
       : run.groups.map((group) => group.firstFrame),
   );
-  const every = Math.max(1, Math.ceil((LEAST_GAP * times.length) / width));
+  const every = Math.max(1, Math.ceil((MIN_MARK_GAP * times.length) / width));
   for (let frame = 0; frame < times.length; frame++) {
     const isStart = starts.has(frame);
     if (frame % every && !isStart) continue;
@@ -112,7 +112,7 @@ function element(name, attributes, text) {
   return found;
 }
 
-/** Lines of the largest and the root mean square distance of frames, and where the time is. */
+/** A chart of the largest and the rms distance per frame, with the current time. */
 export class ErrorChart {
   constructor(svg, animation, seek) {
     Object.assign(this, { svg, animation });
@@ -140,7 +140,7 @@ export class ErrorChart {
       element("line", { x1: this.left, x2: width, y1: bottom, y2: bottom, stroke: "var(--edge)" }),
       element("polyline", { ...path(errors.most), stroke: "var(--second)" }),
       element("polyline", { ...path(errors.rms), stroke: "var(--accent)" }),
-      element("text", { ...text, x: 0, y: 14 }, lengthText(errors.scale)),
+      element("text", { ...text, x: 0, y: 14 }, formatLength(errors.scale)),
       element("text", { ...text, x: 0, y: bottom }, "0"),
       element("text", { ...text, x: this.left, y: height - 3, fill: "var(--second)" }, "largest"),
       element("text", { ...text, x: this.left + 52, y: height - 3, fill: "var(--accent)" }, "root mean square"),
@@ -149,17 +149,17 @@ export class ErrorChart {
   }
 }
 
-/** "1.250 s, frame 30.00 of 48" */
-export function timeText(animation, time) {
+/** Format a time: "1.250 s, frame 30.00 of 48". */
+export function formatTime(animation, time) {
   const { times } = animation;
-  const frame = frameAt(times, time);
+  const frame = findFrame(times, time);
   const gap = (times[frame + 1] ?? times[frame]) - times[frame];
   const share = gap ? Math.min(Math.max((time - times[frame]) / gap, 0), 1) : 0;
   return `${time.toFixed(3)} s, frame ${(frame + share).toFixed(2)} of ${times.length - 1}`;
 }
 
-/** "#8fa9c9" to shares of one. */
-export function numbersOf(text) {
+/** Convert a colour such as "#8fa9c9" to numbers from 0 to 1. */
+export function parseColour(text) {
   const digits = text.length === 4 ? [...text.slice(1)].map((digit) => digit + digit) : text.slice(1).match(/../g);
   return digits.map((digit) => parseInt(digit, 16) / 255);
 }

@@ -1,4 +1,4 @@
-/** Draws models: shaded, as wires, in colours of patches or of errors; one, or two side by side or over each other. */
+/** Draws models shaded, as wireframes, or coloured by patch or error; one, two side by side, or two overlaid. */
 import { makeProgram } from "pdeanim/gpu.js";
 
 const VERTEX = `#version 300 es
@@ -22,7 +22,7 @@ void main() {
   distance = error;
 }`;
 
-// The ramp is that of the legend: blue, teal, yellow, red.
+// The colour ramp equals the legend's: blue, teal, yellow, red.
 const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 place;
@@ -61,7 +61,7 @@ export class Stage {
     this.uniforms = new Map();
   }
 
-  /** Fill the canvas; `views`: of each the share of the width where it begins and ends, and what is drawn there. */
+  /** Draw `views` on the canvas: each has a horizontal range (fractions of the width) and the items to draw there. */
   draw(views, camera, look) {
     const { gl } = this;
     const { width, height } = gl.canvas;

@@ -139,7 +139,7 @@ def test_a_file_at_an_address_is_read_group_by_group(tmp_path: Path) -> None:
         assert np.abs(points(found["at"][0]["positions"]) - animation.positions(0.0)).max() <= 1e-6
         assert server.bytes_given < path.stat().st_size / 2
         (missing,) = decode_in_node([{"address": f"{server.address}/none.pdeanim", "times": []}])
-    assert "answers 404" in missing["error"]
+    assert "answered 404" in missing["error"]
     assert missing["code"] == "read-failed"
 
 
