@@ -33,7 +33,7 @@ CONVENTIONS = """\
   groups; glTF, which shows faces without normals flat, gets smooth ones otherwise, and none where all faces are flat
   triangles. glTF cuts vertices at hard edges, UV seams and material borders: there they stay apart, and those that
   shared a normal have one number in `shared_normal` and share it in every frame. A line says how
-  many corners of a glTF file have normals that are no averages of their faces' and turn by more than 5 degrees. Formats
+  many normals of a glTF file differ from those computed from its faces by more than 5 degrees. Formats
   with a normal a vertex get those of meshes without hard edges.
 - **Size of glTF.** Where motion is not few functions of time, each frame is a morph target. Positions and normals of
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.

@@ -1,4 +1,4 @@
-"""glTF animation: keyframes evaluated at times, and the tree of nodes that they move."""
+"""Evaluate glTF animations: keyframes at given times, and the tree of nodes that they move."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pdecodec.formats.gltf.file import GltfFile
 from pdecodec.formats.gltf.types import POINTER, VISIBILITY
 from pdecodec.mesh.arrays import Float64Array
 
-MOST_LEVELS = 1024
-"""Depth of the tree of nodes; deeper ones hold themselves."""
+MAX_TREE_DEPTH = 1024
+"""Largest depth of the tree of nodes; a longer chain of parents is taken for a cycle."""
 
 
-PATHS = ("translation", "rotation", "scale", "weights")
-"""Properties of nodes that move meshes."""
+MOVING_PROPERTIES = ("translation", "rotation", "scale", "weights")
+"""Properties of nodes that can move meshes."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Sampler:
     is_rotation: bool
 
     def at(self, times: Float64Array) -> Float64Array:
-        """(times, n): values at times [s]; the first and last keys hold outside."""
+        """Return values (times, n) at times [s]; before the first and after the last key, the value is that key's."""
         inside = np.clip(times, self.times[0], self.times[-1])
-        # A time that is a key's but for float32 is the key's.
+        # A time that differs from a key only by float32 rounding is the time of the key.
         after = np.clip(np.searchsorted(self.times, inside), 0, self.times.size - 1)
         before = np.maximum(after - 1, 0)
         closer = np.abs(self.times[before] - inside) < np.abs(self.times[after] - inside)
@@ -72,13 +72,13 @@ class Sampler:
 
 
 def _slerp(a: Float64Array, b: Float64Array, share: Float64Array) -> Float64Array:
-    """Rotations between two, the short way round, of any length."""
+    """Interpolate between rotations along the shorter arc; the results are not normalised."""
     cosine = (a * b).sum(axis=1, keepdims=True)
     b = np.where(cosine < 0, -b, b)
     angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
     near = np.sin(angle) < 1e-6
     of_a, of_b = np.sin((1 - share) * angle), np.sin(share * angle)
-    # But for a factor, which does not matter of a rotation.
+    # The common factor 1 / sin(angle) is left out: the caller normalises.
     found: Float64Array = np.where(near, (1 - share) * a + share * b, of_a * a + of_b * b)
     return found
 
@@ -90,7 +90,7 @@ class Clip:
     samplers: Mapping[tuple[int, str], Sampler]
     extras: Mapping[str, Any]
     left_out: tuple[str, ...] = ()
-    """What it animates beside that."""
+    """Names of animated properties that are not read."""
 
     @property
     def key_times(self) -> list[Float64Array]:
@@ -99,7 +99,7 @@ class Clip:
 
 
 def read_clip(file: GltfFile, index: int) -> Clip:
-    """An animation of the file; InputError where it is damaged."""
+    """Read an animation of the file; raise InputError if it is damaged."""
     entry = file.listed("animations")[index]
     samplers: dict[tuple[int, str], Sampler] = {}
     left_out: dict[str, None] = {}
@@ -121,16 +121,16 @@ def read_clip(file: GltfFile, index: int) -> Clip:
 
 
 def _targets(file: GltfFile, target: Mapping[str, Any]) -> list[tuple[int, str]] | None:
-    """Nodes and their properties that a channel moves; None where it moves something else."""
-    if "node" in target and target["path"] in PATHS:
+    """Return the (node, property) pairs that a channel moves; None if it animates something that is not read."""
+    if "node" in target and target["path"] in MOVING_PROPERTIES:
         return [(target["node"], target["path"])]
     if target["path"] != "pointer":
         return []
     kind, number, path, *rest = (*target["extensions"][POINTER]["pointer"].split("/")[1:], "", "", "")[:4]
-    if kind == "nodes" and path in PATHS and number.isdecimal() and rest == [""]:
+    if kind == "nodes" and path in MOVING_PROPERTIES and number.isdecimal() and rest == [""]:
         return [(int(number), path)]
     if kind == "meshes" and path == "weights" and number.isdecimal():
-        # Weights of a mesh are those of its nodes that have none of their own.
+        # The weights of a mesh apply to those of its nodes that have no weights of their own.
         nodes = enumerate(file.listed("nodes"))
         return [(node, path) for node, entry in nodes if entry.get("mesh") == int(number) and path not in entry]
     return None
@@ -141,16 +141,16 @@ def _sampler(file: GltfFile, stored: Mapping[str, Any], path: str) -> Sampler:
     values = file.accessor(stored["output"]).astype(np.float64)
     interpolation = stored.get("interpolation", "LINEAR")
     if times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
-        raise ValueError("its keys are not in order")
+        raise ValueError("its key times are not in order")
     values = values.reshape(times.size, 3, -1) if interpolation == "CUBICSPLINE" else values.reshape(times.size, -1)
     return Sampler(times, values, interpolation, path == "rotation")
 
 
 class Nodes:
-    """The tree of nodes and where each is under a clip; InputError where a node is under itself.
+    """The tree of nodes and their transforms under a clip; InputError if a node is its own ancestor.
 
-    A root of the scene that shows first has nothing above it, as in web viewers, also where a node outside the scene
-    names it as a child.
+    A root of the default scene has no parent, as in web viewers, even if a node outside the scene lists it as a
+    child.
     """
 
     def __init__(self, file: GltfFile, clip: Clip | None) -> None:
@@ -160,7 +160,7 @@ class Nodes:
         for index, node in enumerate(self.entries):
             for child in node.get("children", []):
                 if not 0 <= child < len(self.entries):
-                    raise damaged(f"node {index} has a child that is not there; export the file again")
+                    raise damaged(f"node {index} has a child that does not exist; export the file again")
                 self.parents[child] = index
         self._roots: frozenset[int] = frozenset()
         for index in range(len(self.entries)):
@@ -170,23 +170,23 @@ class Nodes:
         self._roots = frozenset(scenes[shown].get("nodes", [])) if shown < len(scenes) else frozenset()
 
     def is_shown(self, index: int) -> bool:
-        """Whether a node is in the scene that shows first; where the file has no scene, all are."""
+        """Return whether a node is in the default scene; True for all nodes if the file has no scene."""
         return self._is_whole or self.above(index)[-1] in self._roots
 
     def above(self, index: int) -> list[int]:
-        """A node and those above it, up to its root."""
+        """Return a node and its ancestors, up to its root."""
         chain = [index]
         while chain[-1] in self.parents and chain[-1] not in self._roots:
             chain.append(self.parents[chain[-1]])
-            if len(chain) > MOST_LEVELS:
-                raise damaged(f"node {index} lies under itself, or too deep; export the file again")
+            if len(chain) > MAX_TREE_DEPTH:
+                raise damaged(f"node {index} is its own ancestor, or nested too deeply; export the file again")
         return chain
 
     def local(self, index: int, times: Float64Array) -> Float64Array:
-        """(times, 4, 4) float64: from a node's space to that of the one above it."""
+        """Return matrices (times, 4, 4) float64 from a node's space to its parent's."""
         node = self.entries[index]
         if "matrix" in node:
-            # Column-major for columns is row-major for rows.
+            # glTF stores column-major matrices for column vectors: read row by row, they are matrices for row vectors.
             return np.broadcast_to(np.array(node["matrix"], np.float64).reshape(4, 4), (times.size, 4, 4))
         move = self._property(index, "translation", times, (0.0, 0.0, 0.0))
         turn = self._property(index, "rotation", times, (0.0, 0.0, 0.0, 1.0))
@@ -201,19 +201,19 @@ class Nodes:
         return np.broadcast_to(value, (times.size, value.size))
 
     def weights(self, index: int, times: Float64Array, default: Float64Array) -> Float64Array:
-        """(times, targets): weights of the morph targets of a node's mesh."""
+        """Return the weights (times, targets) of the morph targets of a node's mesh."""
         return self._property(index, "weights", times, default.tolist())
 
 
 class Pose:
-    """Where nodes are at times (times,) float64 [s], each found once."""
+    """Transforms of nodes at times (times,) float64 [s], each computed once."""
 
     def __init__(self, nodes: Nodes, times: Float64Array) -> None:
         self._nodes, self.times = nodes, times
         self._worlds: dict[int, Float64Array] = {}
 
     def world(self, index: int) -> Float64Array:
-        """(times, 4, 4) float64: from a node's space to the scene's, for points that are rows."""
+        """Return matrices (times, 4, 4) float64 from a node's space to the scene's, for row vectors."""
         above: Float64Array | None = None
         for node in reversed(self._nodes.above(index)):
             if node not in self._worlds:
@@ -225,7 +225,7 @@ class Pose:
 
 
 def placed_at(move: Float64Array, turn: Float64Array, scale: Float64Array) -> Float64Array:
-    """(n, 4, 4) matrices for points that are rows, of translations (n, 3), quaternions (n, 4) and scales (n, 3)."""
+    """Return (n, 4, 4) matrices for row vectors from translations (n, 3), quaternions (n, 4) and scales (n, 3)."""
     matrices = np.zeros((len(move), 4, 4))
     matrices[:, :3, :3] = scale[:, :, None] * rotations_of(turn)
     matrices[:, 3, :3] = move
@@ -234,7 +234,7 @@ def placed_at(move: Float64Array, turn: Float64Array, scale: Float64Array) -> Fl
 
 
 def rotations_of(quaternions: Float64Array) -> Float64Array:
-    """Return (n, 3, 3) matrices for points that are rows, of (n, 4) unit quaternions x, y, z, w."""
+    """Return (n, 3, 3) rotation matrices for row vectors from (n, 4) unit quaternions x, y, z, w."""
     x, y, z, w = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],

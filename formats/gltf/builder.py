@@ -1,4 +1,4 @@
-"""A glTF file that is being written: nodes, meshes and numbers are collected, then laid out as JSON and bytes."""
+"""Build a glTF file: collect nodes, meshes and accessors, then lay them out as JSON and bytes."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
 
 
 MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
-"""Version of meshoptimizer's coder of rows that the extension names, and the longest rows."""
+"""Version of meshoptimizer's vertex codec that the extension prescribes, and its longest rows [bytes]."""
 
 
 VERTEX_DATA, INDEX_DATA = 34962, 34963
-"""Targets of buffer views: what of a mesh they hold."""
+"""glTF's codes for the content of a buffer view (``target``): vertex attributes, vertex indices."""
 
 
 _ALIGNMENT = 4
-"""Bytes that parts of a file begin at multiples of."""
+"""Parts of a file begin at multiples of this [bytes]."""
 
 
 class GltfBuilder:
-    """Collects nodes, meshes and numbers.
+    """Collects nodes, meshes and accessors of a glTF file.
 
     Parameters
     ----------
     meshopt : bool
-        Whether numbers are compressed by meshoptimizer, without loss; viewers must know the extension then.
+        Whether meshoptimizer compresses the buffers, without loss; only viewers that support the extension can then
+        show the file.
 
     Raises
     ------
@@ -62,7 +63,7 @@ class GltfBuilder:
             self.require(MESHOPT)
 
     def begin_with(self, file: GltfFile) -> None:
-        """Take all that a file has, its buffers joined to one, before anything is added."""
+        """Start from everything in an existing file, its buffers joined to one; call it before anything is added."""
         mine = self.root.get("extensionsRequired", ())
         self.root = copy.deepcopy(dict(file.root))
         for extension in mine:
@@ -81,30 +82,33 @@ class GltfBuilder:
                 entry |= {"buffer": number, "byteOffset": entry.get("byteOffset", 0) + offset}
 
     def require(self, extension: str) -> None:
-        """Name an extension without which the file cannot be shown."""
+        """Declare an extension without which the file cannot be shown."""
         self.use(extension, is_required=True)
 
     def use(self, extension: str, *, is_required: bool) -> None:
-        """Name an extension, and whether the file can be shown without it."""
+        """Declare an extension, and whether the file can only be shown by viewers that support it."""
         for kind in ("extensionsUsed", "extensionsRequired")[: 1 + is_required]:
             names = self.root.setdefault(kind, [])
             if extension not in names:
                 names.append(extension)
 
     def add(self, kind: str, entry: dict[str, Any]) -> int:
-        """Put an entry at the end of a list of the root; its index."""
+        """Append an entry to a list of the root and return its index."""
         entries = self.root.setdefault(kind, [])
         entries.append(entry)
         return len(entries) - 1
 
     def view(self, data: NDArray[Any], target: int | None = None, *, triangles: bool = False) -> int:
-        """A buffer view of an array, a row each; its index. `triangles` may be turned, but stay what they are."""
+        """Add a buffer view with one row per item of an array and return its index.
+
+        If `triangles` is true, compression may rotate the order of each triangle's corners.
+        """
         entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
         stride = data.nbytes // max(1, len(data))
         if target is not None:
             entry["target"] = target
         if data.ndim == 2 and data.dtype.kind in "iu":
-            # Rows are longer than what they hold.
+            # Rows are padded to multiples of four bytes, so the stride has to be declared.
             entry["byteStride"] = stride
         packed = self._packed(data, stride, triangles=triangles)
         if packed is None:
@@ -123,7 +127,7 @@ class GltfBuilder:
         return len(self._data) - len(data)
 
     def _packed(self, data: NDArray[Any], stride: int, *, triangles: bool) -> tuple[str, bytes] | None:
-        """Mode and bytes of compressed rows; None where they would not be fewer."""
+        """Return the mode and bytes of compressed rows; None if compression does not make them smaller."""
         if self._encoder is None or not data.size:
             return None
         found: bytes
@@ -137,7 +141,7 @@ class GltfBuilder:
         return (mode, found) if len(found) < data.nbytes else None
 
     def floats(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
-        """An accessor of float32 rows, with their bounds where they are asked for; its index."""
+        """Add an accessor of float32 rows, on request with their minimum and maximum, and return its index."""
         rows = np.ascontiguousarray(values, "<f4")
         table = rows.reshape(len(rows), -1) if rows.size else rows.reshape(len(rows), 1)
         limits = {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()} if bounds else {}
@@ -145,11 +149,11 @@ class GltfBuilder:
         return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target), **limits)
 
     def fractions(self, values: ArrayLike, dtype: str, *, target: int | None = None, bounds: bool = False) -> int:
-        """An accessor of numbers (n,) or (n, 3) from -1 (or 0) to 1, as integers of a NumPy type; its index."""
+        """Add an accessor of values (n,) or (n, 3) in [-1, 1], stored as normalised integers, and return its index."""
         numbers = np.rint(np.asarray(values, np.float64) * np.iinfo(dtype).max).astype(dtype)
         limits = {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()} if bounds else {}
         if numbers.ndim == 2:
-            # Rows of vertices begin at multiples of four bytes.
+            # Rows of vertex data must begin at multiples of four bytes.
             rows = np.zeros((len(numbers), 4), dtype)
             rows[:, :3] = numbers
             view = self.view(rows, target)
@@ -159,7 +163,7 @@ class GltfBuilder:
         return self._accessor(dtype, len(numbers), kind, bufferView=view, normalized=True, **limits)
 
     def influences(self, joints: NDArray[np.integer]) -> dict[str, int]:
-        """Accessors that let each vertex (n,) go with one joint."""
+        """Add accessors that bind each vertex (n,) to one joint; return them by attribute name."""
         dtype = "<u1" if joints.max(initial=0) <= np.iinfo(np.uint8).max else "<u2"
         rows, shares = np.zeros((len(joints), 4), dtype), np.zeros((len(joints), 4), np.uint8)
         rows[:, 0], shares[:, 0] = joints, np.iinfo(np.uint8).max
@@ -170,21 +174,21 @@ class GltfBuilder:
         }
 
     def zeros(self, count: int) -> int:
-        """An accessor of so many rows of three zeros, which take no bytes; its index."""
+        """Add an accessor of `count` rows of three zeros, which take no bytes, and return its index."""
         return self._accessor("<f4", count, "VEC3", min=[0.0] * 3, max=[0.0] * 3)
 
     def integers(self, values: ArrayLike, *, target: int | None = None, triangles: bool = False) -> int:
-        """An accessor of unsigned numbers, of 16 bits where that is enough; its index."""
+        """Add an accessor of unsigned integers, of 16 bits if they fit, and return its index."""
         numbers = np.asarray(values)
-        # The largest number of a type is none of a vertex.
+        # The largest value of a type is reserved (it restarts primitives), so no vertex may have it as index.
         dtype = "<u2" if numbers.max(initial=0) < np.iinfo(np.uint16).max else "<u4"
         view = self.view(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
         return self._accessor(dtype, numbers.size, "SCALAR", bufferView=view)
 
     def unit_rows(self, frames: int, *, ones_at_end: bool = False) -> int:
-        """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index.
+        """Add a sparse accessor of ``frames x (frames - 1)`` zeros, with a one at k - 1 in each row k > 0.
 
-        With a one at the end of every row but the first, rows are longer by one.
+        Return its index. With `ones_at_end`, rows have one more column, which is one in every row but the first.
         """
         width = frames - 1 + ones_at_end
         places = np.arange(1, frames) * width + np.arange(frames - 1)
@@ -202,7 +206,7 @@ class GltfBuilder:
         return self.add("accessors", {**entry, **found})
 
     def to_glb(self) -> bytes:
-        """The file as one binary."""
+        """Return the file as a GLB."""
         self._data += bytes(-len(self._data) % _ALIGNMENT)
         self.root["buffers"] = [{"byteLength": len(self._data)}, *self._others, *self._fallback()]
         text = self._json()
@@ -218,13 +222,13 @@ class GltfBuilder:
         return b"".join(parts)
 
     def _fallback(self) -> list[dict[str, Any]]:
-        """The buffer that compressed views become; it holds nothing."""
+        """Return the entry of the placeholder buffer that compressed views decode into; it has no data."""
         if not self._unpacked:
             return []
         return [{"byteLength": self._unpacked, "extensions": {MESHOPT: {"fallback": True}}}]
 
     def to_gltf(self) -> bytes:
-        """The file as JSON, the numbers in it as text."""
+        """Return the file as JSON with its buffer in base64."""
         uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
         self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._others, *self._fallback()]
         return self._json()
@@ -237,7 +241,7 @@ def _component(dtype: str) -> int:
     return next(number for number, name in COMPONENTS.items() if name == dtype)
 
 
-def noted_integers(values: ArrayLike) -> str:
-    """Integers as text for ``extras``, which programs hand on as they are: accessors there would be renumbered."""
+def encode_integers(values: ArrayLike) -> str:
+    """Encode integers as text for ``extras``, which other programs copy unchanged; they would renumber accessors."""
     numbers = np.asarray(values).astype("<u4")
     return base64.b64encode(zlib.compress(np.diff(numbers, prepend=numbers[:0].sum(dtype="<u4")).tobytes(), 9)).decode()

@@ -1,6 +1,6 @@
-"""Compressed geometry in glTF files: Draco's meshes and meshoptimizer's buffer views (extra ``gltf``).
+"""Decode compressed geometry of glTF files: Draco meshes and meshoptimizer buffer views (extra ``gltf``).
 
-What the decoders get is hostile: how much they may write is checked against limits before they run, and what they give
+The data are untrusted: the size of the output is checked against limits before a decoder runs, and the result
 against what the file declares.
 """
 
@@ -20,23 +20,23 @@ from pdecodec.mesh.arrays import Int64Array
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT_NAMES = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
-MOST_DECODED = 2**30
-"""Bytes that the buffer views of a file may become together."""
+MAX_DECODED_BYTES = 2**30
+"""Largest total size of the decoded buffer views of a file [bytes]."""
 
 _FILTER_STRIDES = {"OCTAHEDRAL": (4, 8), "QUATERNION": (8,), "EXPONENTIAL": tuple(range(4, 257, 4))}
-"""Bytes of the rows that each filter is for; meshoptimizer ends the process at others."""
+"""Row sizes that each filter accepts [bytes]; meshoptimizer aborts the process at others."""
 
 
 @dataclass(frozen=True)
 class DracoMesh:
-    """Attributes by their number, (vertices, k), and triangles, (corners,) int64."""
+    """Attributes (vertices, k) by their Draco ids, and corners (corners,) int64 of the triangles."""
 
     attributes: Mapping[int, NDArray[Any]]
     indices: Int64Array
 
 
 def decode_draco(data: bytes) -> DracoMesh:
-    """A mesh that Draco compressed.
+    """Decode a mesh that Draco compressed.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def decode_draco(data: bytes) -> DracoMesh:
         mesh = draco.decode(data)
         found = {int(one["unique_id"]): np.asarray(one["data"]) for one in mesh.attributes}
         faces = np.asarray(mesh.faces)
-    except Exception as error:  # what it raises is not said anywhere
+    except Exception as error:  # Draco documents no exceptions
         raise ValueError(f"Draco cannot decode it: {error}") from error
     rows = {len(values) for values in found.values()}
     if len(rows) != 1 or (faces.size and int(faces.max()) >= min(rows)):
@@ -61,21 +61,29 @@ def decode_draco(data: bytes) -> DracoMesh:
     )
 
 
-def decode_view(data: bytes, entry: Mapping[str, Any], most: int = MOST_DECODED) -> bytes:
-    """A buffer view that meshoptimizer compressed, at most so many bytes; `entry` is what its extension says.
+def decode_view(data: bytes, entry: Mapping[str, Any], most: int = MAX_DECODED_BYTES) -> bytes:
+    """Decode a buffer view that meshoptimizer compressed, to at most `most` bytes.
+
+    Parameters
+    ----------
+    data : bytes
+    entry : mapping
+        The view's entry in the extension.
+    most : int
+        Largest size of the result [bytes].
 
     Raises
     ------
     MissingExtraError
         If meshoptimizer is not installed.
     ValueError, TypeError, KeyError
-        If it is damaged, or its entry does not make sense.
+        If the data are damaged, or `entry` makes no sense.
     """
     stride, count, mode, kind = entry["byteStride"], entry["count"], entry["mode"], entry.get("filter", "NONE")
     if not (isinstance(stride, int) and isinstance(count, int) and 0 < stride <= 256 and count >= 0):
         raise ValueError("its rows have no size")
     if stride * count > most:
-        raise ValueError(f"it becomes {stride * count / 1e9:.1f} GB, {most / 1e9:.1f} GB are left")
+        raise ValueError(f"it decodes to {stride * count / 1e9:.1f} GB, only {most / 1e9:.1f} GB are allowed")
     if kind != "NONE" and (mode != "ATTRIBUTES" or stride not in _FILTER_STRIDES.get(str(kind), ())):
         raise ValueError(f"its filter {kind} is not known, or not for rows of {stride} bytes")
     decoder = _decoder("meshoptimizer", MESHOPT_NAMES[0])

@@ -1,4 +1,4 @@
-"""glTF files in: the JSON, the binary chunk of a GLB, and numbers in accessors."""
+"""Read glTF files: the JSON, the binary chunk of a GLB, and the values of accessors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import damaged, naming_file
 from pdecodec.formats.base.registry import read_errors
-from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
+from pdecodec.formats.gltf.compression import DRACO, MAX_DECODED_BYTES, MESHOPT_NAMES, decode_view
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY, check_types
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.system.reading import FileScope, read_regular
@@ -34,49 +34,49 @@ GLB_MAGIC = b"glTF"
 
 
 COMPONENTS: Mapping[int, str] = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""NumPy's names of component types."""
+"""NumPy dtypes by glTF's component types."""
 
 
 WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Numbers in a row, by type."""
+"""Values per row by accessor type."""
 
 
 READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY})
-"""Extensions that may be required because they are read."""
+"""Extensions that a file may require because this reader supports them."""
 
 
-LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
-"""Beginnings of the names of extensions that may be required because they change nothing about positions."""
+POSITION_NEUTRAL_PREFIXES = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
+"""Prefixes of extensions that a file may require because they do not affect positions."""
 
 
 POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = range(7)
-"""Modes of primitives."""
+"""Modes of primitives, numbered as in glTF."""
 
 
-MOST_ZEROS = 2**30
-"""Bytes that an accessor without data may take: numbers that are all zero take none in a file."""
+MAX_ZERO_BYTES = 2**30
+"""Largest size of an accessor without data [bytes]: it holds zeros, which take no room in a file."""
 
 
 @dataclass(frozen=True)
 class GltfFile:
-    """A file's JSON and its buffers."""
+    """The JSON of a file and its buffers."""
 
     root: Mapping[str, Any]
     buffers: tuple[bytes, ...]
     _decoded: dict[int, bytes] = field(default_factory=dict)
 
     def listed(self, kind: str) -> list[Any]:
-        """A list of the root, empty where it has none."""
+        """Return a list of the root; an empty one if the root does not have it."""
         found = self.root.get(kind, [])
         return found if isinstance(found, list) else []
 
     def accessor(self, index: int) -> NDArray[Any]:
-        """Numbers of an accessor: (n,) or (n, k); normalised integers as float32.
+        """Return the values of an accessor, (n,) or (n, k); normalised integers become float32.
 
         Raises
         ------
         InputError
-            If it, or what it refers to, is not there or too short.
+            If the accessor, or data that it refers to, is missing or too short.
         """
         try:
             return self._accessor(index)
@@ -91,7 +91,7 @@ class GltfFile:
         if "bufferView" in entry:
             values = self._rows(entry["bufferView"], int(entry.get("byteOffset", 0)), dtype, width, count)
         else:
-            if count * width * dtype.itemsize > MOST_ZEROS:
+            if count * width * dtype.itemsize > MAX_ZERO_BYTES:
                 raise ValueError(f"{count} rows of zeros")
             values = np.zeros((count, width), dtype)
         if "sparse" in entry:
@@ -119,19 +119,19 @@ class GltfFile:
         return rows.reshape(count, width)
 
     def _view(self, index: int) -> tuple[Mapping[str, Any], bytes, int, int]:
-        """A buffer view, the bytes it lies in, and where it begins and ends there."""
+        """Return the entry of a buffer view, the bytes that hold it, and its begin and end in these."""
         view = self.root["bufferViews"][index]
         packed = next((view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})), None)
         if packed is None:
             first = int(view.get("byteOffset", 0))
             return view, self.buffers[view["buffer"]], first, first + int(view["byteLength"])
         if index not in self._decoded:
-            left = MOST_DECODED - sum(map(len, self._decoded.values()))
-            self._decoded[index] = decode_view(_part(self.buffers[packed["buffer"]], packed), packed, left)
+            left = MAX_DECODED_BYTES - sum(map(len, self._decoded.values()))
+            self._decoded[index] = decode_view(_entry_bytes(self.buffers[packed["buffer"]], packed), packed, left)
         return view, self._decoded[index], 0, len(self._decoded[index])
 
     def view_bytes(self, index: int) -> bytes:
-        """The bytes of a buffer view; errors as of :meth:`accessor`."""
+        """Return the bytes of a buffer view; raises as :meth:`accessor`."""
         try:
             _, data, first, end = self._view(index)
         except (KeyError, IndexError, TypeError, ValueError) as error:
@@ -140,15 +140,15 @@ class GltfFile:
 
 
 def as_declared(values: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
-    """Rows of an accessor, integers that its entry calls normalised as float32."""
+    """Return rows of an accessor, converted to float32 if its entry declares normalised integers."""
     if not entry.get("normalized") or values.dtype.kind not in "iu":
         return values
     shares: Float32Array = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
     return np.maximum(shares, np.float32(-1))
 
 
-def _part(data: bytes, entry: Mapping[str, Any]) -> bytes:
-    """The bytes of a buffer that an entry with an offset and a length stands for."""
+def _entry_bytes(data: bytes, entry: Mapping[str, Any]) -> bytes:
+    """Return the bytes of a buffer that an entry selects by offset and length."""
     first, length = int(entry.get("byteOffset", 0)), int(entry["byteLength"])
     if first < 0 or length < 0 or first + length > len(data):
         raise ValueError("its bytes end after their buffer")
@@ -156,7 +156,7 @@ def _part(data: bytes, entry: Mapping[str, Any]) -> bytes:
 
 
 def named_buffers(path: Path) -> list[str]:
-    """Return the names of the files that a ``.gltf`` file has its buffers in; ValueError or the like for others."""
+    """Return the names of the external buffer files of a ``.gltf`` file; ValueError or similar if it is not valid."""
     if path.suffix.lower() != ".gltf":
         return []
     uris = [str(one.get("uri", "")) for one in json.loads(read_regular(path)).get("buffers", [])]
@@ -185,7 +185,9 @@ def read_gltf(path: Path) -> GltfFile:
     with naming_file(path):
         root = check_types(root)
     required = root.get("extensionsRequired", [])
-    missing = [name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(LOOKS)]
+    missing = [
+        name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(POSITION_NEUTRAL_PREFIXES)
+    ]
     if missing:
         raise damaged(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
     scope = FileScope(path)
@@ -194,7 +196,7 @@ def read_gltf(path: Path) -> GltfFile:
 
 
 def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
-    """JSON and binary chunk of a GLB."""
+    """Return the JSON and the binary chunk of a GLB."""
     broken = damaged("is a damaged GLB file: its chunks do not fit; export it again", path=path)
     if len(data) < GLB_HEADER.size:
         raise broken
@@ -219,7 +221,7 @@ def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, scope: Fi
     uri, path = entry.get("uri"), scope.path
     if uri is None:
         if any(name in entry.get("extensions", {}) for name in MESHOPT_NAMES):
-            # Only the size of what compressed views become.
+            # The placeholder buffer of compressed views has a size but no data.
             return b""
         if chunk is None:
             raise damaged(f"buffer {index} has no data; export the file again", path=path)
@@ -230,14 +232,14 @@ def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, scope: Fi
         except binascii.Error as error:
             raise damaged(f"buffer {index} is damaged ({error}); export the file again", path=path) from error
     if "://" in uri:
-        raise damaged(f"buffer {index} lies elsewhere ({uri[:60]}); export the file with its data", path=path)
+        raise damaged(f"buffer {index} is on the network ({uri[:60]}); export the file with its data", path=path)
     return scope.read(unquote(uri), entry.get("byteLength"))
 
 
 def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:
-    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive.
+    """Return a digest that identifies a mesh by its number of rows and the mode and indices of each primitive.
 
-    With which of its corners a triangle begins does not count: compression begins with another.
+    It does not depend on which corner a triangle begins with: compression may change that.
     """
     digest = hashlib.blake2b(str(rows).encode(), digest_size=12)
     for mode, indices in primitives:
@@ -250,18 +252,18 @@ def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]
 
 
 def read_integers(text: str, most: int) -> Int32Array:
-    """Undo :func:`noted_integers`: (n,) int32, at most `most` of them; ValueError where it is something else."""
+    """Decode :func:`encode_integers`: (n,) int32; ValueError if invalid or more than `most` values."""
     try:
         data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 4 * most + 1)
     except (binascii.Error, zlib.error) as error:
         raise ValueError(str(error)) from error
     if len(data) > 4 * most:
-        raise ValueError(f"more than {most} numbers are noted")
+        raise ValueError(f"more than {most} values are recorded")
     return np.cumsum(np.frombuffer(data, "<u4"), dtype="<u4").astype(np.int32)
 
 
 def flipped(uv: Float32Array) -> Float32Array:
-    """UVs with the second number from the other side: glTF counts it from the top, the others from the bottom."""
+    """Return UVs with V mirrored: glTF measures V from the top, the other formats from the bottom."""
     turned = uv.astype(np.float32)
     turned[:, 1] = np.float32(1) - turned[:, 1]
     return turned

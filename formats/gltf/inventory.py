@@ -1,6 +1,6 @@
-"""What a glTF file has and what is not kept of it, by the format's own words.
+"""List what a glTF file contains that is not kept, in the format's own terms.
 
-Meshes of the scene that shows first are kept, with all that moves them; of materials their names.
+Meshes of the default scene are kept with everything that moves them; of materials only the names are kept.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from pdecodec.formats.gltf.animation import Clip, Nodes
 from pdecodec.formats.gltf.file import READABLE_EXTENSIONS, GltfFile
 
 GROUPS = "groups"
-"""What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
+"""Key in ``extras``: of a primitive, the face sets that its faces belong to; of a mesh, the faces of each set."""
 
 WRITTEN_MATERIAL: Mapping[str, Any] = {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0}}
-"""A material as it is written, beside its name: that of which the name alone is kept."""
+"""Properties, besides the name, of the material that is written if only the name is known."""
 
 _DEFAULTS: Mapping[str, Any] = {
     "alphaCutoff": 0.5,
@@ -27,34 +27,34 @@ _DEFAULTS: Mapping[str, Any] = {
     "metallicFactor": 1.0,
     "roughnessFactor": 1.0,
 }
-"""Properties of a material that does not say them."""
+"""Values that glTF gives to properties that a material does not set."""
 
-_INNER = {"meshes": ("primitives",), "animations": ("channels", "samplers")}
-"""Lists of objects inside those of a list of the root."""
+_INNER_LISTS = {"meshes": ("primitives",), "animations": ("channels", "samplers")}
+"""Lists of objects inside the entries of lists of the root."""
 
-_NOTED = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
-"""Keys of extras that our writer leaves, by the list that they are in."""
+_OWN_EXTRAS = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
+"""Keys of ``extras`` that our writer adds, by the list they are in."""
 
 
 def textures_of(file: GltfFile) -> tuple[str, ...]:
-    """Return the line that names textures, or images, that are not kept; none where there are none."""
+    """Return the notice that names textures or images that are not kept, if there are any."""
     images = [_name(one, "image", number) for number, one in enumerate(file.listed("images"))]
     return lost_textures(len(file.listed("textures")), images)
 
 
 def left_out_of_materials(file: GltfFile) -> tuple[str, ...]:
-    """Return the names of properties of materials that are not kept; textures are named alone."""
-    return tuple(_of_materials(file.listed("materials")))
+    """Return the names of material properties that are not kept; textures are named separately."""
+    return tuple(_material_properties(file.listed("materials")))
 
 
 def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Collection[int]) -> Iterator[str]:
-    """Give the name of everything else that is not kept, but for what meshes and the clip name themselves.
+    """Yield the names of everything else that is not kept, except what meshes and the clip report themselves.
 
     Parameters
     ----------
     file, nodes, clip
     moving : collection of int
-        Nodes that meshes that are read stand on or under, their joints among them.
+        Nodes that hold meshes that are read, joints of their skins, and the ancestors of both.
     """
     for kind in ("cameras", "scenes"):
         shown = file.root.get("scene", 0) if kind == "scenes" else None
@@ -78,7 +78,7 @@ def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Co
     for word, numbers in (("nodes without meshes", bare), ("animation of nodes without meshes", animated)):
         if numbers:
             yield f"{word} {listed([_name(nodes.entries[k], 'node', k) for k in sorted(numbers)])}"
-    yield from _anywhere(file.root)
+    yield from _unread_extensions_and_extras(file.root)
     if file.root.get("asset", {}).get("copyright"):
         yield "asset.copyright"
 
@@ -89,44 +89,44 @@ def _name(entry: Mapping[str, Any], kind: str, number: int) -> str:
     return str(entry.get("name") or file_name or f"{kind}_{number}")
 
 
-def _of_materials(materials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Give the names of properties of materials that differ from those that are written; textures are named alone."""
+def _material_properties(materials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the names of material properties that differ from `WRITTEN_MATERIAL`; textures are named separately."""
     differing: dict[str, None] = {}
-    written = {**_DEFAULTS, **_flat(WRITTEN_MATERIAL)}
+    written = {**_DEFAULTS, **_flatten_material(WRITTEN_MATERIAL)}
     for entry in materials:
-        own = {**_DEFAULTS, **_flat(entry)}
+        own = {**_DEFAULTS, **_flatten_material(entry)}
         differing |= dict.fromkeys(key for key in own if own[key] != written.get(key) and not key.endswith("Texture"))
     if differing:
         yield f"properties of materials ({', '.join(differing)})"
 
 
-def _flat(material: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the properties of a material by their own names, without that of the material and its extras."""
+def _flatten_material(material: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the properties of a material in one mapping, without name and extras."""
     flat = {key: value for key, value in material.items() if key not in ("name", "extras")}
     return {**flat.pop("pbrMetallicRoughness", {}), **flat.pop("extensions", {}), **flat}
 
 
 def _holders(root: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Give every object of the file that may have extensions and extras, and the list of the root that it is in."""
+    """Yield every object of the file that may have extensions and extras, with the list of the root that it is in."""
     yield "the file", root
     yield "asset", root.get("asset", {})
     for kind, entries in root.items():
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
-                inner = [one for key in _INNER.get(kind, ()) for one in entry.get(key, ())]
+                inner = [one for key in _INNER_LISTS.get(kind, ()) for one in entry.get(key, ())]
                 targets = [one["target"] for one in inner if "target" in one]
                 yield from ((kind, one) for one in (entry, *inner, *targets))
 
 
-def _anywhere(root: Mapping[str, Any]) -> Iterator[str]:
-    """Give extensions that are not read, and extras, wherever they are."""
+def _unread_extensions_and_extras(root: Mapping[str, Any]) -> Iterator[str]:
+    """Yield extensions that are not read, and extras, anywhere in the file."""
     extensions: dict[str, None] = {}
     extras: dict[str, dict[str, None]] = {}
     for kind, holder in _holders(root):
         if kind != "materials" and isinstance(holder.get("extensions"), dict):
             extensions |= dict.fromkeys(holder["extensions"])
         found = holder.get("extras")
-        keys = [str(key) for key in found if key not in _NOTED.get(kind, ())] if isinstance(found, dict) else []
+        keys = [str(key) for key in found if key not in _OWN_EXTRAS.get(kind, ())] if isinstance(found, dict) else []
         if keys or (found is not None and not isinstance(found, dict)):
             extras.setdefault(kind, {}).update(dict.fromkeys(keys))
     yield from (name for name in extensions if name not in READABLE_EXTENSIONS)

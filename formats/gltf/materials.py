@@ -1,4 +1,4 @@
-"""Materials of a glTF file in another one, with their textures and images."""
+"""Copy materials of a glTF file into another one, with their textures and images."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Entry = dict[str, Any]
 
 
 class Materials:
-    """Materials by their names, each written once.
+    """Materials by name, each written once.
 
     Parameters
     ----------
     builder : GltfBuilder
-        Of the file that is written.
+        Builds the file that is written.
     source : GltfFile or None
-        Whose materials of the same names are written.
+        File whose materials of the same names are copied.
     old, new : pathlib.Path
-        Folders of the two files, from which they name images.
+        Folders of the two files, which the URIs of images are relative to.
     """
 
     def __init__(self, builder: GltfBuilder, source: GltfFile | None, old: Path, new: Path) -> None:
@@ -40,7 +40,7 @@ class Materials:
             self._there.setdefault(material_name(entry, number), entry)
 
     def index(self, label: str) -> int:
-        """Return the index of the material of a name; InputError where what it refers to is not there."""
+        """Return the index of the material with this name; InputError if something it refers to is missing."""
         try:
             return self._once("materials", label, lambda: self._material(label))
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -90,7 +90,7 @@ class Materials:
         return found
 
     def _use_extensions(self, entry: Any) -> None:
-        """Name the extensions of an entry as the source does."""
+        """Declare the extensions of an entry as the source declares them."""
         assert self._source is not None
         required = self._source.root.get("extensionsRequired", ())
         for holder in _dicts(entry):
@@ -99,7 +99,7 @@ class Materials:
 
 
 def _dicts(entry: Any) -> Iterator[Entry]:
-    """Give an object and all objects in it."""
+    """Yield an object and all objects in it."""
     if isinstance(entry, dict):
         yield entry
     for one in entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ():
@@ -107,7 +107,7 @@ def _dicts(entry: Any) -> Iterator[Entry]:
 
 
 def _textures_in(material: Entry) -> Iterator[Entry]:
-    """Give the references to textures in a material and its extensions."""
+    """Yield the references to textures in a material and its extensions."""
     for holder in list(_dicts(material)):
         for key, value in holder.items():
             if key.endswith("Texture") and isinstance(value, dict) and isinstance(value.get("index"), int):
@@ -115,12 +115,12 @@ def _textures_in(material: Entry) -> Iterator[Entry]:
 
 
 def material_name(entry: Mapping[str, Any], number: int) -> str:
-    """Return what a material is called."""
+    """Return the name of a material, or a default with its number."""
     return str(entry.get("name") or f"material_{number}")
 
 
 def image_from(uri: str, old: Path, new: Path) -> str:
-    """Return how an image that a file in one folder names is named from another folder."""
+    """Return the URI of an image relative to the folder `new` instead of `old`."""
     if uri.startswith("data:") or "://" in uri or old.resolve() == new.resolve():
         return uri
     return quote(Path(os.path.relpath(old / unquote(uri), new)).as_posix())

@@ -1,6 +1,6 @@
-"""glTF meshes in: primitives joined to one object, as they are or, where our writer noted it, as they were before.
+"""Read glTF meshes: join the primitives to one object, and undo the changes that our writer recorded in ``extras``.
 
-Vertices that were cut at hard edges and UV seams stay apart: each has one normal.
+In files of other programs, vertices that were split at hard edges and UV seams stay split: each has one normal.
 """
 
 from __future__ import annotations
@@ -38,18 +38,34 @@ from pdecodec.formats.gltf.primitives import (
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
-MOST_UNUSED = 2**22
-"""Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
+MAX_UNUSED_VALUES = 2**22
+"""Largest count of recorded values beyond one per drawn corner: single points, UV rows that no corner uses."""
 
 
 @dataclass(frozen=True)
 class GltfMesh:
-    """A mesh as one object: blocks, whose vertices stand one after the other, and which of them are the object's.
+    """A glTF mesh as one object.
 
-    `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
-    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces. `morphed` has
-    the numbers of the morph targets that change colours and UVs, by the names of these; `turned`, (corners,), is by how
-    many degrees normals were turned from those that are computed, NaN for none.
+    Attributes
+    ----------
+    connectivity, attributes
+        Of the object.
+    blocks : tuple of Block
+        Vertices of the primitives, one block after the other.
+    gather : (vertices,) int64 or None
+        Rows of the blocks that are the object's vertices; None for all.
+    weights : (targets,) float64
+        Weights of the morph targets if nothing animates them.
+    left_out : tuple of str
+        Names of what is not kept.
+    starts : tuple of int
+        First row of the vertices of each primitive.
+    corner_rows : (corners,) int32
+        Row of each corner of the object's faces.
+    morphed : mapping
+        Numbers of the morph targets that change each colour or UV set, by its name.
+    turned : (corners,) float64
+        Angles [degrees] between stored normals and those computed from faces, NaN if there is none.
     """
 
     connectivity: Connectivity
@@ -65,15 +81,15 @@ class GltfMesh:
 
 
 def default_weights(mesh: Mapping[str, Any]) -> Float64Array:
-    """Weights (targets,) of a mesh's morph targets where nothing moves them."""
+    """Return the weights (targets,) that a mesh gives its morph targets if nothing animates them."""
     targets = max((len(one.get("targets", [])) for one in mesh.get("primitives", ())), default=0)
     return np.array(mesh.get("weights", [0.0] * targets), np.float64)
 
 
 def read_mesh(file: GltfFile, index: int, weights: Float64Array) -> GltfMesh:
-    """Return a mesh of the file; InputError where it is damaged.
+    """Return a mesh of the file; InputError if it is damaged.
 
-    Morph targets are added to colours and UVs by `weights`, (targets,).
+    `weights`, (targets,), says how much of each morph target is added to colours and UVs.
     """
     try:
         return _Reader(file, file.listed("meshes")[index], weights).read()
@@ -125,7 +141,9 @@ class _Reader:
         if isinstance(own, dict):
             if own.get("of") == fingerprint(self._rows, drawn):
                 return self._restored(own, weights, drawn, tuple(starts))
-            self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
+            self._left_out["the original faces and seams that pdecodec recorded (another program changed the mesh)"] = (
+                None
+            )
         attributes = [
             *self._vertex_attributes(connectivity),
             *self._materials(materials),
@@ -146,7 +164,7 @@ class _Reader:
         )
 
     def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
-        """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
+        """Return the first row and the number of vertices of a primitive; equal accessors share one block."""
         packed = primitive.get("extensions", {}).get(DRACO)
         key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
         if key not in self._known:
@@ -158,7 +176,7 @@ class _Reader:
                 for target in rows.targets
             )
             if any(len(target) != len(positions) for target in targets):
-                raise ValueError("a morph target has another number of vertices")
+                raise ValueError("a morph target has a different number of vertices")
             joints, weights = influences_of(rows, len(positions))
             self._known[key] = (self._rows, len(positions))
             self._blocks.append(Block(positions, targets, joints, weights))
@@ -169,7 +187,7 @@ class _Reader:
         return self._known[key]
 
     def _vertex_attributes(self, connectivity: Connectivity) -> list[Attribute]:
-        """UVs, colours and normals, of those primitives that have them."""
+        """Return UVs, colours and normals of the primitives that have them."""
         found = []
         for name in sorted({name for source in self._sources for name in source.accessors}):
             if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
@@ -184,7 +202,7 @@ class _Reader:
             )
             if name == "NORMAL":
                 if connectivity.face_count:
-                    # Triangles without normals are flat.
+                    # glTF shades triangles without normals flat.
                     of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
                     keys = np.where(has[connectivity.face_indices], 0, of_corner)
                     found.append(normal_group(connectivity, None if has.all() else keys))
@@ -196,7 +214,7 @@ class _Reader:
             values = np.concatenate(
                 [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
             )
-            # Of each vertex, the row, or none.
+            # The row of each vertex's value, or -1 if it has none.
             rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
             role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
             name = role_name(role, name, (main,))
@@ -207,7 +225,7 @@ class _Reader:
         return found
 
     def _read(self, source: PrimitiveRows, name: str) -> Float32Array:
-        """Rows of an attribute under the morph targets."""
+        """Return the rows of an attribute with the morph targets added."""
         values, count = source.read(name).astype(np.float32), len(self._weights)
         for number, target in enumerate(source.targets[:count]):
             if name in target and (added := self._file.accessor(target[name]).astype(np.float32)).any():
@@ -232,13 +250,16 @@ class _Reader:
         drawn: Sequence[tuple[int, Int64Array]],
         starts: tuple[int, ...],
     ) -> GltfMesh:
-        """The object as it was before our writer cut it at seams and into triangles; mode and rows of primitives."""
+        """Return the object as it was before our writer split it at seams and into triangles.
+
+        `drawn` has the mode and rows of each primitive.
+        """
         vertices, corners = int(own["vertices"]), sum(indices.size for _, indices in drawn)
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
-            raise ValueError("what pdecodec noted does not fit it")
+            raise ValueError("the structure that pdecodec recorded does not fit it")
 
         def array(name: str) -> Int32Array:
-            return read_integers(own[name], corners + MOST_UNUSED) if name in own else np.zeros(0, np.int32)
+            return read_integers(own[name], corners + MAX_UNUSED_VALUES) if name in own else np.zeros(0, np.int32)
 
         connectivity = Connectivity(
             vertices, array("faceCounts"), array("faceIndices"), array("lineCounts"), array("lineIndices")
@@ -251,24 +272,24 @@ class _Reader:
                 self._left_out[name] = None
                 continue
             by_corner = flipped(self._read(self._sources[0], uv["accessor"]))[rows]
-            attributes.append(_as_noted(name, by_corner, uv))
+            attributes.append(_restore_uv_rows(name, by_corner, uv))
         for name, color in own.get("colors", {}).items():
             if color["accessor"] not in there:
                 self._left_out[name] = None
                 continue
             shades = self._read(self._sources[0], color["accessor"])
             domain = color.get("domain", "vertex")
-            # Of faces and objects, the first corner of each.
+            # Values of faces and objects were written to all their corners: read the first.
             firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
             chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
             rows_of = shades[chosen[domain]] if domain in chosen else shades[:vertices]
             missing = read_integers(color["missing"], len(rows_of)) if "missing" in color else np.zeros(0, np.int32)
-            attributes.append(_partly(Attribute(name, domain, rows_of), missing))
+            attributes.append(_remove_missing(Attribute(name, domain, rows_of), missing))
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
         for name, group in own.get("groups", {}).items():
-            members = read_integers(group["faces"], corners + MOST_UNUSED) - np.int32(1)
+            members = read_integers(group["faces"], corners + MAX_UNUSED_VALUES) - np.int32(1)
             values = members if group["labels"] else members.astype(np.uint8)
             attributes.append(Attribute(name, "face", values, labels=tuple(map(str, group["labels"]))))
         has_normals = "NORMAL" in there or "normalGroups" in own
@@ -294,7 +315,7 @@ class _Reader:
 
 
 def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]]) -> list[Attribute]:
-    """Which vertices are drawn as points, where an object is more than its points."""
+    """Mark the vertices that are drawn as points, if the object has faces or lines too."""
     points = [indices for mode, indices in drawn if mode == POINTS]
     if not points or not (connectivity.face_count or connectivity.line_count):
         return []
@@ -304,14 +325,14 @@ def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]])
 
 
 def _groups_of(primitive: Mapping[str, Any]) -> list[str]:
-    """Names of the sets of faces that a primitive says it is in."""
+    """Return the names of the face sets that a primitive's extras list."""
     extras = primitive.get("extras")
     found = extras.get("groups") if isinstance(extras, dict) else None
     return [str(one) for one in found] if isinstance(found, list) else []
 
 
 def _groups(names: Sequence[list[str]], materials: Sequence[Int64Array]) -> list[Attribute]:
-    """Sets of faces that primitives are: by the names that they have, or numbered where materials do not part them."""
+    """Return primitives as face sets: named by their extras, else numbered if they share materials."""
     if not any(names):
         used = [int(one[0]) for one in materials if one.size]
         if len(set(used)) == len(used):
@@ -325,25 +346,25 @@ def _groups(names: Sequence[list[str]], materials: Sequence[Int64Array]) -> list
     return face_groups(GROUP, [(label, np.concatenate(found)) for label, found in members.items()], int(ends[-1]))
 
 
-def _partly(color: Attribute, missing: Int32Array) -> Attribute:
-    """Return a colour of which some elements have none, as was noted."""
+def _remove_missing(color: Attribute, missing: Int32Array) -> Attribute:
+    """Remove the values of a colour that was recorded as missing for some elements."""
     if not missing.size:
         return color
     if not 0 <= missing.min() <= missing.max() < len(color.values):
-        raise ValueError(f"what has no {color.name} is out of range")
+        raise ValueError(f"an element without {color.name} is out of range")
     has = np.ones(len(color.values), bool)
     has[missing] = False
     indices = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
     return Attribute(color.name, color.domain, color.values[has], indices)
 
 
-def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
-    """A UV set with the rows that corners shared before, where they were noted."""
+def _restore_uv_rows(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
+    """Return a UV set with the rows that corners shared originally, if these were recorded."""
     if "indices" not in uv:
         return Attribute(name, "corner", by_corner)
     indices, rows = read_integers(uv["indices"], len(by_corner)) - np.int32(1), int(uv["rows"])
-    if not 0 <= rows <= len(by_corner) + MOST_UNUSED or indices.size != len(by_corner):
-        raise ValueError(f"{rows} rows of {name} are noted for {len(by_corner)} corners")
+    if not 0 <= rows <= len(by_corner) + MAX_UNUSED_VALUES or indices.size != len(by_corner):
+        raise ValueError(f"{rows} rows of {name} are recorded for {len(by_corner)} corners")
     values = np.zeros((rows, by_corner.shape[1]), np.float32)
     values[indices[indices >= 0]] = by_corner[indices >= 0]
     return Attribute(name, "corner", values, indices)

@@ -1,4 +1,7 @@
-"""One object as a glTF mesh: triangles, vertices cut at seams and hard edges, morph targets, notes of what it was."""
+"""Write one object as a glTF mesh: triangles, vertices split at seams and hard edges, and morph targets.
+
+``extras`` record the original structure, so that our reader restores it.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +23,19 @@ from pdecodec.formats.base.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_attribute
-from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, noted_integers
+from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, encode_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
-MOST_TARGETS_OF_PARTS = 2048
-"""Morph targets of all primitives of a mesh that sets of faces may part: each is named in each of them."""
+MAX_TARGETS_OF_SPLIT_MESH = 2048
+"""Largest number of morph targets over all primitives of a split mesh: each primitive lists all targets."""
 
 
-def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
-    """Whether a mesh has a place for an attribute."""
+def is_held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
+    """Return whether a glTF mesh can store an attribute."""
     if (attribute.name == MATERIAL and attribute.domain == "face" and attribute.labels) or (
         attribute is group_attribute(item) or attribute is shared_attribute(item)
     ):
@@ -42,9 +45,9 @@ def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
 
 
 def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
-    """Colours between 0 and 1, as glTF wants them, and their rows: of each vertex, or of each corner of a face.
+    """Return colours with values in [0, 1], as glTF demands, with one row per vertex or per face corner.
 
-    What has no colour is white, which leaves materials as they are.
+    Elements without a colour become white, which leaves materials unchanged.
     """
     found = []
     faces, corners = item.connectivity.face_counts, item.connectivity.face_indices.size
@@ -62,13 +65,13 @@ def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
 
 
 def _groups_of(item: MeshObject) -> list[Attribute]:
-    """Attributes that say which faces are in a set."""
+    """Return the attributes that are face sets."""
     found = [one for one in item.attributes if one.domain == "face" and is_role(one, GROUP) and one.values.ndim == 1]
     return [one for one in found if one.values.dtype.kind in "iu"]
 
 
 def _points_of(item: MeshObject) -> list[Attribute]:
-    """The attribute that says which vertices are drawn as points, if there is one."""
+    """Return the attribute that marks vertices drawn as points, if there is one."""
     found = [one for one in item.attributes if one.name == POINT and one.domain == "vertex"]
     return [one for one in found if one.values.ndim == 1 and one.values.dtype.kind in "iu"]
 
@@ -82,26 +85,35 @@ def write_mesh(
     lattice: Lattice | None = None,
     joints: Int64Array | None = None,
 ) -> int:
-    """Write a mesh; its index. `material` gives the index of the material of a name.
+    """Write a mesh and return its index.
 
-    On a lattice, positions are 16-bit fractions, and so are normals at rest; those that targets add have 8 bits where
-    they are small enough. Where a motion has no normals, those of `rows` are noted alone. `joints`, (vertices,), are
-    those of a skin that vertices go with.
+    Parameters
+    ----------
+    builder, item, motion
+    rows : NormalRows or None
+        Normals of the object. If `motion` has none, only their grouping is recorded.
+    material : callable
+        Returns the index of the material with a name.
+    lattice : Lattice, optional
+        Store positions and normals at rest as 16-bit fractions, and normals of targets in 8 bits if they are small
+        enough.
+    joints : (vertices,) int64, optional
+        Joint of the skin that moves each vertex.
     """
     return _MeshWriter(builder, item, motion, rows, lattice).write(material, joints)
 
 
 class _MeshWriter:
-    """A mesh on its way into a file: its vertices, what they have, and the primitives that are drawn of them.
+    """A mesh that is being written: its vertices, their attributes, and the primitives that draw them.
 
     Attributes
     ----------
     sources : (rows,) int
-        The vertex that each row is of.
+        The vertex that each row is a copy of.
     corner_rows : (corners,) int
         The row of each corner of a face.
     notes : dict
-        What the mesh was, as its extras keep it.
+        The original structure of the mesh, for its ``extras``.
     """
 
     def __init__(
@@ -113,11 +125,11 @@ class _MeshWriter:
         if rows is not None and motion.normals is not None:
             columns.append(rows.corner_rows)
         columns += [values for color, values in self._colors if color.domain != "vertex"]
-        self.sources, self.corner_rows = _cut(item.connectivity, columns)
+        self.sources, self.corner_rows = _split_vertices(item.connectivity, columns)
         self.notes: dict[str, Any] = {"vertices": item.vertex_count}
 
     def write(self, material: Callable[[str], int], joints: Int64Array | None) -> int:
-        """Write it; its index."""
+        """Write the mesh and return its index."""
         if self._lattice is not None:
             self._builder.require(QUANTIZATION)
         attributes, morphs = self._attributes(), self._morphs()
@@ -145,7 +157,7 @@ class _MeshWriter:
         return self._builder.add("meshes", mesh)
 
     def _attributes(self) -> dict[str, int]:
-        """Accessors of positions, texture coordinates and colours."""
+        """Add accessors of positions, texture coordinates and colours; return them by attribute name."""
         found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
         rows = self.sources.size
         for number, uv in enumerate(self._uv_sets):
@@ -160,13 +172,13 @@ class _MeshWriter:
             found[f"COLOR_{number}"] = self._builder.floats(by_row, target=VERTEX_DATA)
             noted = {"accessor": f"COLOR_{number}", "domain": color.domain}
             if color.indices is not None and (color.indices < 0).any():
-                noted["missing"] = noted_integers(np.flatnonzero(color.indices < 0))
+                noted["missing"] = encode_integers(np.flatnonzero(color.indices < 0))
             self.notes.setdefault("colors", {})[color.name] = noted
         return found
 
     def _morphs(self) -> list[dict[str, int]]:
-        """Morph targets: what each adds to positions."""
-        # What targets add has no offset.
+        """Add the displacements of positions by each morph target."""
+        # Displacements are fractions of the scale, without offset.
         added = None if self._lattice is None else dataclasses.replace(self._lattice, offset=np.zeros(3))
         return [
             {"POSITION": self._positions(shape, added) if shape.any() else self._builder.zeros(self.sources.size)}
@@ -174,12 +186,12 @@ class _MeshWriter:
         ]
 
     def _add_normals(self, attributes: dict[str, int], morphs: Sequence[dict[str, int]]) -> None:
-        """Normals at rest, and what targets add to them; or a note where there are none."""
+        """Add normals at rest and their changes by targets; record the grouping if they cannot show it."""
         rows, motion = self._rows, self._motion
         if rows is None:
             return
         if motion.normals is not None and motion.normal_targets is not None:
-            # A vertex that is in no face has the row of its number.
+            # A vertex that belongs to no face has its own number as normal row.
             normals = self.sources.copy()
             normals[self.corner_rows] = rows.corner_rows
             attributes["NORMAL"] = self._directions(motion.normals[normals], "<i2")
@@ -191,24 +203,24 @@ class _MeshWriter:
         if group_attribute(self._item) is None:
             self.notes["normals"] = "added"
         elif not rows.is_smooth or motion.normals is None:
-            self.notes["normalGroups"] = noted_integers(rows.groups)
+            self.notes["normalGroups"] = encode_integers(rows.groups)
         if (shared := shared_attribute(self._item)) is not None:
-            self.notes["sharedNormals"] = noted_integers(expanded(shared))
+            self.notes["sharedNormals"] = encode_integers(expanded(shared))
 
     def _parts(self, morphs: int) -> Iterator[tuple[int, NDArray[Any] | None, str | None, Sequence[str]]]:
-        """Primitives: how and which rows are drawn, name of the material, sets of faces."""
+        """Yield primitives: mode, rows, name of the material, names of face sets."""
         item = self._item
-        triangles, faces = _fans(item.connectivity, self.corner_rows)
+        triangles, faces = _triangulate(item.connectivity, self.corner_rows)
         labels, of_faces = _materials_of(item)
         if labels:
-            self.notes["materials"], self.notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
+            self.notes["materials"], self.notes["faceMaterials"] = list(labels), encode_integers(of_faces + 1)
         if groups := _groups_of(item):
             self.notes[GROUPS] = {
-                one.name: {"labels": list(one.labels), "faces": noted_integers(expanded(one).astype(np.int64) + 1)}
+                one.name: {"labels": list(one.labels), "faces": encode_integers(expanded(one).astype(np.int64) + 1)}
                 for one in groups
             }
         is_empty = True
-        most = max(1, MOST_TARGETS_OF_PARTS // max(1, morphs))
+        most = max(1, MAX_TARGETS_OF_SPLIT_MESH // max(1, morphs))
         for members, number, names in _parts(of_faces, groups, most=most):
             chosen = triangles[members[faces]]
             if len(chosen):
@@ -234,13 +246,13 @@ class _MeshWriter:
         return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
 
-def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[Int64Array, Int64Array]:
-    """Vertices cut where their corners differ in a column, (corners,) or (corners, k).
+def _split_vertices(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[Int64Array, Int64Array]:
+    """Split vertices whose corners differ in a column, (corners,) or (corners, k).
 
     Returns
     -------
     sources : (rows,) int64
-        Vertex that each row is; the first rows are all vertices in order.
+        Vertex that each row is a copy of; the first rows are all vertices in order.
     corner_rows : (corners,) int64
         Row of each corner.
     """
@@ -253,7 +265,7 @@ def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[Int64
     if keys is corners:
         return vertices, corners
     _, first = np.unique(keys, return_index=True)
-    # Of the rows of a vertex, the one that comes first in the file takes the vertex's own place.
+    # Of a vertex's rows, the first in corner order keeps the vertex's number; the others are appended.
     order = np.argsort(first)
     of_row = corners[first[order]]
     _, first_of_vertex = np.unique(of_row, return_index=True)
@@ -271,24 +283,24 @@ def _write_uv(builder: GltfBuilder, uv: Attribute, corner_rows: Int64Array, rows
     by_row[corner_rows] = by_corner
     note: dict[str, Any] = {"rows": len(uv.values)}
     if uv.indices is not None:
-        note["indices"] = noted_integers(uv.indices.astype(np.int64) + 1)
+        note["indices"] = encode_integers(uv.indices.astype(np.int64) + 1)
     notes.setdefault("uvs", {})[uv.name] = note
     return builder.floats(flipped(by_row), target=VERTEX_DATA)
 
 
 def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, notes: dict[str, Any]) -> None:
     if connectivity.face_count:
-        notes["faceCounts"] = noted_integers(connectivity.face_counts)
-        notes["faceIndices"] = noted_integers(connectivity.face_indices)
+        notes["faceCounts"] = encode_integers(connectivity.face_counts)
+        notes["faceIndices"] = encode_integers(connectivity.face_indices)
         if not np.array_equal(corner_rows, connectivity.face_indices):
-            notes["cornerRows"] = noted_integers(corner_rows)
+            notes["cornerRows"] = encode_integers(corner_rows)
     if connectivity.line_count:
-        notes["lineCounts"] = noted_integers(connectivity.line_counts)
-        notes["lineIndices"] = noted_integers(connectivity.line_indices)
+        notes["lineCounts"] = encode_integers(connectivity.line_counts)
+        notes["lineIndices"] = encode_integers(connectivity.line_indices)
 
 
-def _fans(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Triangles of faces, each a fan from its first corner: (triangles, 3) rows, and the face of each."""
+def _triangulate(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
+    """Split faces into triangles, each face a fan from its first corner; return (triangles, 3) rows and their faces."""
     counts = connectivity.face_counts.astype(np.int64)
     starts = np.cumsum(counts) - counts
     per_face = counts - 2
@@ -299,7 +311,7 @@ def _fans(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Arr
 
 
 def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], Int64Array]:
-    """Names of materials, and the one of each face, -1 for none."""
+    """Return the names of materials, and the material of each face, -1 for none."""
     for one in item.attributes:
         if one.name == MATERIAL and one.domain == "face" and one.labels:
             values = one.values if one.indices is None else one.values[one.indices]
@@ -308,9 +320,9 @@ def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], Int64Array]:
 
 
 def _parts(materials: Int64Array, groups: Sequence[Attribute], most: int) -> Iterator[tuple[BoolArray, int, list[str]]]:
-    """Parts of a mesh that have one material and are in the same sets: which faces, the material, names of the sets.
+    """Yield parts of a mesh with one material and the same face sets: mask of faces, material, names of the sets.
 
-    Where that are more than `most` parts, sets do not part them.
+    If that makes more than `most` parts, only materials split the mesh.
     """
     keys = np.column_stack([materials, *(expanded(one).astype(np.int64) for one in groups)])
     found, members = np.unique(keys, axis=0, return_inverse=True)
@@ -327,7 +339,7 @@ def _parts(materials: Int64Array, groups: Sequence[Attribute], most: int) -> Ite
 
 
 def _segments(connectivity: Connectivity) -> Int64Array:
-    """Lines as pairs of vertices, one after the other."""
+    """Return lines as pairs of vertices, one pair after the other."""
     indices = connectivity.line_indices.astype(np.int64)
     if indices.size < 2:
         return np.zeros(0, np.int64)

@@ -1,8 +1,9 @@
-"""Motion onto glTF: a file with all that another one has, whose meshes move by our morph targets or as their nodes do.
+"""Write motion into an existing glTF scene: its meshes then move by morph targets, or as their nodes do.
 
-Nodes, skins, materials, images, cameras, lights and extras stay; a mesh that is moved is a new one of the same indices
-and attributes, with other positions and normals, and no joints. Where the nodes above it stand still it keeps its place
-among them. Else, and where it moves rigidly, it goes to the scene's root, under still nodes of the same names.
+Nodes, skins, materials, images, cameras, lights and extras stay. A moved mesh is replaced by one with the same
+indices and attributes but other positions and normals, and without joints. It stays in the tree of nodes if its
+ancestors stand still. Otherwise, and if it moves rigidly, it goes to the scene's root, under still nodes of the same
+names.
 """
 
 from __future__ import annotations
@@ -36,43 +37,43 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 _MIRROR = np.array([-1, 1, 1], np.float32)
-"""Scale of a node at the root whose mesh stood under a transform that mirrors: its faces stay as they are stored."""
+"""Scale of a root node whose mesh stood under a mirroring transform: keeps the orientation of its stored faces."""
 
-_FLATTEST = 1e6
-"""Ratio of the scales of a transform from which on it flattens, and what is under it goes to the root instead."""
+_FLATTENING_CONDITION = 1e6
+"""Condition number from which a transform counts as flattening; its meshes then go to the root."""
 
-_OF_ANOTHER_MOTION = ("JOINTS_", "WEIGHTS_", "TANGENT")
-"""Beginnings of the names of attributes that belong to the motion that is replaced."""
+_MOTION_ATTRIBUTE_PREFIXES = ("JOINTS_", "WEIGHTS_", "TANGENT")
+"""Prefixes of attributes that belong to the motion that is replaced."""
 
 
 def write_gltf_onto(
     sequence: MeshSequence, original: GltfSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
-    """Write the original's scene with a sequence's motion."""
+    """Write the original's scene with the motion of a sequence; return notices."""
     check_size(sequence.frame_count, sequence.objects)
     with output.whole_file() as path:
         builder = GltfBuilder(meshopt=output.meshopt)
         builder.begin_with(original.file)
-        _name_images(builder.root, source.parent, output.path.parent)
+        _relink_images(builder.root, source.parent, output.path.parent)
         notices = _Onto(builder, sequence, original, fits, output).write()
         path.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
     return tuple(notices)
 
 
-def _name_images(root: dict[str, Any], old: Path, new: Path) -> None:
-    """Name images that lie in files of their own from another folder."""
+def _relink_images(root: dict[str, Any], old: Path, new: Path) -> None:
+    """Make the URIs of external images relative to another folder."""
     for entry in root.get("images", []):
         if "uri" in entry:
             entry["uri"] = image_from(entry["uri"], old, new)
 
 
 def _worlds(nodes: Nodes, node: int, times: Float64Array) -> Float64Array:
-    """(times, 4, 4): where a node is."""
+    """Return matrices (times, 4, 4) of a node in the scene."""
     return Pose(nodes, times).world(node)
 
 
 class _Onto(GltfScene):
-    """A scene with all that the original's has, some of whose meshes are others."""
+    """The original's scene with some meshes replaced."""
 
     def __init__(
         self,
@@ -92,19 +93,19 @@ class _Onto(GltfScene):
         chosen = self._animations[original.clip_number]
         self._samplers, self._channels = chosen["samplers"], chosen["channels"]
         extras = chosen.get("extras")
-        # Cameras and other nodes move on at the times that they have: the motion keeps its place among them.
+        # The original's cameras and other nodes keep their times, so both share one start of time.
         self._start = min(original.start, self._start)
         chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": self._noted_times()}
         moved = {original.shapes[one.index].node for one in fits}
         for node in moved:
-            self._let_go(node)
-        # A mesh that no other node has gives its place to the new one.
+            self._remove_weight_animations(node)
+        # If no other node uses a mesh, the new mesh takes its index.
         users = [(entry["mesh"], index) for index, entry in enumerate(root["nodes"]) if "mesh" in entry]
         self._free = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in moved}
         self._dropped: dict[str, None] = {}
 
-    def _let_go(self, node: int) -> None:
-        """Let no animation move the weights of a node, which gets others."""
+    def _remove_weight_animations(self, node: int) -> None:
+        """Remove animations of the morph weights of a node, which gets new ones."""
         pointer = f"/nodes/{node}/weights"
         for animation in self._animations:
             targets = [channel["target"] for channel in animation["channels"]]
@@ -129,7 +130,7 @@ class _Onto(GltfScene):
             turns = rigid_keys(points, thirds) if item.connectivity.face_count else None
             entry, place = nodes[part.node], {}
             stays = turns is None and part.instance is None and placed.stands
-            if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTEST:
+            if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTENING_CONDITION:
                 points, thirds = placed.points(points, 0), None if thirds is None else placed.points(thirds, 0)
             else:
                 stays = False
@@ -163,7 +164,7 @@ class _Onto(GltfScene):
         if self._start < self._original.start:
             notices.append(f"its animations start at 0 s, in place of {self._start:g} s, where the motion starts")
         if self._dropped:
-            notices.append(f"not kept: {', '.join(self._dropped)}, which viewers find out from normals and UVs")
+            notices.append(f"not kept: {', '.join(self._dropped)}, which viewers compute from normals and UVs")
         if moved:
             notices.append(
                 f"moved to the root of the scene, under still nodes of the same names: {listed(list(moved))}"
@@ -171,7 +172,7 @@ class _Onto(GltfScene):
         return notices
 
     def _settle_extensions(self) -> None:
-        """Name only those extensions of geometry that are still there."""
+        """Undeclare geometry extensions that are no longer used."""
         root = self._builder.root
         primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
         there = {
@@ -187,7 +188,7 @@ class _Onto(GltfScene):
     def _write_mesh(
         self, mesh: GltfMesh, number: int, points: Float32Array, thirds: Float32Array | None
     ) -> tuple[int, Motion]:
-        """A mesh like another one with other positions; its index, and how it moves."""
+        """Write a copy of a mesh with other positions; return its index and its motion."""
         entry = copy.deepcopy(self._original.file.listed("meshes")[number])
         stored = [PrimitiveRows(self._original.file, one) for one in entry["primitives"]]
         sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
@@ -197,13 +198,13 @@ class _Onto(GltfScene):
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
             if start not in whole:
-                whole[start] = self._put(motion, slice(start, start + count))
+                whole[start] = self._write_rows(motion, slice(start, start + count))
             geometry, targets = whole[start]
             if DRACO in primitive.get("extensions", {}):
                 self._unpack(primitive, old, count)
             names = primitive["attributes"]
             self._dropped |= dict.fromkeys("tangents" for name in names if name == "TANGENT")
-            kept = {name: index for name, index in names.items() if not name.startswith(_OF_ANOTHER_MOTION)}
+            kept = {name: index for name, index in names.items() if not name.startswith(_MOTION_ATTRIBUTE_PREFIXES)}
             primitive["attributes"] = kept | {name: index for name, index in geometry.items() if name in names}
             primitive["targets"] = [
                 {name: index for name, index in target.items() if name in names} for target in targets
@@ -222,8 +223,8 @@ class _Onto(GltfScene):
             return number, motion
         return self._builder.add("meshes", entry), motion
 
-    def _put(self, motion: Motion, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
-        """Accessors of positions and normals of some rows at rest, and of what targets add."""
+    def _write_rows(self, motion: Motion, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
+        """Add accessors of positions and normals of some rows, at rest and for each target."""
         add = self._builder.floats
         attributes = {"POSITION": add(motion.rest[own], target=VERTEX_DATA, bounds=True)}
         targets = [{"POSITION": add(shape[own], target=VERTEX_DATA, bounds=True)} for shape in motion.targets]
@@ -234,19 +235,19 @@ class _Onto(GltfScene):
         return attributes, targets
 
     def _unpack(self, primitive: dict[str, Any], old: PrimitiveRows, count: int) -> None:
-        """Store what Draco held as it is."""
+        """Store the attributes that Draco compressed uncompressed."""
         del primitive["extensions"][DRACO]
         if not primitive["extensions"]:
             del primitive["extensions"]
         primitive["mode"] = TRIANGLES
         primitive["indices"] = self._builder.integers(old.indices(count), target=INDEX_DATA, triangles=True)
         for name in primitive["attributes"]:
-            if name not in ("POSITION", "NORMAL") and not name.startswith(_OF_ANOTHER_MOTION):
+            if name not in ("POSITION", "NORMAL") and not name.startswith(_MOTION_ATTRIBUTE_PREFIXES):
                 primitive["attributes"][name] = self._builder.floats(old.read(name), target=VERTEX_DATA)
 
 
 def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows]) -> NormalRows | None:
-    """Normals of the rows of a mesh, which was cut at seams; None where it has none."""
+    """Return the normals of a mesh's rows, which are split at seams; None if it has none."""
     if not mesh.connectivity.face_count or not any("NORMAL" in one.accessors for one in stored):
         return None
     count = sum(len(block.positions) for block in mesh.blocks)

@@ -1,4 +1,4 @@
-"""What the primitives of a glTF mesh hold: attributes, compressed or not, joints, normals, and what is drawn."""
+"""Read the primitives of a glTF mesh: attributes, compressed or not, joints, normals, triangles and lines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Block:
 
 
 class PrimitiveRows:
-    """The attributes of a primitive by their names, compressed or not."""
+    """The attributes of a primitive by name, decompressed on reading."""
 
     def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
         self._file = file
@@ -43,13 +43,13 @@ class PrimitiveRows:
         if DRACO in extensions:
             self._packed = decode_draco(file.view_bytes(extensions[DRACO]["bufferView"]))
             self._packed_as = extensions[DRACO]["attributes"]
-            # Strips are triangles when they come out.
+            # Draco decodes strips to triangles.
             self.mode = TRIANGLES
         elif extensions and not {"bufferView", "sparse"} & file.listed("accessors")[self.accessors["POSITION"]].keys():
             raise damaged(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
 
     def read(self, name: str) -> NDArray[Any]:
-        """Numbers of an attribute, (vertices,) or (vertices, k)."""
+        """Return the values of an attribute, (vertices,) or (vertices, k)."""
         index = self.accessors[name]
         if self._packed is None or name not in self._packed_as:
             return self._file.accessor(index)
@@ -59,7 +59,7 @@ class PrimitiveRows:
         return as_declared(values, entry)
 
     def indices(self, rows: int) -> Int64Array:
-        """(corners,) int64, below `rows`."""
+        """Return vertex indices (corners,) int64, all below `rows`."""
         if self._packed is not None:
             indices = self._packed.indices
         elif self._indices is None:
@@ -72,7 +72,7 @@ class PrimitiveRows:
 
 
 def influences_of(source: PrimitiveRows, rows: int) -> tuple[Int64Array | None, Float64Array | None]:
-    """Return joints of each vertex and their shares, (vertices, k), which sum to one."""
+    """Return the joints of each vertex and their weights, (vertices, k), which sum to one."""
     joints, weights = [], []
     number = 0
     while f"JOINTS_{number}" in source.accessors and f"WEIGHTS_{number}" in source.accessors:
@@ -85,14 +85,14 @@ def influences_of(source: PrimitiveRows, rows: int) -> tuple[Int64Array | None, 
     if every_joint.shape != every_weight.shape or len(every_joint) != rows:
         raise ValueError("its joints do not fit its vertices")
     total = every_weight.sum(axis=1, keepdims=True)
-    # As viewers do: weights are shares, and a vertex without any goes with its first joint.
+    # As in viewers: weights are normalised, and a vertex without any follows its first joint.
     shares = np.divide(every_weight, total, out=np.zeros_like(every_weight), where=total > 0)
     shares[total[:, 0] <= 0, 0] = 1
     return every_joint, shares
 
 
 def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Attribute | None:
-    """Which vertices of blocks share a normal: those at one place that also move alike; a source for each block."""
+    """Find vertices that share a normal: those at one position that also move alike. Expects one source per block."""
     weights = [block.weights for block in blocks if block.weights is not None]
     width = max((one.shape[1] for one in weights), default=0)
     places = []
@@ -101,7 +101,7 @@ def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows])
         columns = np.zeros((count, 4 + 2 * width))
         columns[:, :3] = block.positions
         for number, target in enumerate(block.targets):
-            # A number by which displacements differ if they do.
+            # A combination of the displacements that almost surely differs if they do.
             columns[:, 3] += (target * np.cos([number + 1, number + 1.4, number + 1.8])).sum(axis=1)
         if block.joints is not None and block.weights is not None:
             columns[:, 4 : 4 + block.joints.shape[1]] = np.where(block.weights > 0, block.joints, -1)
@@ -111,7 +111,7 @@ def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows])
 
 
 def stored_normals(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Float64Array:
-    """(rows, 3): normals of the rows of blocks; NaN where a source has none."""
+    """Return the stored normals (rows, 3) of the rows of blocks; NaN if a source has none."""
     return np.concatenate(
         [
             source.read("NORMAL").astype(np.float64).reshape(-1, 3)
@@ -123,9 +123,9 @@ def stored_normals(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) ->
 
 
 def turned_normals(item: MeshObject, blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Float64Array:
-    """(corners,): angles [degrees] between stored normals and those that are computed of faces, at rest.
+    """Return the angles (corners,) between stored normals and those computed from faces, at rest [degrees].
 
-    NaN where none is stored, or where a face has no area.
+    NaN if no normal is stored, or if the face has no area.
     """
     rows = normal_rows(item)
     if rows is None:

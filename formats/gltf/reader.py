@@ -1,9 +1,8 @@
-"""glTF scenes: morph targets, skins and moving nodes, evaluated at a frame rate that is asked for.
+"""Read glTF scenes: morph targets, skins and moving nodes, evaluated at a requested frame rate.
 
-A glTF animation is curves over time, not frames. Frames are taken at `fps` from the clip's first key to its last;
-a last key between frames is one more.
-Files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
-count from the bottom, as everywhere else here.
+A glTF animation consists of curves over time, not frames. Frames are taken at `fps` from the clip's first key to its
+last; if the last key lies between frames, it becomes a further frame. Our writer records which times were frames.
+The scene is Y-up and in metres, as glTF prescribes; V is flipped to count from the bottom, as in the other formats.
 """
 
 from __future__ import annotations
@@ -37,21 +36,21 @@ from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, default_weights, read_mesh
 from pdecodec.formats.gltf.primitives import Block
-from pdecodec.formats.gltf.types import INSTANCING, MOST_REAL, VISIBILITY
+from pdecodec.formats.gltf.types import INSTANCING, REAL_LIMIT, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.times import check_times
 
-SEEN_TURN = 5.0
-"""Angle [degrees] from which on a line says that normals were others."""
+NOTICED_NORMAL_ANGLE = 5.0
+"""Angle between stored and computed normals above which a notice reports them [degrees]."""
 
-TINY = 1e-30
-"""Lengths below are none: they are not divided by."""
+SMALLEST_DIVISOR = 1e-30
+"""Smallest divisor of a quaternion's length."""
 
 
 @dataclass(frozen=True)
 class _Skin:
-    """Joints of a skin and their inverse bind matrices, (joints, 4, 4), for points that are rows."""
+    """Joints of a skin and their inverse bind matrices (joints, 4, 4) for row vectors."""
 
     joints: tuple[int, ...]
     inverse_bind: Float64Array
@@ -65,7 +64,7 @@ class _Part(Shape):
     mesh: GltfMesh
     skin: _Skin | None
     instance: Float64Array | None = None
-    """(4, 4): where this one of several instances is in the node's space."""
+    """Matrix (4, 4) from this instance's space to the node's, if the node has instances."""
 
 
 class GltfSequence(SceneSequence):
@@ -75,26 +74,26 @@ class GltfSequence(SceneSequence):
     ----------
     path : pathlib.Path
     fps : float or None
-        Frames per second to take; that of the keys, else 24 and a notice, where neither caller nor file says.
+        Frames per second to take; by default the rate of the keys, or 24 with a notice if they have none.
     clip : str, optional
-        Name of the animation; the first that lasts by default.
+        Name of the animation; by default the first with a duration.
     transforms : {"bake", "keep"}
-        What becomes of nodes above meshes that have no skin.
+        Whether transforms of nodes above meshes without a skin are baked into positions or kept.
 
     Attributes
     ----------
     file, nodes : GltfFile, Nodes
     clip_number : int
-        Which of the file's animations was taken.
+        Index of the animation in the file.
     start : float [s]
-        What is added to the animation's times: our writer lets every animation start at 0, and notes the rest.
+        Offset of frame times from the animation's: our writer lets every animation start at 0 and records the rest.
     notices_with_looks : tuple of str
-        The notices where materials are kept with their textures, as they are in another glTF file.
+        The notices that apply if materials and textures are copied to another glTF file.
 
     Raises
     ------
     InputError
-        If it is no glTF 2.0 file, is damaged, holds no mesh, or has no animation of that name.
+        If the file is no glTF 2.0 file, is damaged, holds no mesh, or has no animation of that name.
     """
 
     def __init__(
@@ -117,19 +116,19 @@ class GltfSequence(SceneSequence):
         noted = file.root.get("asset", {}).get("extras", {})
         own = noted.get("pdecodec", {}) if isinstance(noted, dict) else {}
         found = {UP_AXIS: "Y", UNIT: "m", **{str(key): str(text) for key, text in own.items()}}
-        # Our writer notes an empty unit where nobody knew it.
+        # Our writer records an empty unit if it is unknown.
         self.metadata = {key: text for key, text in found.items() if text}
         left_out = [name for part in parts for name in part.left_out]
         left_out += () if chosen is None else chosen.left_out
         on = {part.node for part in parts}.union(*(part.skin.joints for part in parts if part.skin is not None))
         left_out += left_out_of_file(file, self.nodes, chosen, {k for node in on for k in self.nodes.above(node)})
         looks = left_out_of_materials(file)
-        found_out = (*clip_notices, *time_notices, *_turned(parts))
+        found_out = (*clip_notices, *time_notices, *_normal_notices(parts))
         self.notices = (*textures_of(file), *found_out, *not_kept([*looks, *left_out]), *hidden_notices(parts))
         self.notices_with_looks = (*found_out, *not_kept(left_out), *hidden_notices(parts))
 
     def _pose(self, start: int, stop: int) -> Pose:
-        """Where nodes are at some frames, which shapes have in common."""
+        """Return the transforms of nodes at some frames; all shapes share them."""
         if self._posed is None or self._posed[:2] != (start, stop):
             self._posed = start, stop, Pose(self.nodes, self.times[start:stop] - self.start)
         return self._posed[2]
@@ -143,13 +142,13 @@ class GltfSequence(SceneSequence):
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         pose = self._pose(start, stop)
         weights = self.nodes.weights(shape.node, pose.times, shape.mesh.weights)
-        blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
+        blocks = [_evaluate_block(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
         out[:] = points if shape.gather is None else points[:, shape.gather]
 
 
-def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
-    """(times, vertices, 3): a block's positions under its morph targets and the skin."""
+def _evaluate_block(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
+    """Return positions (times, vertices, 3) of a block under its morph targets and skin."""
     rest = block.positions.astype(np.float64)
     used = [index for index in range(min(len(block.targets), weights.shape[1])) if (weights[:, index] != 0).any()]
     points = np.broadcast_to(rest, (len(weights), *rest.shape))
@@ -158,11 +157,13 @@ def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) 
         points = rest + (weights[:, used] @ targets.reshape(len(used), -1)).reshape(points.shape)
     if skin is None or block.joints is None or block.weights is None:
         return points.astype(np.float32)
-    return _skinned(points, block.joints, block.weights, skin, pose)
+    return _skin_points(points, block.joints, block.weights, skin, pose)
 
 
-def _skinned(points: Float64Array, joints: Int64Array, weights: Float64Array, skin: _Skin, pose: Pose) -> Float32Array:
-    """Points moved by joints, in the scene's space: the node of a skinned mesh does not move it."""
+def _skin_points(
+    points: Float64Array, joints: Int64Array, weights: Float64Array, skin: _Skin, pose: Pose
+) -> Float32Array:
+    """Move points by joints, to the scene's space: the node of a skinned mesh does not move it."""
     if joints.size and int(joints.max()) >= len(skin.joints):
         raise damaged("a mesh names a joint that its skin does not have; export the file again")
     worlds = np.stack([pose.world(joint) for joint in skin.joints], axis=1)
@@ -185,7 +186,7 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     if isinstance(noted, (int, float)) and noted > 0 and fps is None:
         times = merged_times(keys)
         if times.size != clip.extras.get("frames"):
-            # Another program took keys out: they are no longer the frames.
+            # Another program removed keys: the remaining ones are not all frames.
             times = frames_at_rate(float(times[0]), float(times[-1]), float(noted))
         return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
@@ -193,24 +194,24 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     return times, rate, (*notices, *resampled(merged_times(keys), rate)[1])
 
 
-def _turned(parts: Sequence[_Part]) -> tuple[str, ...]:
-    """Return a line about normals that are not those of the faces around them; none where there are none."""
+def _normal_notices(parts: Sequence[_Part]) -> tuple[str, ...]:
+    """Return a notice if stored normals differ from the averages of the normals of adjacent faces."""
     meshes = {id(part.mesh): part.mesh.turned for part in parts}
     angles = np.concatenate([one[~np.isnan(one)] for one in meshes.values()])
-    many = int(np.count_nonzero(angles > SEEN_TURN))
+    many = int(np.count_nonzero(angles > NOTICED_NORMAL_ANGLE))
     if not many:
         return ()
-    off = f"{many:,} of {angles.size:,} corners turn by more than {SEEN_TURN:g} degrees, up to {angles.max():.0f}"
-    return (f"normals that are no averages of their faces' are computed anew: {off}",)
+    off = f"{many:,} of {angles.size:,} corners differ by more than {NOTICED_NORMAL_ANGLE:g} degrees"
+    return (f"normals are recomputed from the faces: {off}, up to {angles.max():.0f}",)
 
 
 def _noted_start(clip: Clip) -> float:
     noted = clip.extras.get("start")
-    return float(noted) if isinstance(noted, int | float) and abs(noted) < MOST_REAL else 0.0
+    return float(noted) if isinstance(noted, int | float) and abs(noted) < REAL_LIMIT else 0.0
 
 
 def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tuple[str, ...]]:
-    """An animation, its number, and a line where there are others."""
+    """Return an animation, its index, and a notice if the file has others."""
     entries = file.listed("animations")
     names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
     if name is not None and name not in names:
@@ -221,13 +222,13 @@ def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tu
     index = _first_that_lasts(file, len(entries)) if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
-        text = f"has {len(names)} animations, {', '.join(names)}; {names[index]!r} is taken"
+        text = f"has {len(names)} animations, {', '.join(names)}; {names[index]!r} is used"
         notices = (Notice(text, setting="clip", purpose="to take another"),)
     return read_clip(file, index), index, notices
 
 
 def _first_that_lasts(file: GltfFile, count: int) -> int:
-    """The first animation that lasts; the first one where none does."""
+    """Return the index of the first animation with a duration, or 0."""
     for index in range(count):
         if any(times[-1] > times[0] for times in read_clip(file, index).key_times):
             return index
@@ -235,7 +236,7 @@ def _first_that_lasts(file: GltfFile, count: int) -> int:
 
 
 def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
-    """Nodes with a mesh of the scene that shows first, in the order of the file; of all where there is no scene."""
+    """Return the nodes with meshes of the default scene in file order; of all nodes if there is no scene."""
     meshes: dict[tuple[int, bytes], GltfMesh] = {}
     parts: list[_Part] = []
     vertices = 0
@@ -260,7 +261,7 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
                 left_out=[
                     *mesh.left_out,
                     *(
-                        f"how morph targets change {name} with time (it stays as at first)"
+                        f"the change of {name} over time by morph targets (it stays as at the first frame)"
                         for name, targets in mesh.morphed.items()
                         if np.ptp(weights[:, targets], axis=0).any()
                     ),
@@ -272,7 +273,7 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
             )
             instances = node.get("extensions", {}).get(INSTANCING)
             if instances is not None and part.skin is not None:
-                # Joints say where it is, and once.
+                # A skinned mesh is placed by its joints, and only once.
                 part.left_out = [*part.left_out, "instances of skinned meshes"]
                 instances = None
             more = [part] if instances is None else _instances_of(file, part, instances)
@@ -287,13 +288,13 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
 
 
 def _morphs_looks(mesh: Mapping[str, Any]) -> bool:
-    """Whether morph targets of a mesh change its colours or UVs."""
+    """Return whether morph targets of a mesh change its colours or UVs."""
     targets = [target for one in mesh.get("primitives", ()) for target in one.get("targets", [])]
     return any(name.startswith(("COLOR_", "TEXCOORD_")) for target in targets for name in target)
 
 
 def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list[_Part]:
-    """One part for each instance, numbered."""
+    """Return one numbered part per instance."""
     stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
     count = max((len(values) for values in stored.values()), default=0)
     if count * part.connectivity.vertex_count > MOST_INSTANCED:
@@ -305,7 +306,9 @@ def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list
     rows = {path: stored.get(path, np.tile(default, (count, 1))) for path, default in defaults.items()}
     if any(rows[path].shape != (count, len(default)) for path, default in defaults.items()):
         raise damaged(f"instances of {part.name!r} do not fit each other; export the file again")
-    rows["ROTATION"] = rows["ROTATION"] / np.maximum(np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), TINY)
+    rows["ROTATION"] = rows["ROTATION"] / np.maximum(
+        np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), SMALLEST_DIVISOR
+    )
     left_out = [*part.left_out, *(path for path in stored if path not in defaults)]
     matrices = placed_at(rows["TRANSLATION"], rows["ROTATION"], rows["SCALE"])
     return [
@@ -336,6 +339,6 @@ def _read_skin(file: GltfFile, index: int, nodes: Nodes) -> _Skin:
         stored = file.accessor(skins[index]["inverseBindMatrices"]).astype(np.float64)
         if stored.shape != (len(joints), 16):
             raise damaged(f"skin {index} has {len(stored)} matrices for {len(joints)} joints; export it again")
-        # Column-major for columns is row-major for rows.
+        # glTF stores column-major matrices for column vectors: read row by row, they are matrices for row vectors.
         inverse = stored.reshape(-1, 4, 4)
     return _Skin(tuple(joints), inverse)

@@ -1,4 +1,4 @@
-"""How a node moves a shape: translations and rotations at frames, straight and even between them."""
+"""Move a rigid shape by a node: translation and rotation keys at frames, interpolated linearly and evenly."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from pdecodec.formats.base.rigid_motion import (
 from pdecodec.formats.gltf.animation import rotations_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 
-SAME_TURN = 1e-6
-"""Sine of half an angle below which turns are so near that numbers in between give those in between."""
+LINEAR_TURN_SINE = 1e-6
+"""Sine of the angle between quaternions below which they are interpolated linearly."""
 
 
 @dataclass(frozen=True)
 class RigidKeys:
-    """How a node moves a shape.
+    """Node animation that moves a rigid shape.
 
     Attributes
     ----------
     shape : (vertices, 3) float32
-        What is moved; the first frame, where the motion is exact.
+        The shape that is moved; the first frame, if the motion is exact.
     centre : (3,) float32
-        The point of the shape that is the shape's origin: between frames it moves straight, and the rest turns
-        evenly about it.
+        Origin of the node, in the shape: between frames it moves in a straight line, and the shape turns evenly about
+        it.
     keys : mapping
-        ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
-        unless there is none.
+        ``translation`` (frames, 3) of the centre, and, if the shape turns, ``rotation`` (frames, 4) as unit
+        quaternions, real part last.
     deviation, between : float
-        Largest distance of vertices from where they are at frames, and at the thirds between them; 0 of exact motion.
+        Largest distance of vertices from their input positions at frames, and at the thirds between them; 0 if exact.
     """
 
     shape: Float32Array
@@ -46,14 +46,17 @@ class RigidKeys:
     between: float = 0.0
 
     def matrices_between(self, matrices: Float64Array) -> Float64Array:
-        """(2 (frames - 1), 4, 4): what moves the shape at the thirds between frames, of matrices at frames."""
+        """Return the matrices (2 (frames - 1), 4, 4) that a viewer interpolates at the thirds between frames.
+
+        `matrices` are those of the frames.
+        """
         turns, centres = _quaternions(matrices), self.centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
         found = np.broadcast_to(np.eye(4), (len(turns) - 1, 2, 4, 4)).copy()
         angles = np.arccos(np.clip((turns[1:] * turns[:-1]).sum(axis=1, keepdims=True), -1, 1))
         sines = np.sin(angles)
         for number, share in enumerate((1 / 3, 2 / 3)):
             before, after = (
-                np.where(sines > SAME_TURN, np.sin(part * angles) / np.maximum(sines, SAME_TURN), part)
+                np.where(sines > LINEAR_TURN_SINE, np.sin(part * angles) / np.maximum(sines, LINEAR_TURN_SINE), part)
                 for part in (1 - share, share)
             )
             middle = before * turns[:-1] + after * turns[1:]
@@ -64,8 +67,9 @@ class RigidKeys:
 
 
 def _quaternions(matrices: Float64Array) -> Float64Array:
-    """(frames, 4): of the rotations of matrices, real parts last, each of the two that is nearer to that before it."""
-    # Columns are turned by the transpose of what turns rows. Of four ways the one that divides by most (Shepperd 1978).
+    """Return quaternions (frames, 4), real part last, of matrices; signs are nearest to the frame before."""
+    # Column vectors are turned by the transpose of a matrix for row vectors. Of four formulas, the one with the largest
+    # divisor is used (Shepperd 1978).
     turns = matrices[:, :3, :3].transpose(0, 2, 1)
     diagonal = np.diagonal(turns, axis1=1, axis2=2)
     trace = diagonal.sum(axis=1)
@@ -84,21 +88,21 @@ def _quaternions(matrices: Float64Array) -> Float64Array:
     )
     found[rows, 3] = 1 + trace[rows]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
-    # So that no turn goes the long way.
+    # The dot product of consecutive quaternions is made positive, so that viewers take the shorter arc.
     found[1:] *= np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1, 1))[:, None]
     return found
 
 
 def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
-    """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
+    """Return the node animation of a shape; None if it does not move rigidly, between frames too, or stands still.
 
     Parameters
     ----------
     frames : (frames, vertices, 3) float32
     between : (2 (frames - 1), vertices, 3) float32 or None
-        At the thirds between frames, where they are known.
+        Positions at the thirds between frames, if they are known.
     bound : float, optional
-        Take what moves rigidly within it at its frames, where it does not exactly.
+        Also accept motion that is rigid within this error at frames.
     """
     shape, matrices = frames[0], rigid_matrices(frames, frames[0])
     deviation = off_between = 0.0
@@ -119,7 +123,7 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float 
 
 
 def keys_of_motion(shape: Float32Array, matrices: Float64Array, deviation: float = 0.0) -> RigidKeys:
-    """Return how a node moves a shape (vertices, 3) as matrices (frames, 4, 4) do."""
+    """Return the node animation that moves a shape (vertices, 3) as matrices (frames, 4, 4) do."""
     centre = middle_of(shape)
     keys = {"translation": (centre @ matrices[:, :3, :3] + matrices[:, 3, :3]).astype(np.float32)}
     if (matrices[:, :3, :3] != np.eye(3)).any():

@@ -1,6 +1,6 @@
-"""Objects of rigid parts in glTF: nodes that move, or skins whose joints do where an object is of several parts.
+"""Write objects of rigid parts to glTF: moving nodes, or skins with moving joints if an object has several parts.
 
-Nodes and joints pass from frame to frame in straight lines, and turn evenly about the middle of what they move.
+Nodes and joints move in straight lines between frames, and turn evenly about the middle of the shape that they move.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ import numpy as np
 from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.rigid_pieces import RigidPart
 from pdecodec.formats.gltf.builder import GltfBuilder
-from pdecodec.formats.gltf.motion import EXACT
+from pdecodec.formats.gltf.motion import EXACT_RELATIVE_ERROR
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, keys_of_motion
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
-DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
-"""Along which a part is looked at where it reaches furthest: there it is furthest off between frames, too."""
+OUTERMOST_DIRECTIONS = np.array(
+    [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float
+)
+"""Directions in which a part's outermost vertices are found: these deviate most between frames."""
 
 
 @dataclass(frozen=True)
 class Mover:
-    """A node that moves vertices of a rigid part; `keys.keys` is empty where it stands."""
+    """A node that moves vertices of a rigid part; `keys.keys` is empty if it stands still."""
 
     part: RigidPart
     keys: RigidKeys
@@ -37,22 +39,22 @@ class Mover:
         return self.keys.matrices_between(self.part.matrices)
 
     def between(self, points: Float32Array, thirds: slice) -> float:
-        """Return how far vertices are from points (times, vertices, 3) at some of the thirds between frames."""
+        """Return the largest distance of vertices from `points` (times, vertices, 3) at thirds between frames."""
         return float(self.part.distances(points, self._thirds[thirds], self.outermost).max(initial=0))
 
 
 @dataclass(frozen=True)
 class RigidObject:
-    """An object all of whose vertices are of rigid parts.
+    """An object all of whose vertices belong to rigid parts.
 
     Attributes
     ----------
     rest : (vertices, 3) float32
         Its shape as in the first frame.
     joints : (vertices,) int64
-        Which of `movers` moves each vertex.
+        Index in `movers` of the mover of each vertex.
     movers : list of int
-        Numbers of movers of the scene: one moves the object's node, several are joints.
+        Numbers of movers of the scene: a single one moves the object's node, several are joints of a skin.
     """
 
     rest: Float32Array
@@ -60,16 +62,16 @@ class RigidObject:
     movers: list[int]
 
 
-def _mover(part: RigidPart, some: Int64Array) -> Mover:
-    """Return what moves some vertices of a part, by their places in it."""
+def _make_mover(part: RigidPart, some: Int64Array) -> Mover:
+    """Return the mover of some vertices of a part, given by their indices in the part."""
     shape, matrices = part.shape[some], part.matrices
     keys = keys_of_motion(shape, matrices, float(part.off[some].max()))
-    outermost = some[np.unique((shape.astype(np.float64) @ DIRECTIONS.T).argmax(axis=0))]
-    # No vertex moves farther than a corner of the box.
+    outermost = some[np.unique((shape.astype(np.float64) @ OUTERMOST_DIRECTIONS.T).argmax(axis=0))]
+    # No vertex moves farther than a corner of its bounding box.
     low, high = shape.min(axis=0).astype(np.float64), shape.max(axis=0).astype(np.float64)
     corners = np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low)
     moved = corners @ matrices[:, :3, :3] + matrices[:, 3:, :3] - corners
-    if float(np.abs(moved).max()) + keys.deviation <= EXACT * float(np.abs(corners).max()):
+    if float(np.abs(moved).max()) + keys.deviation <= EXACT_RELATIVE_ERROR * float(np.abs(corners).max()):
         keys = RigidKeys(shape, keys.centre, {})
     return Mover(part, keys, outermost)
 
@@ -77,7 +79,7 @@ def _mover(part: RigidPart, some: Int64Array) -> Mover:
 def rigid_objects(
     parts: Sequence[RigidPart], objects: Sequence[MeshObject]
 ) -> tuple[list[Mover], dict[int, RigidObject]]:
-    """Return what moves objects that are of rigid parts, and these, by their numbers."""
+    """Return the movers of all objects that consist of rigid parts, and these objects by index."""
     count = sum(item.vertex_count for item in objects)
     part_of, place = np.full(count, -1), np.zeros(count, np.int64)
     for number, part in enumerate(parts):
@@ -94,7 +96,7 @@ def rigid_objects(
             mine = part_of[own] == number
             rest[mine] = parts[number].shape[place[own][mine]]
         if numbers.size == 1:
-            movers.append(_mover(parts[numbers[0]], place[own]))
+            movers.append(_make_mover(parts[numbers[0]], place[own]))
             found[index] = RigidObject(rest, np.zeros(len(rest), np.int64), [len(movers) - 1])
         else:
             found[index] = RigidObject(rest, part_of[own], numbers.tolist())
@@ -104,7 +106,7 @@ def rigid_objects(
     for number, slices in sorted(split.items()):
         mine = np.concatenate([np.arange(own.start, own.stop)[part_of[own] == number] for own in slices])
         joint_of[number] = len(movers)
-        movers.append(_mover(parts[number], place[mine]))
+        movers.append(_make_mover(parts[number], place[mine]))
     for index, one in found.items():
         if len(one.movers) > 1:
             order = np.searchsorted(one.movers, one.joints)
@@ -113,25 +115,25 @@ def rigid_objects(
 
 
 def write_skin(builder: GltfBuilder, joints: Sequence[int], centres: Float32Array, bind: Float64Array) -> int:
-    """Write a skin; its index.
+    """Write a skin and return its index.
 
     Parameters
     ----------
     joints : sequence of int
-        Nodes.
+        Nodes of the joints.
     centres : (joints, 3) float32
-        Point of the shape that is each joint's origin.
+        Origin of each joint, in the shape.
     bind : (4, 4) float64
-        From the numbers that are stored to the shape, for points that are rows.
+        From stored positions to the shape, for row vectors.
     """
     matrices = np.tile(bind, (len(joints), 1, 1))
     matrices[:, 3, :3] -= centres
-    # Row-major for rows is column-major for columns.
+    # Row-major matrices for row vectors are glTF's column-major ones for column vectors.
     entry = {"joints": list(joints), "inverseBindMatrices": builder.floats(matrices.reshape(-1, 16))}
     return builder.add("skins", entry)
 
 
 def place_of(keys: RigidKeys) -> dict[str, Any]:
-    """Return where the node of a mover is in the first frame."""
+    """Return the transform of a mover's node in the first frame."""
     first = {path: values[0].tolist() for path, values in keys.keys.items()}
     return {"translation": keys.centre.tolist(), **first}

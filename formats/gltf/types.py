@@ -1,7 +1,7 @@
-"""What sort of value stands where in a glTF file's JSON, for all that is read: checked once, before anything is.
+"""Check the types of all values of a glTF file's JSON that are read, once, before any of them is used.
 
-Values beside it may be anything, as may extras, which are anybody's: those that pdecodec noted and that are not what it
-notes are passed over.
+Other values are not checked. ``extras`` may hold anything: data under pdecodec's keys that it cannot have written is
+ignored.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES
 INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
 """Extensions of nodes and animations that are read."""
 
-MOST_ENTRIES = 2**31
-"""Indices are below: what they number is in memory."""
+INDEX_LIMIT = 2**31
+"""Exclusive limit of indices: what they number is in memory."""
 
-MOST_BYTES = 2**53
-"""Offsets and counts are below: JSON's numbers are whole up to there."""
+COUNT_LIMIT = 2**53
+"""Exclusive limit of offsets and counts: numbers in JSON are exact integers up to there."""
 
 EACH = "*"
-"""In a shape, in place of a key: any key."""
+"""Key of a schema that stands for any key."""
 
 Shape = Callable[[Any], Any] | list[Any] | dict[str, Any]
-"""An object of these keys, where it has them; a list of one shape; or what gives the value, ValueError for another."""
+"""Schema of a value: dict of optional keys, list of one schema, or function that checks and returns the value."""
 
 
 @dataclass(frozen=True)
 class _Note:
-    """What is passed over where it has another shape."""
+    """Schema of a value that is ignored if it does not fit."""
 
     shape: Shape
 
@@ -47,7 +47,7 @@ def _whole(most: int) -> Callable[[Any], int]:
 
 
 def _real(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_REAL:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= REAL_LIMIT:
         raise ValueError("is no number, or out of range")
     return value
 
@@ -67,10 +67,10 @@ def _reals(count: int) -> Callable[[Any], Any]:
     return checked
 
 
-MOST_REAL = math.ldexp(1, 128)
-"""Beyond float32's largest number there is none."""
+REAL_LIMIT = math.ldexp(1, 128)
+"""Exclusive limit of magnitudes: float32 has no larger number."""
 
-INDEX, COUNT = _whole(MOST_ENTRIES), _whole(MOST_BYTES)
+INDEX, COUNT = _whole(INDEX_LIMIT), _whole(COUNT_LIMIT)
 
 _PART: dict[str, Any] = {"bufferView": INDEX, "byteOffset": COUNT, "componentType": COUNT}
 _BYTES: dict[str, Any] = {"buffer": INDEX, "byteOffset": COUNT, "byteLength": COUNT, "byteStride": COUNT}
@@ -137,19 +137,19 @@ _ROOT: dict[str, Any] = {
 
 
 def check_types(root: Any) -> dict[str, Any]:
-    """The root of a file, with whole numbers as integers, and without extras that are not what pdecodec notes.
+    """Return the root of a file with whole numbers as integers, and without extras that pdecodec cannot have written.
 
     Raises
     ------
     InputError
-        If a value is of another sort than its place asks for.
+        If a value does not have the type that glTF prescribes.
     """
-    found = _fitted(root, _ROOT, "")
+    found = _check_value(root, _ROOT, "")
     assert isinstance(found, dict)
     return found
 
 
-def _fitted(value: Any, shape: Any, place: str) -> Any:
+def _check_value(value: Any, shape: Any, place: str) -> Any:
     if isinstance(shape, dict):
         if not isinstance(value, dict):
             raise _unfit(place, "is no object")
@@ -158,16 +158,16 @@ def _fitted(value: Any, shape: Any, place: str) -> Any:
             own = shape.get(key, shape.get(EACH))
             if isinstance(own, _Note):
                 try:
-                    fitted[key] = _fitted(value[key], own.shape, key)
+                    fitted[key] = _check_value(value[key], own.shape, key)
                 except InputError:
                     del fitted[key]
             elif own is not None:
-                fitted[key] = _fitted(value[key], own, f"{place}.{key}" if place else key)
+                fitted[key] = _check_value(value[key], own, f"{place}.{key}" if place else key)
         return fitted
     if isinstance(shape, list):
         if not isinstance(value, list):
             raise _unfit(place, "is no list")
-        return [_fitted(one, shape[0], f"{place}[{index}]") for index, one in enumerate(value)]
+        return [_check_value(one, shape[0], f"{place}[{index}]") for index, one in enumerate(value)]
     try:
         return shape(value)
     except ValueError as error:

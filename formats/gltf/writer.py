@@ -1,14 +1,14 @@
-"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights,
-or its node's.
+"""Write glTF scenes: each object is a mesh that moves by animated morph targets, or by its node.
 
-Where the motion is few functions of time, exactly, each is a target, and its curve is the function: for a decoded
-animation a cubic spline through and between its frames, for other sequences straight lines from frame to frame.
-Otherwise each frame is a target, and weights pass from one to the next in straight lines. An object that moves rigidly
-has no targets: its node moves. Where the motion has a bound, one of several rigid parts is a skin whose joints move.
+If a motion is exactly a sum of few functions of time, each function is the weight curve of one target: a cubic
+spline through and between the frames of a decoded animation, straight lines from frame to frame for other sequences.
+Otherwise each frame is a target, and weights pass linearly from one to the next. An object that moves rigidly has no
+targets: its node moves. If the motion has an error bound, an object of several rigid parts becomes a skin whose
+joints move.
 
-Faces become triangles, and vertices are cut where UVs have seams; the first rows are the vertices as they were, and
-what they were part of is noted in the mesh's ``extras``, so that everything comes back. The scene is turned Y-up.
-The motion of objects with targets is held in memory.
+Faces become triangles, and vertices are split at UV seams; the first rows are the original vertices. The mesh's
+``extras`` record the original structure, so that our reader restores it. The scene is turned Y-up. The motion of
+objects with targets is held in memory.
 """
 
 from __future__ import annotations
@@ -31,63 +31,63 @@ from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.materials import Materials
-from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
-from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, with_rounded_normals
+from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
+from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
 from pdecodec.mesh.arrays import BoolArray, Float32Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
-MOST_TARGETS = 256
-"""What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""
+FILAMENT_MAX_TARGETS = 256
+"""Largest number of morph targets per mesh in Filament, which shows glTF on Android; others hold about 2048."""
 
-SEEN_ANGLE = 1.0
-"""Degrees that normals may be off before a notice says so."""
+NOTICED_NORMAL_ANGLE = 1.0
+"""Largest deviation of normals that is not reported [degrees]."""
 
-MOST_MEMORY = 4 * 2**30
-"""Bytes of positions that are held at once: a glTF file that large plays nowhere."""
+MAX_MOTION_BYTES = 4 * 2**30
+"""Largest size of positions and normals held in memory [bytes]: no viewer plays a larger glTF file."""
 
 JOINTS = "rigid_parts"
-"""Name of the node above joints, of which skins want one."""
+"""Name of the node above the joints; skins want a common root."""
 
 THIRDS = (1 / 3, 2 / 3)
-"""Where between two frames a cubic is found out, beside its ends."""
+"""Where the cubic between two frames is sampled, as fractions of the interval, besides its ends."""
 
 
 def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write ``.glb``, or ``.gltf`` with its numbers inside; of a decoded animation motion between frames too.
+    """Write ``.glb``, or ``.gltf`` with embedded data; of decoded animations also the motion between frames.
 
     Raises
     ------
     InputError
-        If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
+        If the output exists or cannot be written, or positions are not finite or too many for one file.
     """
     notices: list[str] = []
     axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
     if axis is None:
-        text = "which axis is up is not recorded: taken as Y, as glTF has it"
+        text = "the up axis is not recorded: Y is assumed, as glTF prescribes"
         notices.append(Notice(text, setting="up_axis", purpose="to say it"))
     elif axis != "Y":
-        notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF has it")
+        notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF prescribes")
     if metres is None:
-        text = "the length of a unit is not recorded: taken as a metre, as glTF has it"
+        text = "the length of a unit is not recorded: a metre is assumed, as glTF prescribes"
         notices.append(Notice(text, setting="unit", purpose="to say it"))
     elif metres != 1.0:
-        text = f"glTF counts in metres: it shows a unit of {metres:g} m as one"
-        notices.append(Notice(text, setting="scale", value=f"{metres:g}", purpose="to make it so"))
+        text = f"glTF is in metres: a unit of {metres:g} m appears as one metre"
+        notices.append(Notice(text, setting="scale", value=f"{metres:g}", purpose="to convert it"))
     with output.whole_file() as partial:
         builder = GltfBuilder(meshopt=output.meshopt)
         notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
         partial.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
-    return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
+    return (*notices, *left_out(sequence, "glTF", is_held_by_mesh, metadata=tuple(sequence.metadata)))
 
 
 def check_size(frames: int, objects: Sequence[MeshObject]) -> None:
-    """Raise InputError where there are too many positions for one file."""
+    """Raise InputError if there are too many positions for one file."""
     rows = sum(item.vertex_count * (2 if item.connectivity.face_count else 1) for item in objects)
     needed = 12 * frames * rows
-    if needed > MOST_MEMORY:
+    if needed > MAX_MOTION_BYTES:
         raise InputError(
             f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file",
             code="too-large",
@@ -115,26 +115,26 @@ class GltfScene:
         self._start = float(sequence.times[0])
 
     def _blocks(self) -> Iterator[tuple[int, Float32Array]]:
-        """Frames by blocks, turned Y-up."""
+        """Yield frames in blocks, turned Y-up."""
         for start, points in self._output.blocks(self._source, "glTF"):
             if not np.isfinite(points).all():
                 frame, vertex, _ = np.argwhere(~np.isfinite(points))[0]
                 raise InputError(
-                    f"vertex {vertex} is not finite, glTF has no number for it",
+                    f"vertex {vertex} is not finite, which glTF cannot store; repair the sequence",
                     code="not-finite",
                     frame=int(start + frame),
                 )
             yield start, points
 
     def _read(self, vertices: BoolArray) -> Float32Array:
-        """Every frame of those vertices of the scene that are asked for, (vertices,)."""
+        """Return all frames of the vertices selected by a mask (vertices,)."""
         found = np.empty((self._source.frame_count, np.count_nonzero(vertices), 3), np.float32)
         for start, points in self._blocks() if vertices.any() else ():
             found[start : start + len(points)] = points if vertices.all() else points[:, vertices]
         return found
 
     def _thirds(self) -> MeshSequence | None:
-        """The thirds between frames, where the sequence knows what is there."""
+        """Return the sequence at the thirds between frames, if it is known there."""
         sequence = self._sequence
         if not isinstance(sequence, Animation) or sequence.frame_count < 2 or self._output.straight:
             return None
@@ -146,14 +146,14 @@ class GltfScene:
         return place(sampled, up_axis="Y") if self._turn else sampled
 
     def _between(self, vertices: BoolArray) -> Float32Array | None:
-        """(2 (frames - 1), vertices, 3): as :meth:`_read`, at the thirds between frames."""
+        """Return positions (2 (frames - 1), vertices, 3) of selected vertices at the thirds between frames."""
         thirds = self._thirds()
         if thirds is None:
             return None
         return np.concatenate([points[:, vertices] for _, points in thirds.blocks()]) if vertices.any() else None
 
     def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
-        """Let a node's mesh move by its targets, and the node by its keys."""
+        """Animate the morph targets of a node's mesh, and the node by its keys."""
         self._motions.append(motion)
         frames = self._sequence.frame_count
         self._move(node, turns.keys if turns else {})
@@ -172,12 +172,12 @@ class GltfScene:
         self._channel(node, "weights", output, interpolation)
 
     def _move(self, node: int, keys: Mapping[str, Float32Array]) -> None:
-        """Let a node move by its keys."""
+        """Animate a node by its keys."""
         for path, values in keys.items():
             self._channel(node, path, self._builder.floats(values), "LINEAR")
 
     def _motion_notices(self) -> list[str]:
-        """Lines about what motion became."""
+        """Return notices about how the motion was represented."""
         baked = max((one.frame_targets for one in self._motions), default=0)
         targets = max((len(one.targets) for one in self._motions), default=0)
         angle = max((one.normal_error for one in self._motions), default=0.0)
@@ -185,20 +185,20 @@ class GltfScene:
         notices: list[str] = []
         if baked:
             notices.append(
-                f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
+                f"motion needs too many functions of time to be exact between frames: {baked} targets, one per frame"
             )
         if bow > (self._bound or 0.0):
             text = f"between frames the motion is the decoder's spline, up to {bow:.2g} from straight lines"
             notices.append(Notice(text, setting="straight", purpose="to go straight, as the keys of most scenes do"))
-        if targets > MOST_TARGETS:
-            text = f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048"
+        if targets > FILAMENT_MAX_TARGETS:
+            text = f"{targets} morph targets: some viewers show only {FILAMENT_MAX_TARGETS} (Filament), most 2048"
             notices.append(Notice(text, setting="frames", purpose="to take fewer"))
-        if angle > SEEN_ANGLE:
+        if angle > NOTICED_NORMAL_ANGLE:
             notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
         return notices
 
     def _noted_times(self) -> dict[str, float]:
-        """Rate and start, as our reader takes them."""
+        """Return rate and start for ``extras``, which our reader uses."""
         return {"fps": self._output.rate, **({"start": self._start} if self._start else {})}
 
     def _channel(self, node: int, path: str, output: int, interpolation: str) -> None:
@@ -208,11 +208,11 @@ class GltfScene:
         self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
-        """An animation that moves nothing, so that frames and times of a still sequence come back."""
+        """Add an animation that moves nothing, so that our reader restores frames and times of a still sequence."""
         self._move(self._roots[0], {"translation": np.zeros((self._sequence.frame_count, 3), np.float32)})
 
     def _node(self, name: str, entry: dict[str, Any]) -> int:
-        """A node of an object, and those above it."""
+        """Add the node of an object, and its parents."""
         steps = _steps(name)
         parent: int | None = None
         for length in range(1, len(steps)):
@@ -230,7 +230,7 @@ class GltfScene:
 
 
 def _steps(name: str) -> tuple[str, ...]:
-    """Names of an object's node and those above it, from the root."""
+    """Return the names of an object's node and its ancestors, from the root."""
     return steps_of(name) or (DEFAULT_NAME,)
 
 
@@ -260,10 +260,10 @@ class _Scene(GltfScene):
         coarsest = steepest = 0.0
         for index, item in enumerate(sequence.objects):
             if not item.vertex_count:
-                # glTF has no mesh of nothing: its node keeps the name.
+                # glTF cannot store a mesh without vertices: an empty node keeps the name.
                 self._node(item.name, {})
                 continue
-            # A mesh without normals is faceted in glTF.
+            # glTF shades a mesh without normals flat.
             rows = normal_rows(item)
             if rows is None and item.connectivity.face_count:
                 rows = smooth_rows(item)
@@ -280,13 +280,13 @@ class _Scene(GltfScene):
                 turns = rigid_keys(part, thirds) if item.connectivity.face_count and not self._bound else None
             if turns is not None:
                 part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
-            # Viewers show triangles without normals flat.
+            # Viewers shade triangles without normals flat, so flat triangles need none.
             shown = None if rows is not None and rows.are_of_flat_triangles else rows
             motion = motion_of(part, thirds, shown)
             lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
             bind = np.eye(4)
             if lattice is not None:
-                motion, angle = with_rounded_normals(motion)
+                motion, angle = round_normals(motion)
                 steepest = max(steepest, angle)
                 bind[:3, :3] *= lattice.scale
                 bind[3, :3] = lattice.offset
@@ -297,7 +297,7 @@ class _Scene(GltfScene):
                 keys = [self._movers[one].keys for one in own.movers]
                 nodes = [self._joint(one, joints) for one in own.movers]
                 skin = write_skin(builder, nodes, np.stack([one.centre for one in keys]), bind)
-                # Nothing above a skinned mesh moves it.
+                # A skinned mesh is not moved by its ancestors.
                 self._attach({"name": "/".join(_steps(item.name)), "mesh": mesh, "skin": skin}, None)
                 continue
             mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice)
@@ -315,13 +315,13 @@ class _Scene(GltfScene):
             builder.add("animations", animation)
             if self._start:
                 self._notices.append(
-                    f"the animation starts at 0 s instead of {self._start:g} s, which is noted: pdecodec reads it back"
+                    f"the animation starts at 0 s instead of {self._start:g} s; pdecodec restores the recorded start"
                 )
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
         self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in sequence.objects)
         deep = dict.fromkeys(uv.name for item in sequence.objects for uv in uv_sets(item) if uv.values.shape[1] == 3)
-        self._notices += [f"the third number of {name!r} is not kept: UVs have two in glTF" for name in deep]
+        self._notices += [f"the third component of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
         self._notices += self._rigid_notices(rigid)
         if self._output.quantize:
@@ -331,11 +331,11 @@ class _Scene(GltfScene):
                 self._notices.append(f"normals are rounded to {bits} bits: up to {steepest:.2g} degrees off")
         if smoothed:
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
-            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
+            self._notices.append(f"normals of {objects} are not recorded: smooth surfaces are assumed")
         return self._notices
 
     def _rigid_objects(self) -> dict[int, RigidObject]:
-        """Objects of parts that move rigidly within the bound that is asked for, by their numbers."""
+        """Return the objects whose parts all move rigidly within the bound, by index."""
         if not self._bound:
             return {}
         parts = rigid_parts_within(self._source, self._bound, self._blocks)
@@ -343,7 +343,7 @@ class _Scene(GltfScene):
         return found
 
     def _rigid_notices(self, rigid: Mapping[int, RigidObject]) -> tuple[str, ...]:
-        """Lines about objects of rigid parts: how far off they are."""
+        """Return notices about the error of objects of rigid parts."""
         off = {index: max(self._movers[one].keys.deviation for one in own.movers) for index, own in rigid.items()}
         thirds = self._thirds() if self._movers else None
         between = 0.0
@@ -353,7 +353,7 @@ class _Scene(GltfScene):
         return rigid_notices((deviation for deviation in off.values() if deviation), between)
 
     def _joint(self, number: int, known: dict[int, int]) -> int:
-        """The node of a joint, which moves as the mover of this number."""
+        """Return the node of a joint that moves as the mover with this number."""
         if number not in known:
             keys = self._movers[number].keys
             known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))

@@ -21,7 +21,7 @@ from pdecodec.formats.base.normals import NORMAL_GROUP, normal_group, smooth_row
 from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.file import read_gltf
-from pdecodec.formats.gltf.motion import EXACT, largest_angle
+from pdecodec.formats.gltf.motion import EXACT_RELATIVE_ERROR, largest_angle
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.browser_tools import assert_valid
@@ -69,17 +69,17 @@ def test_a_motion_of_few_functions_of_time_has_a_target_for_each_and_any_other_o
 ) -> None:
     clip = few_functions()
     told = [notice.split(":")[0] for notice in write_sequence(clip, tmp_path / "x.glb")]
-    assert told[:2] == ["which axis is up is not recorded", "the length of a unit is not recorded"]
+    assert told[:2] == ["the up axis is not recorded", "the length of a unit is not recorded"]
     assert told[-1] == "normals of 1 object are not recorded"
     file = read_gltf(tmp_path / "x.glb")
     assert sum(file.accessor(one["POSITION"]).any() for one in targets_of(tmp_path / "x.glb")) in (3, 4)
     assert "NORMAL" in file.root["meshes"][0]["primitives"][0]["attributes"]
     with open_sequence(tmp_path / "x.glb") as read:
-        assert np.abs(read.read_frames(0, 40) - clip.points).max() <= EXACT * np.abs(clip.points).max()
+        assert np.abs(read.read_frames(0, 40) - clip.points).max() <= EXACT_RELATIVE_ERROR * np.abs(clip.points).max()
     notices = write_sequence(scene(up_axis="Y", unit="m"), tmp_path / "y.glb")
-    told = "motion of too many functions of time to be exact between frames: 4 targets, a frame each"
-    smooth = "normals of 2 objects are not recorded: written as of smooth surfaces"
-    start = "the animation starts at 0 s instead of 0.0416667 s, which is noted: pdecodec reads it back"
+    told = "motion needs too many functions of time to be exact between frames: 4 targets, one per frame"
+    smooth = "normals of 2 objects are not recorded: smooth surfaces are assumed"
+    start = "the animation starts at 0 s instead of 0.0416667 s; pdecodec restores the recorded start"
     assert notices == (start, told, smooth)
     assert len(targets_of(tmp_path / "y.glb")) == 4
     assert_valid(tmp_path / "x.glb")
@@ -146,7 +146,7 @@ def test_weights_stay_between_0_and_1_and_those_of_the_mesh_show_its_first_frame
     (tmp_path / "still.gltf").write_text(json.dumps(still))
     (tmp_path / "x.bin").write_bytes(read_gltf(tmp_path / "x.glb").buffers[0])
     with open_sequence(tmp_path / "still.gltf") as read:
-        assert np.abs(read.read_frames(0, 1) - first).max() <= EXACT * np.abs(source.points).max()
+        assert np.abs(read.read_frames(0, 1) - first).max() <= EXACT_RELATIVE_ERROR * np.abs(source.points).max()
     assert_valid(tmp_path / "x.glb")
 
 
@@ -317,7 +317,7 @@ def test_flat_triangles_are_written_without_normals_and_stay_flat(tmp_path: Path
     edges = normal_group(faces, np.repeat(np.arange(len(triangles)), 3))
     clip = ArraySequence(points, objects=[MeshObject("flat", faces, (edges,))], fps=24, metadata=SPACE)
     assert write_sequence(clip, tmp_path / "x.glb") == (
-        "motion of too many functions of time to be exact between frames: 8 targets, a frame each",
+        "motion needs too many functions of time to be exact between frames: 8 targets, one per frame",
     )
     (primitive,) = read_gltf(tmp_path / "x.glb").root["meshes"][0]["primitives"]
     assert set(primitive["attributes"]) == set(primitive["targets"][0]) == {"POSITION"}
@@ -345,13 +345,13 @@ def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_pat
 def test_more_targets_than_some_viewers_keep_are_told(tmp_path: Path) -> None:
     clip = ArraySequence(np.random.default_rng(1).normal(size=(300, 200, 3)), fps=24, metadata=SPACE)
     notices = write_sequence(clip, tmp_path / "x.glb")
-    assert notices[1] == "299 targets: some viewers keep 256 (Filament), most 2048; set frames to take fewer"
+    assert notices[1] == "299 morph targets: some viewers show only 256 (Filament), most 2048; set frames to take fewer"
 
 
 def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None:
     clip = scene([body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")])], up_axis="Z", unit="m")
     notices = write_sequence(clip, tmp_path / "x.glb")
-    assert notices[0] == "the scene is turned from Z-up to Y-up, as glTF has it"
+    assert notices[0] == "the scene is turned from Z-up to Y-up, as glTF prescribes"
     hand, *_ = played(tmp_path / "x.glb", clip.times - clip.times[0])
     with open_sequence(tmp_path / "x.glb") as read:
         expected = read.read_frames(0, 5)
@@ -411,7 +411,7 @@ def test_a_note_that_does_not_fit_any_more_is_ignored_and_named(tmp_path: Path) 
     path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", turn_round)
     with open_sequence(path) as read:
         assert (read.connectivity.face_counts == 3).all()
-        lost = "not kept: what pdecodec noted of faces and seams (another program changed the mesh)"
+        lost = "not kept: the original faces and seams that pdecodec recorded (another program changed the mesh)"
         assert lost in read.notices
 
 
@@ -683,7 +683,7 @@ def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tm
     made.save(tmp_path / "x.glb")
     with open_sequence(tmp_path / "x.glb", fps=1, clip="run") as read:
         assert read.frame_count == 3
-    several = "has 2 animations, walk, run; 'walk' is taken; set clip to take another"
+    several = "has 2 animations, walk, run; 'walk' is used; set clip to take another"
     for fps, frames, notices in ((10, 11, ()), (None, 25, ("assumed 24 frames per second; set fps to change it",))):
         with open_sequence(tmp_path / "x.glb", fps=fps) as read:
             assert (read.frame_count, read.notices) == (frames, (several, *notices))
@@ -720,7 +720,7 @@ def test_a_buffer_beside_the_file_is_read_and_its_absence_named(tmp_path: Path) 
     [
         (b'{"asset": {"version": "1.0"}}', r"its version is 1\.0"),
         (b'{"asset": {"version": "2.0"}}', "holds no mesh"),
-        (b'{"asset": {"version": "2.0"}, "nodes": [{"children": [0], "mesh": 0}]}', "lies under itself"),
+        (b'{"asset": {"version": "2.0"}, "nodes": [{"children": [0], "mesh": 0}]}', "is its own ancestor"),
         (b'{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco"]}', "needs KHR_draco, which is not read"),
     ],
 )

@@ -112,7 +112,7 @@ def moved(times: Any, *, kind: str = "any") -> MeshSequence:
 )
 def test_animations_start_at_0_and_their_times_come_back(tmp_path: Path, clip: MeshSequence) -> None:
     told = write_sequence(clip, tmp_path / "x.glb")
-    start = f"the animation starts at 0 s instead of {clip.times[0]:g} s, which is noted: pdecodec reads it back"
+    start = f"the animation starts at 0 s instead of {clip.times[0]:g} s; pdecodec restores the recorded start"
     assert start in told
     file = read_gltf(tmp_path / "x.glb")
     for sampler in file.root["animations"][0]["samplers"]:
@@ -218,7 +218,7 @@ def test_morph_targets_of_colours_and_uvs_are_applied_as_at_the_first_frame(
         (found,) = (one for one in read.objects[0].attributes if one.name in ("color", "uv"))
         assert np.allclose(found.values, expected)
         name = "COLOR_0" if found.name == "color" else "TEXCOORD_0"
-        line = f"not kept: how morph targets change {name} with time (it stays as at first)"
+        line = f"not kept: the change of {name} over time by morph targets (it stays as at the first frame)"
         assert (line in read.notices) == changing
         assert changing == any("morph" in one for one in read.notices)
 
@@ -569,7 +569,7 @@ def test_an_animation_that_lasts_is_taken_before_one_that_does_not(
             made.animate(node, "translation", keys, [[0, 0, 0], [1, 0, 0]][: len(keys)])
     with open_sequence(made.save(tmp_path / "x.glb")) as read:
         assert read.times[-1] == pytest.approx(spans[taken] or 0)
-        assert any(f"'a{taken}' is taken" in line for line in read.notices)
+        assert any(f"'a{taken}' is used" in line for line in read.notices)
     with open_sequence(tmp_path / "x.glb", clip="a0") as read:
         assert read.times[-1] == pytest.approx(spans[0] or 0)
 

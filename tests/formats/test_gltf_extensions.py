@@ -136,10 +136,10 @@ def test_rows_that_meshopt_filtered_come_back(tmp_path: Path) -> None:
 def test_views_that_become_more_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save_with_fallback(meshopt_sheet(), tmp_path / "x.glb")
     # Positions take 160 bytes, indices 144.
-    monkeypatch.setattr("pdecodec.formats.gltf.file.MOST_DECODED", 300)
-    with pytest.raises(InputError, match=r"it becomes 0\.0 GB, 0\.0 GB are left"):
+    monkeypatch.setattr("pdecodec.formats.gltf.file.MAX_DECODED_BYTES", 300)
+    with pytest.raises(InputError, match=r"it decodes to 0\.0 GB, only 0\.0 GB are allowed"):
         open_sequence(path)
-    monkeypatch.setattr("pdecodec.formats.gltf.file.MOST_DECODED", 304)
+    monkeypatch.setattr("pdecodec.formats.gltf.file.MAX_DECODED_BYTES", 304)
     with open_sequence(path) as read:
         assert read.vertex_count == 20
 

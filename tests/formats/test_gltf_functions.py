@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdecodec.formats.gltf.functions import SKETCH, find_functions
+from pdecodec.formats.gltf.functions import FIRST_SKETCH_RANK, find_functions
 from pdecodec.mesh.arrays import Float64Array
 
 BOUND = 1e-5
@@ -19,7 +19,13 @@ def motion_of_functions(count: int, samples: int = 300, vertices: int = 100) -> 
 
 
 @pytest.mark.parametrize(
-    ("count", "samples"), [(1, 300), (SKETCH - 1, 300), (2 * SKETCH - 1, 300), (SKETCH, 3 * SKETCH)]
+    ("count", "samples"),
+    [
+        (1, 300),
+        (FIRST_SKETCH_RANK - 1, 300),
+        (2 * FIRST_SKETCH_RANK - 1, 300),
+        (FIRST_SKETCH_RANK, 3 * FIRST_SKETCH_RANK),
+    ],
 )
 def test_as_many_functions_are_found_as_a_motion_has(count: int, samples: int) -> None:
     points = motion_of_functions(count, samples)

@@ -179,9 +179,9 @@ def test_normals_that_are_no_averages_of_faces_are_told_to_be_computed_anew(
     builder.add("scenes", {"nodes": [0]})
     (tmp_path / "x.glb").write_bytes(builder.to_glb())
     with open_sequence(tmp_path / "x.glb") as read:
-        told = [one for one in read.notices if one.startswith("normals that are no averages")]
+        told = [one for one in read.notices if one.startswith("normals are recomputed")]
         write_sequence(read, tmp_path / "y.glb")
-    off = f"{count} of 6 corners turn by more than 5 degrees, up to {degrees}"
-    assert told == ([f"normals that are no averages of their faces' are computed anew: {off}"] if count else [])
+    off = f"{count} of 6 corners differ by more than 5 degrees, up to {degrees}"
+    assert told == ([f"normals are recomputed from the faces: {off}"] if count else [])
     with open_sequence(tmp_path / "y.glb") as read:
         assert not any("averages" in one for one in read.notices)

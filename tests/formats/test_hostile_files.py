@@ -245,7 +245,7 @@ case(
     "buffers[0].byteLength is no whole number, or out of range",
 )
 case("x.gltf", "with a NUL in a name", gltf(buffers=[{"uri": "a\0b", "byteLength": 48}]), "as none can be called")
-case("x.gltf", "whose nodes go round", gltf(nodes=[{"mesh": 0, "children": [0]}]), "lies under itself")
+case("x.gltf", "whose nodes go round", gltf(nodes=[{"mesh": 0, "children": [0]}]), "is its own ancestor")
 case(
     "x.gltf",
     "with a huge number",

@@ -17,7 +17,7 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.rigid_motion import rigid_matrices, rigid_parts
 from pdecodec.formats.base.scene_space import bake_transforms, transform_of, velocities_of
 from pdecodec.formats.gltf.file import read_gltf
-from pdecodec.formats.gltf.motion import EXACT
+from pdecodec.formats.gltf.motion import EXACT_RELATIVE_ERROR
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.blender_tools import seen_by_blender
 from tests.support.mesh_cases import grid
@@ -49,7 +49,7 @@ def test_parts_that_move_rigidly_are_nodes_that_move_and_come_back_with_their_na
     write_sequence(clip, tmp_path / f"x.{extension}")
     with open_sequence(tmp_path / f"x.{extension}") as read:
         assert [item.name for item in read.objects] == [item.name for item in clip.objects]
-        assert np.abs(read.read_frames(0, 30) - clip.points).max() <= EXACT * np.abs(clip.points).max()
+        assert np.abs(read.read_frames(0, 30) - clip.points).max() <= EXACT_RELATIVE_ERROR * np.abs(clip.points).max()
         assert np.allclose(read.times, clip.times)
     with open_sequence(tmp_path / f"x.{extension}", transforms="keep") as read:
         kept = [any(one.name == "transform" for one in item.attributes) for item in read.objects]
