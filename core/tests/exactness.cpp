@@ -1,9 +1,10 @@
-// Writes what a build decodes of files, so that builds can be compared: exactness FOLDER FILE...
+// Writes the data that a build decodes from files, so that builds can be compared: exactness FOLDER FILE...
 //
-// For each file NAME, what every decoder finds alike: in NAME.polygons, NAME.reference and NAME.coefficients the whole
-// numbers whose digests the manifest has; in NAME.rest names, attributes, times, and every bit that is read, with its
-// probability. In NAME.points positions (float32) of each run, at its frames and then between them, after the margin that
-// they may be off by (float64); in NAME.error the class of the error, its byte, frame and text, where the file is refused.
+// For each file NAME, these must be the same in every decoder: in NAME.polygons, NAME.reference and NAME.coefficients
+// the integers whose digests are in the manifest; in NAME.rest names, attributes, times, and every bit read, with its
+// probability; in NAME.error the class of the error, its byte, frame and text, if the file is refused. NAME.points has
+// the margin by which positions may differ (float64), then the positions (float32) of each run, at its frames and then
+// between them.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -27,7 +28,7 @@ public:
         file_.write(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
     }
 
-    // Apart from what comes next.
+    // Write the number of values first, which separates them from the next ones.
     template <class T> void list(const std::vector<T> &values) {
         write(std::vector<i64>{static_cast<i64>(values.size())});
         write(values);
@@ -39,7 +40,7 @@ private:
     std::ofstream file_;
 };
 
-std::vector<i32> bits;  // that were read: each bit and its probability
+std::vector<i32> bits;  // each bit read and its probability
 
 void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
     for (const Connectivity &part : parts) {
@@ -56,7 +57,7 @@ void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
     }
 }
 
-// Row after row: that of a function of space.
+// Write the quantised values, row after row, one row per function of space.
 void write_coefficients(Animation &animation, Output &out) {
     for (std::size_t k = 0; k < animation.sections().table().groups().size(); ++k) {
         std::vector<i64> steps;
@@ -79,7 +80,7 @@ void write_rest(Animation &animation, Output &out) {
     out.list(animation.sections().times());
 }
 
-// Adds positions of a run, and widens the margin to what they may be off by: see 19 of the specification.
+// Add the positions of a run, and raise the margin to their allowed difference: see 19 of the specification.
 void add_points(Animation &animation, double &margin, std::vector<float> &points) {
     for (const Group &group : animation.sections().table().groups()) {
         margin = std::max(margin, animation.sections().model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
@@ -103,7 +104,7 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
     bits.clear();
     try {
         Animation::Options options;
-        options.threads = 1;  // bits are noted in the order in which they are read
+        options.threads = 1;  // bits are recorded in the order in which they are read
         const auto file = std::make_shared<const File>(std::make_unique<MemorySource>(data), File::usual_memory);
         for (std::size_t run = 0; run < file->runs().size(); ++run) Animation(file, run, options).verify();
         bits.clear();

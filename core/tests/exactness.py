@@ -1,9 +1,10 @@
-"""Compares what builds of the core by different compilers decode: `make exactness`.
+"""Compare the data that builds of the core by different compilers decode: `make exactness`.
 
     python -m core.tests.exactness [BUILD ...]
 
-Each build decodes every vector of the specification. What is exact (bits and their probabilities, connectivity, whole
-numbers, attributes, times, errors) is the same in all of them and in the manifest; positions are within the margin.
+Each build decodes every vector of the specification. Exact data (bits and their probabilities, connectivity,
+integers, attributes, times, errors) must be the same in all builds and in the manifest; positions must agree within
+the margin.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from spec.vector_files import ACCEPT, read_manifest, write_refused
 ROOT = Path(__file__).resolve().parents[2]
 
 REMARKS = ("(3.2)", "(18)")
-"""Sections of the specification on remarks, which the core hands over as they are."""
+"""Sections of the specification on remarks, which the core returns unread."""
 
 
 @dataclass(frozen=True)
 class Build:
-    """A way to compile the core, and how its programs are started; `needs` are programs in the path."""
+    """A way to compile the core, and the command that starts its programs."""
 
     name: str
     compiler: str
@@ -61,11 +62,11 @@ BUILDS = (
     Build("arm64-O0", **AARCH64, flags="-O0"),
     Build("arm64-O3-fused", **AARCH64, flags="-O3", contract="fast"),
 )
-"""The first one alone is a part of `make test`: most differs in it from what is installed."""
+"""All builds; `make test` runs only the first, which differs most from the installed one."""
 
 
 def decoded(build: Build) -> Path:
-    """The folder that a build has written what it decodes to."""
+    """Compile a build, let it decode all vectors, and return the folder of its results."""
     folder = ROOT / "build" / "exactness" / build.name
     options = {
         "CMAKE_CXX_COMPILER": build.compiler,
@@ -94,7 +95,7 @@ def run(*command: str | Path) -> None:
 
 
 def faults(out: Path) -> Iterator[str]:
-    """Where what a build decodes is not what the manifest of the vectors says."""
+    """Yield the differences between a build's results and the manifest of the vectors."""
     manifest = read_manifest()
     for name, vector in manifest["accept"].items():
         if not (out / f"{name}.points").exists():
@@ -121,7 +122,7 @@ def faults(out: Path) -> Iterator[str]:
 
 
 def differences(one: Path, other: Path) -> Iterator[str]:
-    """Where two builds decode what they may not."""
+    """Yield the forbidden differences between the results of two builds."""
     names = {path.name for path in one.iterdir()}
     if names != {path.name for path in other.iterdir()}:
         yield "other files are refused"
@@ -138,8 +139,10 @@ def differences(one: Path, other: Path) -> Iterator[str]:
 
 
 def allowed(margin: float, points: np.ndarray) -> float:
-    """How far two decoders may be apart: each is within the margin, and rounds to float32 twice."""
-    between_frames = 1.25  # what the spline's weights add up to at most
+    """Return the largest difference that two decoders may have: each is within the margin, and rounds to
+    float32 twice.
+    """
+    between_frames = 1.25  # upper bound of the sum of the spline's absolute weights
     return 2 * (between_frames * margin + float(np.spacing(np.float32(np.abs(points).max(initial=0.0)))))
 
 
@@ -149,7 +152,7 @@ def read_points(path: Path) -> tuple[float, np.ndarray]:
 
 
 def points_of_runs(points: np.ndarray, vector: Any) -> list[np.ndarray]:
-    """Positions at the frames, (frames, vertices, 3) float32 of each run; those between frames are left out."""
+    """Return the positions at the frames, (frames, vertices, 3) float32 for each run, without those between frames."""
     shapes = list(zip(np.ravel(vector["frames"]).tolist(), np.ravel(vector["vertices"]).tolist(), strict=True))
     starts = np.cumsum([0, *((2 * frames - 1) * 3 * vertices for frames, vertices in shapes)])
     return [

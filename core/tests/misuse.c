@@ -1,8 +1,9 @@
-/* Calls every function of the C interface as it must not be called: misuse ONE.pdeanim RUNS.pdeanim
+/* Makes forbidden calls of every function of the C interface: misuse ONE.pdeanim RUNS.pdeanim
  *
- * The first file has one run, of objects with attributes; the second has several. `make sanitize` runs this under the
- * sanitizers; tests/conformance/test_c_interface.py holds the table against the header. A row is a call and what it returns;
- * the last argument of a function with a status, `error`, is added, and the call is made once more without it. */
+ * The first file has one run, of objects with attributes; the second has several runs. `make sanitize` runs this under
+ * the sanitizers; tests/conformance/test_c_interface.py compares the table with the header. A row is a call and its
+ * expected result. For functions with a status, the macro adds the last argument `error`, and repeats the call without
+ * it. */
 #include <math.h>
 #include <pdeanim.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
-// Runs the fuzz target over files, and over so many mutants of them: mutants N FILE...
+// Runs the fuzz target over files, and over a number of mutants of them: mutants N FILE...
 //
-// For sanitizers, where there is no libFuzzer. The same mutants in every run.
+// For use with sanitizers where there is no libFuzzer. The mutants are the same in every run.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -12,7 +12,7 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// Of numbers that look random (Marsaglia 2003, "Xorshift RNGs").
+// Pseudo-random numbers (Marsaglia 2003, "Xorshift RNGs").
 class Random {
 public:
     std::uint64_t below(std::uint64_t end) {
@@ -39,7 +39,7 @@ Bytes read(const char *path) {
     return data;
 }
 
-// One to three changes: a byte, a bit, a run of one value, a piece copied from elsewhere, the end cut off.
+// Make one to three changes: a byte, a bit, a run of one value, a piece copied from elsewhere, or the end cut off.
 void mutate(Bytes &data, Random &random) {
     for (std::uint64_t changes = 1 + random.below(3); changes > 0 && !data.empty(); --changes) {
         const std::size_t at = random.below(data.size()), left = data.size() - at;
@@ -78,7 +78,7 @@ int main(int count, char **arguments) {
     for (long k = 0; k < mutants; ++k) {
         Bytes mutant = files[random.below(files.size())];
         mutate(mutant, random);
-        // A copy of exactly its size, so that reading beyond it is seen.
+        // A copy of exactly the file's size, so that sanitizers notice reads beyond its end.
         const Bytes exact(mutant.begin(), mutant.end());
         LLVMFuzzerTestOneInput(exact.data(), exact.size());
     }

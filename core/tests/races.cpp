@@ -1,7 +1,8 @@
-// Threads that share animations through the C interface, for ThreadSanitizer: races CALLS FILE...
+// Shares animations among threads through the C interface, for ThreadSanitizer: races CALLS FILE...
 //
-// Each thread makes its part of the calls, on animations that all share: what is first needed is decoded by whoever comes
-// first. Positions are those of a thread alone, whatever other threads do beside it; calls may be cancelled.
+// Each thread makes its part of the calls, on animations that all threads share: whichever thread needs data first
+// decodes them. Positions must equal those from a single thread, whatever the other threads do at the time. Calls may
+// be cancelled.
 #include <atomic>
 #include <cstdint>
 #include <cstdio>
@@ -15,7 +16,7 @@
 namespace {
 
 constexpr std::int64_t threads = 8;
-constexpr std::uint64_t max_kept = 1 << 12;  // few groups stay: they are evicted and decoded again
+constexpr std::uint64_t max_kept = 1 << 12;  // room for few groups: they are evicted and decoded again
 
 struct Shared {
     std::vector<std::uint8_t> data;
@@ -89,7 +90,7 @@ void call(const Shared &shared, std::int64_t kind) {
         case 3: check(pdeanim_verify(shared.file, &error), error); break;
         case 4: pdeanim_cancel(shared.run); break;
         case 5: {
-            // A run that is opened beside the others, and belongs to this thread alone.
+            // A run opened by this thread alone, in addition to the shared ones.
             pdeanim_animation *own = nullptr;
             check(pdeanim_open_run(shared.file, 0, &own, &error), error);
             check(positions(own, shared.times, out, &error), error);
@@ -137,7 +138,7 @@ int main(int argument_count, char **arguments) {
         for (int byte = std::fgetc(file); byte != EOF; byte = std::fgetc(file))
             shared.data.push_back(static_cast<std::uint8_t>(byte));
         std::fclose(file);
-        // Alone, and closed again, so that threads begin with nothing decoded.
+        // Compute expected values in one thread, then close, so that threads begin with nothing decoded.
         open(shared);
         const double *times = pdeanim_times(shared.run);
         const std::int64_t last = pdeanim_frame_count(shared.run) - 1;

@@ -10,7 +10,7 @@ using namespace pdeanim;
 
 namespace {
 
-// Addresses of the handles that are open, in order. Never destroyed: a program may close one when it exits.
+// Addresses of the open handles, sorted. Never destroyed: a program may close a handle while it exits.
 struct OpenHandles {
     std::mutex lock;
     std::vector<const pdeanim_animation *> sorted;
@@ -23,7 +23,7 @@ OpenHandles &open_handles() {
     return handles;
 }
 
-// Hand a new animation to the caller.
+// Register a new animation and hand it to the caller.
 pdeanim_animation *registered(std::unique_ptr<pdeanim_animation> animation) {
     OpenHandles &handles = open_handles();
     const std::lock_guard guard(handles.lock);
@@ -44,11 +44,11 @@ pdeanim_status describe(pdeanim_error *error, pdeanim_status status, const char 
     return status;
 }
 
-// Refuse files that declare more positions than are wanted.
+// Refuse files that declare more positions than the limit.
 void check_output(const pdeanim_animation &animation, u64 limit) {
     constexpr u64 bytes_per_position = 12;
     const std::vector<Run> &runs = animation.file->runs();
-    u64 found = 0;  // fewer than 2^31 vertices, at frames whose times are in memory, far fewer than 2^33: no overflow
+    u64 found = 0;  // fewer than 2^31 vertices, and far fewer than 2^33 frames, whose times are in memory: no overflow
     for (const Run &run : runs) {
         const i64 vertices = animation.animation ? animation.animation->sections().vertices() : run.vertices;
         found += static_cast<u64>(run.frames) * static_cast<u64>(vertices);
@@ -61,7 +61,7 @@ void check_output(const pdeanim_animation &animation, u64 limit) {
 
 pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_options *chosen) {
     if (source->size() > INT64_MAX) throw ArgumentError("the size of the file is out of range");
-    // Fields that the caller's version of the structure does not have are as if they were 0.
+    // Fields that the caller's version of the structure lacks are taken as 0.
     pdeanim_options known{};
     if (chosen) {
         if (chosen->size < offsetof(pdeanim_options, threads)) {
@@ -121,7 +121,7 @@ void check_index(i64 index, i64 count, const char *what) {
 }
 
 Quantity quantity_of(const pdeanim_quantity &quantity) {
-    // A caller in C may hand over any number, which C++ must not read as one of the enumeration.
+    // A caller in C may pass any number, which C++ must not read as a member of the enumeration.
     std::underlying_type_t<pdeanim_quantity> number;
     std::memcpy(&number, &quantity, sizeof number);
     if (number > PDEANIM_ACCELERATIONS) throw ArgumentError("an unknown quantity");
@@ -173,7 +173,7 @@ pdeanim_status pdeanim_open_read(pdeanim_read read, void *user, uint64_t size, c
         *animation = nullptr;
         if (!read) throw ArgumentError("read must not be NULL");
         const auto from = [read, user](u64 offset, std::span<u8> into) -> std::size_t {
-            if (into.empty()) return 0;  // no caller is to copy to nowhere
+            if (into.empty()) return 0;  // never ask the caller to copy to a null pointer
             const int64_t count = read(user, offset, into.data(), into.size());
             if (count < 0) throw ReadError("the file cannot be read");
             if (static_cast<u64>(count) > into.size()) throw ReadError("the read function returned too large a count");

@@ -1,4 +1,4 @@
-// What the files of the C interface share: what a handle points to, and how arguments and exceptions become codes.
+// Shared by the files of the C interface: the target of a handle, and the mapping of arguments and exceptions to codes.
 #pragma once
 
 #include <atomic>
@@ -10,12 +10,12 @@
 #include "decode/animation.hpp"
 #include "pdeanim.h"
 
-// What a caller's handle points to: a file of several runs, or one run, and what results point to that neither owns.
+// The target of a caller's handle: a file of several runs, or one run, and memory of results that neither of them owns.
 struct pdeanim_animation {
     pdeanim_animation(std::shared_ptr<const pdeanim::File> whole, const pdeanim::Animation::Options &chosen);
     pdeanim_animation(const pdeanim_animation &whole, std::size_t of_it);
 
-    // The run; ArgumentError where there are several.
+    // Return the only run; ArgumentError if there are several.
     pdeanim::Animation &only();
 
     std::shared_ptr<const pdeanim::File> file;
@@ -23,39 +23,39 @@ struct pdeanim_animation {
     std::size_t run = 0;
     std::unique_ptr<pdeanim::Animation> animation;
     std::vector<std::vector<std::vector<const char *>>> labels;  // of each object's attributes
-    pdeanim::i64 corrected_group = -1;                           // the one that was asked for last
-    std::vector<pdeanim_correction> corrections;                 // of it
+    pdeanim::i64 corrected_group = -1;                           // group of `corrections`
+    std::vector<pdeanim_correction> corrections;                 // of the last group requested
     pdeanim::TakenMemory of_corrections;
 
-    // Of several runs:
+    // For a file of several runs:
     std::mutex lock;
     std::optional<std::vector<pdeanim::u8>> remarks;
 };
 
 namespace pdeanim {
 
-// Whether a handle has been opened and not closed since. What it points to is not read.
+// Whether a handle has been opened and not closed since. The handle is not dereferenced.
 bool is_open(const pdeanim_animation *handle);
 
-// ArgumentError for a handle that is not open.
+// Return the target of a handle; ArgumentError if it is not open.
 template <class Handle> Handle &opened(Handle *handle) {
     if (!is_open(handle)) throw ArgumentError("the animation is NULL, or closed");
     return *handle;
 }
 
-// ArgumentError for NULL.
+// Raise ArgumentError for NULL.
 void check_given(const void *pointer, const char *name);
 
-// ArgumentError where there is no such number of a `what`.
+// Raise ArgumentError unless `index` is below `count`; `what` is the name of an item.
 void check_index(i64 index, i64 count, const char *what);
 
 Quantity quantity_of(const pdeanim_quantity &quantity);
 
-// The status of the exception that is being handled, described in `error`, which may be NULL.
+// Return the status of the exception being handled, and describe it in `error`, which may be NULL.
 pdeanim_status describe_thrown(pdeanim_error *error);
 pdeanim_status describe_success(pdeanim_error *error);
 
-// Run `work`; nothing that it throws leaves the library.
+// Run `work`, and turn every exception into a status.
 template <class Work> pdeanim_status guarded(pdeanim_error *error, const Work &work) {
     try {
         work();

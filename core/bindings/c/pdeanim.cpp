@@ -1,5 +1,5 @@
-// The C interface (begin here): hands over to `Animation`. handle.cpp opens, closes and turns what is thrown into codes;
-// products.cpp has what programs evaluate on a graphics processor with.
+// The C interface (begin here): calls `Animation`. handle.cpp opens, closes and turns exceptions into codes;
+// products.cpp has the functions for programs that evaluate on a graphics processor.
 #include "pdeanim.h"
 
 #include <algorithm>
@@ -171,7 +171,7 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
                   : animation.sections().vertices();
         if (count > 0) check_given(times, "times");
         if (count > 0 && vertices > 0) check_given(out, "out");
-        // A negative count, turned into one without a sign, is more than there is memory for.
+        // A negative count, converted to unsigned, is larger than any memory.
         if (count > PTRDIFF_MAX / (3 * sizeof(float)) / static_cast<std::size_t>(std::max<i64>(vertices, 1)))
             throw ArgumentError("there cannot be so many times");
         animation.evaluator().evaluate(wanted, {times, count}, which,

@@ -1,4 +1,5 @@
-// The C interface for graphics processors: groups of frames, and the weights, fields and corrections that add up.
+// The C interface for graphics processors: groups of frames, and the weights, fields and corrections that add up to a
+// quantity.
 #include <algorithm>
 #include <cstdint>
 

@@ -1,4 +1,4 @@
-// An open file as Python has it: class Animation.
+// An open file for Python: class Animation.
 #include "decode/animation.hpp"
 
 #include <nanobind/stl/optional.h>
@@ -17,7 +17,7 @@ namespace pdeanim::bindings {
 namespace {
 
 #ifdef _WIN32
-int process_number() { return 0; }  // no process is a copy of another
+int process_number() { return 0; }  // no fork: no process is a copy of another
 #else
 int process_number() { return ::getpid(); }
 #endif
@@ -38,7 +38,7 @@ public:
         if (process_ != process_number()) leave_alone();
     }
 
-    // The file, and of it one run, where there is one or one was chosen. Both stay while somebody uses them.
+    // The file, and its run if there is only one or one was chosen. Both live as long as somebody uses them.
     struct Opened {
         const Container &container() const { return animation ? animation->sections().container() : file->container(); }
 
@@ -46,10 +46,10 @@ public:
         std::shared_ptr<Animation> animation;
     };
 
-    // What is open; ReadError once it is closed.
+    // Return the open file; ReadError once it is closed.
     //
-    // A process may be copied while a thread that the copy lacks holds the animation's lock, half way through a change:
-    // the copy leaves all of it alone, and opens the file anew.
+    // A fork may copy a process while a thread that the copy lacks holds the animation's lock, in the middle of a
+    // change. So the copy never touches the original objects and opens the file again.
     Opened opened() {
         if (!opened_.file) throw ReadError("is closed; open it again");
         if (process_ != process_number()) {
@@ -63,7 +63,7 @@ public:
         return opened_;
     }
 
-    // The run; ArgumentError where there are several, of which none was chosen.
+    // Return the run; ArgumentError if there are several and none was chosen.
     std::shared_ptr<Animation> animation() {
         std::shared_ptr<Animation> found = opened().animation;
         if (!found) throw ArgumentError("there are several runs of frames; choose one");
@@ -77,7 +77,7 @@ public:
         return work(*own);
     }
 
-    // Calls that are under way end as they would have.
+    // Running calls end normally: they share ownership.
     void close() {
         if (process_ != process_number()) leave_alone();
         opened_ = {};
@@ -94,7 +94,7 @@ private:
 
     void leave_alone() { new Opened(std::move(opened_)); }
 
-    nb::object file_;  // outlives what is open
+    nb::object file_;  // outlives the sources in `opened_`
     u64 max_memory_;
     Animation::Options options_;
     std::optional<std::size_t> run_;
@@ -102,7 +102,7 @@ private:
     Opened opened_;
 };
 
-// A list of what is made of each item.
+// Return a list of the results of `make` for each item.
 template <class Items, class Make> nb::list list_of(const Items &items, const Make &make) {
     nb::list found;
     for (const auto &item : items) found.append(make(item));
@@ -208,7 +208,7 @@ nb::object coefficients(PyAnimation &self, std::size_t index) {
     return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(channels, 1)));
 }
 
-// Any library's array that can be written to, as numpy's.
+// View a writable array of any library as a numpy array.
 nb::object writable_view(const nb::ndarray<float, nb::device::cpu> &array) {
     using Kept = nb::ndarray<float, nb::device::cpu>;
     std::vector<std::size_t> shape;
@@ -231,7 +231,7 @@ nb::bytes remarks(PyAnimation &self) {
     return to_bytes(found);
 }
 
-// Check every byte of a run, or of a file of several every section.
+// Check every byte of a run, or of every section of a file with several runs.
 void verify(PyAnimation &self) {
     const auto own = self.opened();
     const nb::gil_scoped_release release;
@@ -242,7 +242,7 @@ void verify(PyAnimation &self) {
     }
 }
 
-// Check the bytes of a section, of a run or of a file of several.
+// Check the bytes of a section, of a run or of a file with several runs.
 void check_section(PyAnimation &self, const std::string &type) {
     const auto own = self.opened();
     const nb::gil_scoped_release release;

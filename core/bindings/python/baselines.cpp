@@ -1,4 +1,4 @@
-// Coders of the published methods that research/baselines compares with. No .pdeanim file holds any of it.
+// Coders of the published methods that research/baselines compares with. The .pdeanim format does not use them.
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -10,12 +10,12 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Numbers below 2^62 in magnitude: zero or not, sign, how many binary digits in unary, then the digits below the
-// leading one. No neighbours are looked at: that is what the published schemes do.
+// Codes numbers below 2^62 in magnitude: zero flag, sign, number of binary digits in unary, then the digits below the
+// leading one. Like the published schemes, it uses no neighbours as context.
 class BandModel {
 public:
-    // What was learned is carried to the next band but trusted less: bands (modes, frequencies, frames) follow one
-    // another by size.
+    // Keep the statistics for the next band, with less confidence: bands (modes, frequencies, frames) are ordered by
+    // size.
     void begin_band() {
         zero_.trust(trusted);
         sign_.trust(trusted);
@@ -40,9 +40,9 @@ public:
     }
 
 private:
-    static constexpr u32 trusted = 24;  // adaptations that count at the start of a band
+    static constexpr u32 trusted = 24;  // confidence at the start of a band, as a number of adaptations
     static constexpr int most_digits = 62;
-    static constexpr i64 tree_size = 4;  // two digits are coded given those before them; the rest are close to even
+    static constexpr i64 tree_size = 4;  // two digits have the earlier digits as context; others are nearly random
     BitModel zero_, sign_;
     std::array<BitModel, most_digits> more_;
     std::array<std::array<BitModel, most_digits + tree_size>, most_digits + 1> digits_;
@@ -80,8 +80,9 @@ nb::object py_decode_bands(const nb::bytes &data, std::size_t bands, std::size_t
     return to_array(std::move(values));
 }
 
-// Numbers of vertices in the order of a traversal: the mean of the parallelograms at each place subtracted, or, to undo
-// that, added, first place to last. Without a parallelogram it is the place before; the first has nothing to go by.
+// Predict numbers of vertices in the order of a traversal by the mean of the parallelograms at each position, or by the
+// previous position without any. The first has no prediction. Predictions are subtracted, or, to undo that, added from
+// the first position to the last.
 void predict(std::span<i64> changed, std::span<const i64> known, std::size_t columns, std::span<const i64> starts,
              const i64 *corners, bool undo) {
     std::vector<i64> mean(columns);

@@ -1,17 +1,18 @@
-// The module pdecodec._core: what Python sees of the core, on numpy arrays and bytes.
+// The module pdecodec._core: the core as Python sees it, with numpy arrays and bytes.
 //
-// Begin here, then read module.cpp, which calls one function a file:
+// Begin here, then read module.cpp, which calls one function per file:
 //
 //     animation.cpp       an open file: class Animation; source.cpp: where its bytes come from
 //     mesh.cpp            sections of meshes: SEQN, CONN, ORDR, REST, ATTR, and the curves of a mesh
 //     motion.cpp          sections of motion: TIME, COEF, CORR
-//     space.cpp           patches, space bases, and the positions that coefficients give
-//     encode.cpp          loops of the encoder: displacements, quantisation, misses
+//     space.cpp           patches, space bases, and positions from coefficients
+//     encode.cpp          loops of the encoder: displacements, quantisation, missed vertices
 //     linear_algebra.cpp  products and decompositions
 //     simulate.cpp, text.cpp, baselines.cpp   XPBD sweeps, OBJ text, coders of the published baselines
 //
-// The interpreter lock is released around everything that loops. Several results are a named tuple. pdecodec/_core.pyi has
-// the types; tests/codec/test_core_types.py compares the two. This header has what the files share.
+// All loops run with the interpreter lock released. Functions with several results return a named tuple.
+// pdecodec/_core.pyi has the types; tests/codec/test_core_types.py compares the two. This header has the helpers that
+// the files share.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -35,7 +36,7 @@ namespace nb = nanobind;
 
 template <class T> using Flat = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-// Rows of so many numbers.
+// Arrays with a fixed number of columns.
 template <class T, int columns> using Rows =
     nb::ndarray<const T, nb::shape<-1, columns>, nb::c_contig, nb::device::cpu>;
 
@@ -47,25 +48,25 @@ inline std::span<const u8> view(const nb::bytes &data) {
 
 inline nb::bytes to_bytes(const std::vector<u8> &data) { return nb::bytes(data.data(), data.size()); }
 
-// A one-dimensional array that owns its values.
+// Turn values into a one-dimensional array that owns them.
 template <class T> nb::object to_array(std::vector<T> &&values) {
     auto *kept = new std::vector<T>(std::move(values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
 }
 
-// What keeps something alive that an array lies in.
+// Make an owner that keeps an object alive for arrays that lie in it.
 template <class T> nb::capsule owner_of(std::shared_ptr<T> shared) {
     auto *kept = new std::shared_ptr<T>(std::move(shared));
     return nb::capsule(kept, [](void *pointer) noexcept { delete static_cast<std::shared_ptr<T> *>(pointer); });
 }
 
-// A one-dimensional array that cannot be written to and lies in what its owner keeps alive.
+// Return a one-dimensional read-only view; `owner` keeps the values alive.
 template <class T> nb::object shared_array(const std::vector<T> &values, const nb::capsule &owner) {
     return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
 }
 
-// Rows of numbers, as an array that owns them.
+// Turn values into a matrix that owns them.
 template <class Values> nb::object to_matrix(Values &&values, std::size_t rows, std::size_t columns) {
     using Kept = std::remove_cvref_t<Values>;
     auto *kept = new Kept(std::move(values));
@@ -74,45 +75,45 @@ template <class Values> nb::object to_matrix(Values &&values, std::size_t rows, 
     return nb::cast(Matrix(kept->data(), {rows, columns}, owner));
 }
 
-// The same of `columns` numbers each.
+// Turn values into a matrix of `columns` columns that owns them.
 template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
     const std::size_t rows = columns ? values.size() / columns : 0;
     return to_matrix(std::move(values), rows, columns);
 }
 
-// Add a named tuple to the module, as collections.namedtuple takes it.
+// Add a named tuple type to the module; arguments as for collections.namedtuple.
 inline void add_tuple(nb::module_ &module, const char *name, const char *fields) {
     const nb::object make = nb::module_::import_("collections").attr("namedtuple");
     module.attr(name) = make(name, fields, nb::arg("module") = "pdecodec._core");
 }
 
-// One of those tuples, of these values.
+// Make one of those named tuples.
 template <class... Values> nb::object named(const char *name, Values &&...values) {
     return nb::module_::import_("pdecodec._core").attr(name)(std::forward<Values>(values)...);
 }
 
-// ValueError unless something holds.
+// Raise ValueError unless `holds`.
 inline void require(bool holds, const char *message) {
     if (!holds) throw nb::value_error(message);
 }
 
-// Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller
-// keeps; ValueError where they do not fit together.
+// Return the connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), as views of
+// arrays that the caller keeps; ValueError if an object is inconsistent.
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
-// Grid coordinates of all vertices, as the core has them; ValueError unless there is one for each of the objects' vertices.
+// Return the grid coordinates of all vertices in the core's layout; ValueError unless there is one for each vertex.
 std::span<const GridPoint> grid_of(const Rows<i64, 3> &grid, const std::vector<ConnectivityView> &objects);
 
-// The bytes of a file: Python's bytes, a file's descriptor, or a file that Python reads, with the interpreter lock. The
-// caller keeps it.
+// Return a reader of a file: of Python's bytes, of a file descriptor, or of a Python file object, which is read with
+// the interpreter lock. The caller keeps `file` alive.
 std::unique_ptr<Source> source_of(const nb::object &file);
 
-// What moves the vertices in a group of frames, in the precision of its sums.
+// The motion of the vertices in a group of frames, in the precision of its sums.
 struct PyMotion {
     std::variant<Motion<float>, Motion<double>> motion;
 };
 
-// One function a file; each adds its classes and functions to the module.
+// Each adds the classes and functions of its file to the module.
 void bind_animation(nb::module_ &module);
 void bind_mesh(nb::module_ &module);
 void bind_motion(nb::module_ &module);

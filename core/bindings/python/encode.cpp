@@ -1,4 +1,4 @@
-// Loops of the encoder: displacements, quantisation, what a model leaves of the input.
+// Loops of the encoder: displacements, quantisation, and the vertices that a model misses.
 #if defined(__linux__)
 #include <malloc.h>
 #endif
@@ -46,7 +46,7 @@ template <class Real> nb::object py_quantise_sparsely(const Matrix<const Real> &
                  to_array(std::move(found.largest)));
 }
 
-// A motion with the input that it is held against, and the arrays that both look at.
+// A model of a group, with the input that it is compared with and the arrays that both refer to.
 class PyGroupModel {
 public:
     PyGroupModel(const PyMotion &motion, Cube<const double> time, const Rows<double, 3> &reference,
@@ -108,7 +108,7 @@ private:
     Wanted wanted_;
 };
 
-// How far two motions of the same vertices are apart at most, in a coordinate before residuals.
+// Return the largest distance between two motions of the same vertices, in one coordinate before residuals.
 double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<const double> &time,
                          const Rows<double, 3> &reference, int threads) {
     return std::visit(
@@ -150,7 +150,7 @@ template <class Real> void py_add_to(const Excess &excess, const Matrix<Real> &v
                   static_cast<i64>(count), axes, push);
 }
 
-// Freed memory, of which the C library keeps much for later, goes back to the system.
+// Return freed memory to the system; the C library keeps much of it for later.
 void give_back_memory() {
 #if defined(__GLIBC__)
     malloc_trim(0);

@@ -16,7 +16,7 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Whether sizes, each `smallest` or more, add up to the indices, and these are of so many vertices.
+// Whether sizes, each at least `smallest`, add up to the number of indices, and these refer to existing vertices.
 bool fit_together(std::span<const i32> sizes, i32 smallest, std::span<const i32> indices, i64 vertices) {
     i64 sum = 0;
     bool is_sound = true;
@@ -103,7 +103,7 @@ nb::object py_extract_curves(const nb::list &parts, const Rows<i64, 3> &referenc
     return named("Curves", to_array(std::move(found.order)), to_array(std::move(found.starts)));
 }
 
-// Faces and lines of all objects, numbered through.
+// Make polygons of the faces and lines of all objects, whose vertices are numbered in one row.
 Polygons polygons_of(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, i64 vertices) {
     Polygons mesh;
     mesh.starts.assign(starts.data(), starts.data() + starts.size());

@@ -1,4 +1,4 @@
-// The module itself: errors of the core as those of pdecodec.errors, and all that the other files add.
+// The module itself: maps errors of the core to those of pdecodec.errors, and adds the parts of the other files.
 #include "base/errors.hpp"
 #include "bindings/python/bindings.hpp"
 

@@ -15,7 +15,7 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Functions of time one after another, in each frame after frame, axis after axis.
+// Functions of time: an array of (function, frame, axis).
 template <class T> using Functions = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
 template <class T> std::span<const T> numbers_of(const Functions<T> &array) { return {array.data(), array.size()}; }
@@ -32,7 +32,7 @@ TimeMethod method_of(u8 method) {
     return TimeMethod{method};
 }
 
-// An array of three dimensions that owns its values.
+// Turn values into an array of three dimensions that owns them.
 template <class T> nb::object to_block(std::vector<T> &&values, i64 first, i64 second, i64 third) {
     auto *kept = new std::vector<T>(std::move(values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
@@ -133,7 +133,7 @@ template <class T, class Array> std::span<const std::array<T, 3>> rows_of(const 
     return {reinterpret_cast<const std::array<T, 3> *>(array.data()), array.size() / 3};
 }
 
-// Values of an object, as an array that keeps the object and cannot be written.
+// Return a read-only array that lies in an object and keeps it alive.
 template <class T> nb::object look_into(const std::vector<T> &values, nb::handle owner) {
     return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
 }
@@ -203,7 +203,7 @@ nb::object py_reference_distances(const Residuals &residuals) {
     return to_array(std::move(distances));
 }
 
-// A read-only property that looks into one of the vectors.
+// Return the value of a read-only property that lies in one of the vectors.
 template <auto values> nb::object look(nb::handle self) {
     return look_into(nb::cast<const Residuals &>(self).*values, self);
 }

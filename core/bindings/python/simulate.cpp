@@ -1,4 +1,4 @@
-// Sweeps of the simulator (XPBD). They work on arrays of the caller's, in place.
+// Sweeps of the simulator (XPBD). They change the caller's arrays in place.
 #include <nanobind/stl/tuple.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ using ChangedNumbers = Array<double, nb::ndim<1>>;
 using StateArrays = std::tuple<ChangedPoints, Points, Flat<double>>;
 using ScalingNumbers = std::tuple<double, double, double>;
 
-// An array as a view of so many items that are made of its numbers.
+// View an array as `count` items that consist of its numbers.
 template <class Item, class Array> std::span<Item> items(const Array &array, std::size_t count) {
     if (array.size() * sizeof(*array.data()) != count * sizeof(Item)) {
         throw nb::value_error("arrays do not fit each other");
@@ -39,10 +39,10 @@ Scaling scaling_of(const ScalingNumbers &scaling) {
     return {std::get<0>(scaling), std::get<1>(scaling), std::get<2>(scaling)};
 }
 
-// What constraints or triangles are made of; every number is that of one of the particles.
+// View an array as the particles of constraints or triangles; IndexError if a particle does not exist.
 template <std::size_t members, class Array>
 std::span<const Members<members>> members_of(const Array &array, std::size_t particles) {
-    u32 largest = 0;  // a negative number is larger than any
+    u32 largest = 0;  // as unsigned, a negative number is larger than any index
     for (std::size_t i = 0; i < array.size(); ++i) largest = most(largest, static_cast<u32>(array.data()[i]));
     if (array.size() > 0 && largest >= particles) throw nb::index_error("there is no particle of this number");
     return items<const Members<members>>(array, array.size() / members);
@@ -58,7 +58,7 @@ void py_predict(const ChangedPoints &positions, const ChangedPoints &previous, c
     predict(moved, noted, masses, speeds, pulls, substep, keep);
 }
 
-// Batches of sheets know their callers' arrays of multipliers.
+// Batches of sheets keep pointers to the caller's arrays of multipliers.
 void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<double> &lengths,
                       const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
     const std::size_t count = pairs.shape(0);
@@ -156,7 +156,7 @@ void py_add_wind(const Points &positions, const Points &past, const Rows<i32, 3>
 
 }  // namespace
 
-// Arrays that are changed are never converted: what would change is a copy.
+// Arrays that are changed must not be converted: the change would happen in a copy.
 void bind_simulate(nb::module_ &module) {
     const auto changed = [](const char *name) { return nb::arg(name).noconvert(); };
     module.def("predict", &py_predict, changed("positions"), changed("previous"), nb::arg("inverse_masses"),

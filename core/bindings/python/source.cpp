@@ -1,4 +1,4 @@
-// Where the bytes of a file come from that Python opens.
+// Sources of bytes for a file that Python opens.
 #ifndef _WIN32
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -16,8 +16,8 @@ namespace pdeanim::bindings {
 namespace {
 
 #ifndef _WIN32
-// A file by its descriptor. No read moves the place that is read next, which threads and copies of the process share. The
-// descriptor is a duplicate: whoever closes the other one meanwhile does not hand a stranger's file to calls under way.
+// A file by its descriptor. Reads do not move the file position, which threads and forked processes share. The
+// descriptor is a duplicate: if another thread closes the original, running calls do not read an unrelated file.
 class FileSource : public Source {
 public:
     explicit FileSource(int descriptor)

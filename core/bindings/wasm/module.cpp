@@ -1,5 +1,6 @@
-// The module for a page (begin here; build.py makes it): a file that the page reads, and what stands in place of a process.
-// single_thread.hpp stands in place of the C++ library's threads, which it lacks for WebAssembly.
+// The module for a web page (begin here; build.py builds it): opens a file that the page reads, and replaces the
+// services of an operating system. single_thread.hpp replaces the C++ library's threads, which are missing for
+// WebAssembly.
 #include "pdeanim.h"
 
 extern "C" {
@@ -7,7 +8,7 @@ extern "C" {
 __attribute__((import_module("pdeanim"), import_name("read"))) int64_t pdeanim_page_read(void *user, uint64_t offset,
                                                                                          void *into, size_t size);
 
-// `user` is handed to the page's function, as the number of the file.
+// `user` is passed to the page's read function, as the number of the file.
 __attribute__((export_name("pdeanim_open_page"))) pdeanim_status pdeanim_open_page(void *user, uint64_t size,
                                                                                    const pdeanim_options *options,
                                                                                    pdeanim_animation **animation,
@@ -16,13 +17,13 @@ __attribute__((export_name("pdeanim_open_page"))) pdeanim_status pdeanim_open_pa
 }
 }
 
-// The C++ library and its exceptions come from the compiler's package; this stands in place of what in it would write to a
-// console: messages go nowhere, and the end is a trap.
+// The C++ library and its exceptions come from the compiler's package. These functions replace those that would write
+// to a console: messages are dropped, and aborting is a trap.
 extern "C" {
 
 [[noreturn]] __attribute__((visibility("hidden"))) void __abort_message(const char *, ...) { __builtin_trap(); }
 
-// The tag that every exception of C++ is thrown under. https://github.com/WebAssembly/tool-conventions, EHScheme
+// The tag of all C++ exceptions. https://github.com/WebAssembly/tool-conventions, EHScheme
 asm(".globl __cpp_exception\n"
     ".tagtype __cpp_exception i32\n"
     "__cpp_exception:\n");

@@ -1,5 +1,5 @@
-// What the core uses of the C++ library's threads, for a machine that has one thread: the C++ library that comes with the
-// compiler for WebAssembly leaves these classes out. Every source is compiled with it in front (build.py).
+// The part of the C++ library's threads that the core uses, for a single thread: the C++ library that comes with the
+// compiler for WebAssembly leaves these classes out. Every source is compiled with this header in front (build.py).
 #pragma once
 
 namespace std {
@@ -18,11 +18,11 @@ public:
     void notify_one() {}
     void notify_all() {}
 
-    // Nobody else can make it true: it is, or is never waited for.
+    // No other thread can make the predicate true: it already is, or the core never waits for it.
     template <class Lock, class Predicate> void wait(Lock &, const Predicate &) {}
 };
 
-// What it waits for was done at once.
+// The work to wait for is already done.
 class latch {
 public:
     explicit latch(long) {}

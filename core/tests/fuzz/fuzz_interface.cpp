@@ -1,8 +1,8 @@
-// A target of libFuzzer: calls the C interface as bytes say, with whatever numbers they hold, on a file that is read through
-// a callback, which may fail or fall short.
+// A target of libFuzzer: makes calls of the C interface that the input bytes describe, with arbitrary numbers, on a
+// file that is read through a callback, which may fail or return too few bytes.
 //
-// Where the bytes end in a mark, calls stand before it, and the file before them. Else all is the file, and each kind of call
-// is made once: so that the vectors are sound files to begin with.
+// If the bytes end in a mark, the calls come before the mark, and the file before the calls. Otherwise all bytes are
+// the file, and each kind of call is made once, so that the vectors work as valid files to begin with.
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -14,12 +14,12 @@
 namespace {
 
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25, max_output = std::uint64_t{1} << 30;
-constexpr std::uint64_t most_numbers = 1 << 21;  // that a call may write: what it writes is not in the memory limit
+constexpr std::uint64_t most_numbers = 1 << 21;  // largest output of a call, outside the memory limit
 constexpr std::size_t most_calls = 12, most_times = 4, head_size = 2;
 constexpr std::uint8_t kinds = 6;
 constexpr std::string_view mark = "CALL";
 
-// What a caller decides, taken from the end of the bytes.
+// A caller's decisions, taken from the end of the bytes.
 struct Call {
     std::uint8_t what = 0, quantity = 0;
     std::int64_t number = 0;
@@ -31,14 +31,14 @@ Call call_at(const std::uint8_t *data) {
     Call call{.what = data[0], .quantity = data[1]};
     std::memcpy(&call.number, data + 2, sizeof call.number);
     std::memcpy(&call.time, data + 2 + sizeof call.number, sizeof call.time);
-    if (call.what & 0x80) call.number %= 4;  // mostly there
+    if (call.what & 0x80) call.number %= 4;  // mostly an existing one
     return call;
 }
 
 struct File {
     const std::uint8_t *data;
     std::size_t size;
-    std::size_t fails_after;  // reads; 0: never
+    std::size_t fails_after;  // number of reads before failure; 0: never fails
     std::size_t reads = 0;
 };
 
@@ -55,7 +55,7 @@ void check(pdeanim_status status) {
     if (status == PDEANIM_INTERNAL) std::abort();
 }
 
-// As many times as a caller may ask for at once; numbers that are none, too.
+// Evaluate at most_times times at once, which may include NaN.
 void evaluate(pdeanim_animation *animation, const Call &call) {
     const auto vertices = static_cast<std::uint64_t>(pdeanim_vertex_count(animation));
     if (vertices * most_times * 3 > most_numbers) return;
@@ -66,7 +66,7 @@ void evaluate(pdeanim_animation *animation, const Call &call) {
     const auto quantity = static_cast<pdeanim_quantity>(call.quantity % 4);
     pdeanim_error error;
     check(pdeanim_evaluate(animation, quantity, times.data(), most_times, call.number, out.data(), &error));
-    // Far too many times are refused before one is looked at.
+    // A huge number of times must be refused before any of them is read.
     if (call.number < -1 &&
         pdeanim_evaluate(animation, PDEANIM_POSITIONS, times.data(), static_cast<std::size_t>(call.number),
                          PDEANIM_ALL_OBJECTS, out.data(), &error) == PDEANIM_OK &&

@@ -1,6 +1,7 @@
-// A target of libFuzzer: opens bytes as a file, and asks for everything that is in it, within a small memory limit.
+// A target of libFuzzer: opens bytes as a file, and requests everything in it, within a small memory limit.
 //
-// Built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION checksums are not compared, so that damage gets behind them.
+// If built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION, checksums are not compared, so that damage reaches the
+// decoders.
 #include <cstdint>
 #include <cstdlib>
 #include <vector>
@@ -10,8 +11,8 @@
 namespace {
 
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25;
-constexpr std::int64_t most_evaluated = 1 << 18;  // vertices times frames: what is evaluated is not in the memory limit
-constexpr std::int64_t most_runs = 16;            // that are looked at
+constexpr std::int64_t most_evaluated = 1 << 18;  // largest number of positions to evaluate, outside the memory limit
+constexpr std::int64_t most_runs = 16;            // largest number of runs to open
 
 void ask_for_objects(pdeanim_animation *animation) {
     for (std::int64_t object = 0; object < pdeanim_object_count(animation); ++object) {
