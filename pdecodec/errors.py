@@ -1,8 +1,8 @@
-"""Errors that pdecodec raises on purpose: one root, a few classes, and data that tell cases apart.
+"""The errors that pdecodec raises on purpose: one root, a few classes, and data that tell cases apart.
 
-An error says in one line what happened, where, and what to do. Programs look at its class, `code` and fields, never at
-its words. The library names settings as its functions call them; the command line puts its options in their place and
-turns classes into exit codes. The library never exits and never prints.
+An error says in one line what happened, where, and what to do. Programs read its class, `code` and fields, never its
+text. The library calls settings by their names in its functions; the command line replaces these names by its options
+and turns classes into exit codes. The library never exits and never prints.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, Self
 
 
 class ErrorCode(StrEnum):
-    """What went wrong, for programs: values never change, later versions may add some (`docs/errors.md`)."""
+    """What went wrong, for programs. Values never change; later versions may add some (`docs/errors.md`)."""
 
     description: str
 
@@ -26,68 +26,71 @@ class ErrorCode(StrEnum):
         member.description = description
         return member
 
-    FAILED = "failed", "Something failed that has no code of its own."
+    FAILED = "failed", "A failure without a code of its own."
 
-    INVALID_SETTING = "invalid-setting", "A setting or an argument is of a wrong kind or out of range."
+    INVALID_SETTING = "invalid-setting", "A setting or an argument has the wrong type or is out of range."
     CONFLICTING_SETTINGS = "conflicting-settings", "Settings contradict each other."
-    SETTING_UNSUPPORTED = "setting-unsupported", "A setting is not for this format or kind of input."
+    SETTING_UNSUPPORTED = "setting-unsupported", "A setting does not apply to this format or kind of input."
     UNKNOWN_NAME = "unknown-name", "A setting names something that does not exist: a scene, an option, a section."
-    FRAME_OUT_OF_RANGE = "frame-out-of-range", "The frames asked for are not in the sequence."
-    TIME_OUT_OF_RANGE = "time-out-of-range", "A time asked for lies outside the clip."
+    FRAME_OUT_OF_RANGE = "frame-out-of-range", "The requested frames are not in the sequence."
+    TIME_OUT_OF_RANGE = "time-out-of-range", "A requested time lies outside the clip."
 
-    INVALID_INPUT = "invalid-input", "An input has a wrong type or shape, or contradicts itself."
+    INVALID_INPUT = "invalid-input", "An input has a wrong type or shape, or is inconsistent."
     INVALID_FACES = (
         "invalid-faces",
         "Faces or lines refer to vertices that do not exist, have too few points, or their counts do not add up.",
     )
-    INVALID_ATTRIBUTE = "invalid-attribute", "An attribute does not fit its domain, or the rows that it refers to."
-    FILE_MISSING = "file-missing", "There is no such file, folder or address."
-    UNREADABLE = "unreadable", "A file cannot be opened or read: access rights, a pipe or a device, a failing disk."
-    OUTSIDE_FOLDER = "outside-folder", "A file names another one outside its folder, which was not allowed."
-    UNKNOWN_FORMAT = "unknown-format", "The format of a file is not known, or not what its name says."
-    UNSUPPORTED_FORMAT = "unsupported-format", "A known format that cannot be read or written here."
-    AMBIGUOUS_INPUT = "ambiguous-input", "A name stands for several files, sequences or objects."
-    FRAME_MISSING = "frame-missing", "A frame of a sequence of files is missing."
-    NO_FRAMES = "no-frames", "There is no frame, or no file that matches."
-    NO_VERTICES = "no-vertices", "There is no vertex, or no object that has any."
-    DAMAGED_INPUT = "damaged-input", "A file of another format is damaged, truncated or breaks its format."
-    FILE_CHANGED = "file-changed", "A file was changed or closed while it was read."
+    INVALID_ATTRIBUTE = (
+        "invalid-attribute",
+        "An attribute does not match its domain, or refers to rows that do not exist.",
+    )
+    FILE_MISSING = "file-missing", "A file, folder or address does not exist."
+    UNREADABLE = "unreadable", "A file cannot be opened or read: missing permission, a pipe or device, a failing disk."
+    OUTSIDE_FOLDER = "outside-folder", "A file refers to a file outside its folder, which is not allowed."
+    UNKNOWN_FORMAT = "unknown-format", "The format of a file is unknown, or is not the one of its extension."
+    UNSUPPORTED_FORMAT = "unsupported-format", "The format is known but cannot be read or written here."
+    AMBIGUOUS_INPUT = "ambiguous-input", "A name matches several files, sequences or objects."
+    FRAME_MISSING = "frame-missing", "A frame is missing in a sequence of files."
+    NO_FRAMES = "no-frames", "There is no frame, or no file matches."
+    NO_VERTICES = "no-vertices", "There is no vertex, or no object has one."
+    DAMAGED_INPUT = "damaged-input", "A file of another format is damaged, truncated or invalid."
+    FILE_CHANGED = "file-changed", "A file was changed or closed while it was being read."
     UNSUPPORTED_FEATURE = "unsupported-feature", "A file uses a feature of its format that is not supported."
-    OBJECT_MISSING = "object-missing", "There is no object of this name."
-    OBJECT_MISMATCH = "object-mismatch", "Two files do not fit: objects, vertices, faces, axes or units differ."
+    OBJECT_MISSING = "object-missing", "There is no object with this name."
+    OBJECT_MISMATCH = "object-mismatch", "Two files do not match: their objects, vertices, faces, axes or units differ."
     CONNECTIVITY_CHANGES = "connectivity-changes", "The connectivity changes where it must be constant."
     INVALID_TIMES = "invalid-times", "Times or a frame rate are not finite, do not increase, or are too many."
-    NOT_FINITE = "not-finite", "A position or another number is infinite or no number."
-    TOO_LARGE = "too-large", "More than the format to write, or the codec, can hold."
-    INTERRUPTED = "interrupted", "The work was stopped before it was done."
-    WORKER_ENDED = "worker-ended", "A process that did the work ended, or could not be started."
+    NOT_FINITE = "not-finite", "A position or another number is infinite or not a number."
+    TOO_LARGE = "too-large", "There is more data than the output format or the codec can hold."
+    INTERRUPTED = "interrupted", "The work was interrupted before it was done."
+    WORKER_ENDED = "worker-ended", "A worker process ended, or could not be started."
 
-    OUTPUT_EXISTS = "output-exists", "The place to write to is taken."
-    OUTPUT_UNWRITABLE = "output-unwritable", "The place to write to cannot be written to."
-    DISK_FULL = "disk-full", "There is no space left to write to."
-    OVERWRITES_INPUT = "overwrites-input", "An output would replace a file that is read, or another output."
+    OUTPUT_EXISTS = "output-exists", "The output exists already."
+    OUTPUT_UNWRITABLE = "output-unwritable", "The output cannot be written."
+    DISK_FULL = "disk-full", "There is no space left on the output's disk."
+    OVERWRITES_INPUT = "overwrites-input", "An output would replace an input or another output."
 
-    CORRUPT_FILE = "corrupt-file", "A .pdeanim file is damaged or does not hold what it should."
+    CORRUPT_FILE = "corrupt-file", "A .pdeanim file is damaged or inconsistent."
     IDENTIFIER = "identifier", "The first bytes are not those of a .pdeanim file."
-    VERSION = "version", "The file is of a later major version of the format."
+    VERSION = "version", "The file has a later major version of the format."
     HEADER_CHECKSUM = "header-checksum", "The header is damaged."
     TABLE = "table", "The table of sections cannot be read."
     TABLE_CHECKSUM = "table-checksum", "The table of sections is damaged."
     TRUNCATED = "truncated", "The file ends before its last section does."
     TRAILING_BYTES = "trailing-bytes", "There are bytes after the last section."
-    SECTION_UNKNOWN = "section-unknown", "A section of a later minor version, which may be passed over: a note."
+    SECTION_UNKNOWN = "section-unknown", "A section of a later minor version, which readers may skip: a note."
     SECTION_UNKNOWN_REQUIRED = (
         "section-unknown-required",
-        "A section of a later version, without which the file must not be read.",
+        "A section of a later version that readers must understand.",
     )
-    SECTION_CHECKSUM = "section-checksum", "The bytes of a section are not those that were written."
+    SECTION_CHECKSUM = "section-checksum", "The bytes of a section differ from those that were written."
     SECTION_CONTENT = (
         "section-content",
-        "A section breaks the format, or is missing: counts, ranges, what must agree with others.",
+        "A section is missing or invalid: a count, a range, or a value that contradicts another section.",
     )
-    GROUP_CHECKSUM = "group-checksum", "The bytes of a group of frames are not those that were written."
+    GROUP_CHECKSUM = "group-checksum", "The bytes of a group of frames differ from those that were written."
     GROUP_CONTENT = "group-content", "A group of frames cannot be decoded."
-    MEMORY_LIMIT = "memory-limit", "More memory is needed than `max_memory` allows; the rest was not looked at."
+    MEMORY_LIMIT = "memory-limit", "Reading needs more memory than `max_memory` allows; the rest was not checked."
     OUTPUT_LIMIT = "output-limit", "The file declares more positions than `max_output` allows."
 
     MISSING_EXTRA = "missing-extra", "An optional package is not installed."
@@ -97,11 +100,11 @@ FIELDS = (
     *("message", "code", "path", "object", "frame", "section", "offset"),
     *("limit", "setting", "value", "purpose"),
 )
-"""What an error carries: its arguments and attributes."""
+"""The names of an error's arguments and attributes."""
 
 
 LONGEST_MESSAGE = 2000
-"""Characters of a message; of longer ones the middle is left out."""
+"""Longest message [characters]; longer ones lose their middle."""
 
 
 def _remedy(setting: str, value: object) -> str:
@@ -118,24 +121,23 @@ class PdecodecError(Exception):
     code : ErrorCode or str, optional
         Default: that of the class.
     path : str or os.PathLike, optional
-        The file it concerns.
+        The file concerned.
     object : str, optional
-        Name of the object it concerns.
+        The name of the object concerned.
     frame : int, optional
-        The frame index (0-based position in the sequence) it concerns.
+        The index of the frame concerned (position in the sequence from 0).
     section : str, optional
-        Four letters of the section of a `.pdeanim` file it concerns.
+        The four letters of the section concerned of a `.pdeanim` file.
     offset : int, optional
-        The byte offset in the file it concerns.
+        The offset of the byte concerned in the file.
     limit : str, optional
-        The setting that limits what was asked for; a higher value allows it.
+        The setting that limits what was requested; a higher value allows it.
     setting : str, optional
-        The setting that would help, as the library's functions call it; of a :class:`SettingsError` the one that is
-        wrong.
+        The setting that would help, by its name in the library's functions; for a :class:`SettingsError` the wrong one.
     value : object, optional
-        What to set `setting` to.
+        The value to set `setting` to.
     purpose : str, optional
-        What setting it does, as "to replace it".
+        What setting it does, such as "to replace it".
     """
 
     exit_code = 1
@@ -157,7 +159,7 @@ class PdecodecError(Exception):
         purpose: str | None = None,
     ) -> None:
         if len(message) > LONGEST_MESSAGE:
-            # What a damaged file says of itself may be of any length.
+            # Texts from a damaged file may have any length.
             message = f"{message[: LONGEST_MESSAGE // 2]} ... {message[-LONGEST_MESSAGE // 2 :]}"
         super().__init__(message)
         self.message = message
@@ -171,14 +173,14 @@ class PdecodecError(Exception):
         return self.worded(name, _remedy(name, self.value))
 
     def worded(self, name: str, remedy: str) -> str:
-        """Return the line, with the setting or the limit under another name.
+        """Return the message, with another name for the setting or the limit.
 
         Parameters
         ----------
         name : str
-            The setting, as "fps" or "--fps".
+            The name, such as "fps" or "--fps".
         remedy : str
-            How the setting is given, as "set fps=24" or "pass --fps 24".
+            How to give the setting, such as "set fps=24" or "pass --fps 24".
         """
         text = self.message
         if self.limit is not None:
@@ -205,23 +207,23 @@ class PdecodecError(Exception):
         object: str | None = None,
         frame: int | None = None,
     ) -> Self:
-        """Return a copy with another place or message; what is None stays."""
+        """Return a copy with another place or message; arguments that are None keep the present value."""
         changes = {"message": message, "path": path, "object": object, "frame": frame}
         return type(self)(**self.fields() | {name: value for name, value in changes.items() if value is not None})
 
     def fields(self) -> dict[str, Any]:
-        """Return the arguments that make the error again, those that are not None, as JSON holds them."""
+        """Return the arguments that recreate the error, without those that are None, as JSON can hold them."""
         return {name: getattr(self, name) for name in FIELDS if getattr(self, name) is not None}
 
 
 class Notice(str):
-    """What a reader or a writer wants people to know, and the setting that changes it.
+    """Information from a reader or a writer for people, and the setting that changes it.
 
     Parameters
     ----------
     text : str
     setting, value, purpose
-        As of a :class:`PdecodecError`.
+        As in :class:`PdecodecError`.
     """
 
     limit = None
@@ -237,12 +239,12 @@ class Notice(str):
         return made
 
     def worded(self, name: str, remedy: str) -> str:
-        """Return the line, with the setting under another name: see :meth:`PdecodecError.worded`."""
+        """Return the message, with another name for the setting: see :meth:`PdecodecError.worded`."""
         return f"{self.text}; {remedy} {self.purpose}"
 
 
 class SettingsError(PdecodecError):
-    """Settings or arguments that contradict themselves or lie out of range; the message follows `setting`."""
+    """Settings or arguments are contradictory or out of range; the message follows the name in `setting`."""
 
     exit_code = 2
     default_code = ErrorCode.INVALID_SETTING
@@ -264,7 +266,7 @@ class InputError(PdecodecError):
 
 
 class MissingFileError(InputError, FileNotFoundError):
-    """A file, folder or address that does not exist: what :class:`InputError` becomes with code "file-missing"."""
+    """A file, folder or address does not exist: :class:`InputError` with code "file-missing" becomes this class."""
 
     default_code = ErrorCode.FILE_MISSING
 
@@ -274,20 +276,20 @@ class MissingFileError(InputError, FileNotFoundError):
 
 
 class CorruptFileError(PdecodecError):
-    """A `.pdeanim` file that is damaged, truncated or not one at all."""
+    """A `.pdeanim` file is damaged, truncated, or another kind of file."""
 
     exit_code = 4
     default_code = ErrorCode.CORRUPT_FILE
 
 
 class LimitError(CorruptFileError):
-    """A `.pdeanim` file that asks for more memory than the documented limit."""
+    """A `.pdeanim` file needs more memory than the limit allows."""
 
     default_code = ErrorCode.MEMORY_LIMIT
 
 
 class MissingExtraError(PdecodecError):
-    """An optional dependency that is not installed; the message names the command that installs it."""
+    """An optional dependency is not installed; the message names the command that installs it."""
 
     exit_code = 5
     default_code = ErrorCode.MISSING_EXTRA
@@ -296,14 +298,14 @@ class MissingExtraError(PdecodecError):
 def damaged(
     message: str, *, path: str | os.PathLike[str] | None = None, frame: int | None = None, offset: int | None = None
 ) -> InputError:
-    """Return the error about a file of another format that is damaged or breaks its format."""
+    """Return the error for a file of another format that is damaged or invalid."""
     return InputError(message, code=ErrorCode.DAMAGED_INPUT, path=path, frame=frame, offset=offset)
 
 
 def unreadable(
     error: Exception, path: str | os.PathLike[str], advice: str = "", *, doing: str = "read", frame: int | None = None
 ) -> InputError:
-    """Return the error about a file that the system cannot open, read or write.
+    """Return the error for a file that the system cannot open, read or write.
 
     Parameters
     ----------
@@ -311,7 +313,7 @@ def unreadable(
         What the system raised.
     path : path-like
     advice : str
-        What to do, as "check the name".
+        What to do, such as "check the name".
     doing : {"read", "opened", "written"}
         What failed.
     frame : int, optional
@@ -326,7 +328,7 @@ def unreadable(
 
 @contextmanager
 def naming_file(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Name the file in errors of code that knows only arrays and positions."""
+    """Add the file's path to errors from code that knows only arrays and positions."""
     try:
         yield
     except (InputError, MissingExtraError) as error:
