@@ -106,7 +106,7 @@ def read_clip(file: GltfFile, index: int) -> Clip:
     try:
         for channel in entry["channels"]:
             stored = entry["samplers"][channel["sampler"]]
-            targets = _targets(file, channel["target"])
+            targets = find_channel_targets(file, channel["target"])
             if targets is None:
                 pointer = str(channel["target"].get("extensions", {}).get(POINTER, {}).get("pointer", "something"))
                 if pointer.endswith(f"{VISIBILITY}/visible"):
@@ -120,7 +120,7 @@ def read_clip(file: GltfFile, index: int) -> Clip:
     return Clip(samplers, entry.get("extras", {}).get("pdecodec", {}), tuple(left_out))
 
 
-def _targets(file: GltfFile, target: Mapping[str, Any]) -> list[tuple[int, str]] | None:
+def find_channel_targets(file: GltfFile, target: Mapping[str, Any]) -> list[tuple[int, str]] | None:
     """Return the (node, property) pairs that a channel moves; None if it animates something that is not read."""
     if "node" in target and target["path"] in MOVING_PROPERTIES:
         return [(target["node"], target["path"])]

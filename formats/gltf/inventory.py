@@ -32,7 +32,7 @@ _DEFAULTS: Mapping[str, Any] = {
 _INNER_LISTS = {"meshes": ("primitives",), "animations": ("channels", "samplers")}
 """Lists of objects inside the entries of lists of the root."""
 
-_OWN_EXTRAS = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
+OWN_EXTRAS = {"asset": {"pdecodec"}, "meshes": {"pdecodec", GROUPS}, "animations": {"pdecodec"}}
 """Keys of ``extras`` that our writer adds, by the list they are in."""
 
 
@@ -92,12 +92,17 @@ def _name(entry: Mapping[str, Any], kind: str, number: int) -> str:
 def _material_properties(materials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the names of material properties that differ from `WRITTEN_MATERIAL`; textures are named separately."""
     differing: dict[str, None] = {}
-    written = {**_DEFAULTS, **_flatten_material(WRITTEN_MATERIAL)}
     for entry in materials:
         own = {**_DEFAULTS, **_flatten_material(entry)}
-        differing |= dict.fromkeys(key for key in own if own[key] != written.get(key) and not key.endswith("Texture"))
+        changed = [key for key in own if not is_as_written(key, own[key])]
+        differing |= dict.fromkeys(key for key in changed if not key.endswith("Texture"))
     if differing:
         yield f"properties of materials ({', '.join(differing)})"
+
+
+def is_as_written(key: str, value: Any) -> bool:
+    """Return whether a property of a material has the value that our writer gives it."""
+    return bool({**_DEFAULTS, **_flatten_material(WRITTEN_MATERIAL)}.get(key) == value)
 
 
 def _flatten_material(material: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,7 +131,7 @@ def _unread_extensions_and_extras(root: Mapping[str, Any]) -> Iterator[str]:
         if kind != "materials" and isinstance(holder.get("extensions"), dict):
             extensions |= dict.fromkeys(holder["extensions"])
         found = holder.get("extras")
-        keys = [str(key) for key in found if key not in _OWN_EXTRAS.get(kind, ())] if isinstance(found, dict) else []
+        keys = [str(key) for key in found if key not in OWN_EXTRAS.get(kind, ())] if isinstance(found, dict) else []
         if keys or (found is not None and not isinstance(found, dict)):
             extras.setdefault(kind, {}).update(dict.fromkeys(keys))
     yield from (name for name in extensions if name not in READABLE_EXTENSIONS)

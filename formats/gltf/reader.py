@@ -32,6 +32,7 @@ from pdecodec.formats.base.times import (
     snapped_times,
 )
 from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
+from pdecodec.formats.gltf.contents import Contents
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, default_weights, read_mesh
@@ -121,10 +122,13 @@ class GltfSequence(SceneSequence):
         left_out = [name for part in parts for name in part.left_out]
         left_out += () if chosen is None else chosen.left_out
         on = {part.node for part in parts}.union(*(part.skin.joints for part in parts if part.skin is not None))
-        left_out += left_out_of_file(file, self.nodes, chosen, {k for node in on for k in self.nodes.above(node)})
+        moving = {k for node in on for k in self.nodes.above(node)}
+        left_out += left_out_of_file(file, self.nodes, chosen, moving)
         looks = left_out_of_materials(file)
         found_out = (*clip_notices, *time_notices, *_normal_notices(parts))
         self.notices = (*textures_of(file), *found_out, *not_kept([*looks, *left_out]), *hidden_notices(parts))
+        words = {part.node: part.left_out for part in parts}
+        self.list_contents = lambda: Contents(file, self.nodes, self.clip_number, moving, words).list()
         self.notices_with_looks = (*found_out, *not_kept(left_out), *hidden_notices(parts))
 
     def _pose(self, start: int, stop: int) -> Pose:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pdecodec.cli.main import run
@@ -37,12 +39,86 @@ def usd(folder: Path) -> tuple[Path, Counter[str]]:
     return path, found + Counter(prim.GetTypeName() or "prim" for prim in list(prims)[1:])
 
 
+def gltf(folder: Path) -> tuple[Path, Counter[str]]:
+    """A scene, and how often its JSON has each kind of entry, attribute, extension and extra."""
+    from tests.formats.test_gltf_inventory import kinds_in
+
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]] * 3, "<f4")
+    data = corners.tobytes() + np.array([0, 1], "<f4").tobytes()
+    uri = f"data:application/octet-stream;base64,{base64.b64encode(data).decode()}"
+    spin = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    root = {
+        "asset": {"version": "2.0", "copyright": "me", "extras": {"shop": 3}},
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_materials_clearcoat"],
+        "extensions": {"KHR_lights_punctual": {"lights": [{"type": "point"}]}},
+        "scenes": [{"nodes": [0, 1, 3]}, {"nodes": [2]}],
+        "nodes": [
+            {"name": "cup", "mesh": 0, "extras": {"owner": "me"}},
+            {"name": "sun", "extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"name": "elsewhere", "mesh": 1},
+            {"name": "shot", "camera": 0},
+        ],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}, "name": "front"}],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "attributes": {"POSITION": 0, "NORMAL": 0, "TANGENT": 2, "_HEAT": 0},
+                        "targets": [{"POSITION": 0, "NORMAL": 0}],
+                        "material": 0,
+                    },
+                    {"attributes": {"POSITION": 0, "NORMAL": 0}, "mode": 0, "material": 1},
+                ]
+            },
+            {"primitives": [{"attributes": {"POSITION": 0}}]},
+        ],
+        "materials": [
+            {
+                "name": "glaze",
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "roughnessFactor": 0.2},
+                "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1}},
+            },
+            {"name": "dots"},
+        ],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "cup.png"}],
+        "animations": [
+            {"samplers": [{"input": 1, "output": 3}], "channels": [spin]},
+            {"name": "other", "samplers": [{"input": 1, "output": 3}], "channels": [spin]},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5126, "count": 2, "type": "SCALAR"},
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC4"},
+            {"bufferView": 0, "componentType": 5126, "count": 2, "type": "VEC3"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": corners.nbytes},
+            {"buffer": 0, "byteOffset": corners.nbytes, "byteLength": 8},
+        ],
+        "buffers": [{"byteLength": len(data), "uri": uri}],
+    }
+    path = folder / "x.gltf"
+    path.write_text(json.dumps(root))
+    return path, kinds_in(root)
+
+
 EXPECTED = {
     alembic: {"coded": ("P", ".faces", "visible"), "dropped": ("studio", "width"), "implied": (".selfBnds",)},
     usd: {
         "coded": ("points", "Mesh", "primvars:kept", "upAxis"),
         "implied": ("extent", "defaultPrim"),
         "dropped": ("velocities", "Camera", "look=old", "PhysicsRigidBodyAPI", "renderSettingsPrimPath"),
+    },
+    gltf: {
+        "coded": ("POSITION", "NORMAL", "materials", "name", "animations", "scenes", "nodes", "meshes", "channels"),
+        "implied": ("accessors", "buffers", "doubleSided", "morphed NORMAL", "asset.version"),
+        "dropped": (
+            *("asset.copyright", "extras.shop", "extras.owner", "KHR_lights_punctual", "KHR_materials_clearcoat"),
+            *("cameras", "nodes", "meshes", "scenes", "animations", "materials", "textures", "images", "NORMAL"),
+            *("TANGENT", "_HEAT", "roughnessFactor", "baseColorTexture"),
+        ),
     },
 }
 
@@ -51,7 +127,7 @@ EXPECTED = {
 def test_info_counts_what_a_file_holds_by_what_becomes_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Callable[[Path], tuple[Path, Counter[str]]]
 ) -> None:
-    needed({alembic: "abc", usd: "usda"}[make])
+    needed({alembic: "abc", usd: "usda", gltf: "gltf"}[make])
     path, listed = make(tmp_path)
     shown = []
     for options in ([], ["--isolate"]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,24 @@ def listing(root: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield "nodes without meshes", one.get("name", f"node_{number}")
 
 
+def kinds_in(root: dict[str, Any]) -> Counter[str]:
+    """How many entries the lists of a file have, and how often it has each attribute, extension and extra."""
+    found = Counter({kind: len(entries) for kind, entries in root.items() if isinstance(entries, list)})
+    for kind in ("extensionsUsed", "extensionsRequired"):
+        del found[kind]
+    for animation in root.get("animations", []):
+        found["samplers"] += len(animation["samplers"])
+        found["channels"] += len(animation["channels"])
+    for primitive in (one for mesh in root["meshes"] for one in mesh["primitives"]):
+        found["primitives"] += 1
+        found.update(primitive["attributes"].keys())
+        found.update(f"morphed {name}" for target in primitive.get("targets", []) for name in target)
+    for one in objects_in(root):
+        found.update(one.get("extensions", {}).keys())
+        found.update(f"extras.{name}" for name in one.get("extras", {}))
+    return found
+
+
 def test_every_shared_file_has_what_a_plain_listing_of_it_has(shared_data: Path) -> None:
     paths = [path for part in ("interop", "files") for path in sorted((shared_data / part / "gltf").rglob("*.gl[bt]*"))]
     assert len(paths) >= 20
@@ -101,6 +120,12 @@ def test_every_shared_file_has_what_a_plain_listing_of_it_has(shared_data: Path)
         root = json_of(path)
         with open_sequence(path) as read:
             told, items, whole = " ".join(read.notices), read.objects, read.connectivity
+            contents = read.contents
+        counts = Counter(one.kind for one in contents)
+        assert {kind: counts[kind] for kind in kinds_in(root)} == kinds_in(root), path.name
+        for one in contents:
+            if one.fate == "dropped" and one.kind.isupper() and not one.kind.startswith("TANGENT"):
+                assert one.kind in told, (path.name, one)
         kinds = set()
         for kind, name in listing(root):
             kinds.add(kind)
