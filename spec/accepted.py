@@ -1,6 +1,6 @@
-"""The vectors that every decoder must read: sequences of every kind, and files that are unusual but sound.
+"""The vectors that every decoder must read: sequences of every kind, and files that are unusual but valid.
 
-What the encoder would choose by size is given here, so that small clips have what their names say.
+The encoder's choices that depend on size are forced here, so that small clips contain what their names say.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Points = Float64Array
 
 
 def connectivity(vertices: int, faces: Any = (), lines: Any = ()) -> Connectivity:
-    """From faces and lines as lists of vertices."""
+    """Build the connectivity from faces and lines given as lists of vertices."""
     return Connectivity(
         vertices,
         face_counts=np.array([len(face) for face in faces], np.int32),
@@ -49,7 +49,7 @@ def connectivity(vertices: int, faces: Any = (), lines: Any = ()) -> Connectivit
 
 
 def grid(rows: int, columns: int, *, closed: bool = False) -> Connectivity:
-    """A sheet of quads, or a tube whose rows run lengthwise."""
+    """Return a sheet of quads, or a tube whose rows run lengthwise."""
     return connectivity(
         rows * columns,
         [
@@ -66,14 +66,14 @@ def grid(rows: int, columns: int, *, closed: bool = False) -> Connectivity:
 
 
 def triangles(rows: int, columns: int) -> Connectivity:
-    """A sheet of triangles, one more face on an inner edge (not a manifold), and a face of two equal corners."""
+    """Return a sheet of triangles, plus a third face on an inner edge (non-manifold) and a degenerate face."""
     quads = grid(rows, columns).face_indices.reshape(-1, 4)
     faces = [tuple(quad[list(corners)]) for quad in quads for corners in ((0, 1, 2), (0, 2, 3))]
     return connectivity(rows * columns, [*faces, (0, columns + 1, 2 * columns), (1, 1, 2)])
 
 
 def wave(frames: int, rows: int, columns: int) -> Points:
-    """(frames, rows * columns, 3): a sheet that waves."""
+    """Return a waving sheet, (frames, rows * columns, 3)."""
     x, y = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     t = np.arange(frames)[:, None, None] / 24
     height = np.sin(0.8 * x + 5 * t) * np.cos(0.5 * y - 3 * t)
@@ -82,7 +82,7 @@ def wave(frames: int, rows: int, columns: int) -> Points:
 
 
 def tube(frames: int, rows: int, columns: int) -> Points:
-    """(frames, rows * columns, 3): a tube that bends."""
+    """Return a bending tube, (frames, rows * columns, 3)."""
     t = np.arange(frames)[:, None, None] / 24
     angle, along = 2 * np.pi * np.arange(rows)[:, None] / rows, np.arange(columns) / 2
     bend = 0.3 * np.sin(4 * t) * along
@@ -91,7 +91,7 @@ def tube(frames: int, rows: int, columns: int) -> Points:
 
 
 def turning(frames: int, points: Points) -> Points:
-    """A body that turns about the third axis and moves on."""
+    """Return a body that rotates about the third axis while it moves away."""
     angle = np.arange(frames) / 6
     c, s, o = np.cos(angle), np.sin(angle), 0 * angle
     matrices = np.stack([np.stack([c, -s, o]), np.stack([s, c, o]), np.stack([o, o, o + 1])]).transpose(2, 0, 1)
@@ -128,7 +128,7 @@ def with_attributes() -> ArraySequence:
 
 
 def mapped() -> ArraySequence:
-    """A tube with a map that has a seam, another one of floats, colours of corners, hard edges and sets of faces."""
+    """A tube with UVs that have a seam, UVs of arbitrary floats, colours of corners, hard edges and sets of faces."""
     rows, columns = 5, 8
     corners = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
     quads = np.array([(row, column) for row in range(rows) for column in range(columns - 1)])
@@ -150,7 +150,7 @@ def mapped() -> ArraySequence:
 
 
 def jumping(**options: Any) -> ArraySequence:
-    """A sheet that waves, and is elsewhere from one frame to the next: early, often, and at the end."""
+    """A waving sheet with discontinuities: early, in quick succession, and at the end."""
     points = wave(16, 4, 6)
     for jump in (2, 5, 8, 15):
         points[jump:] += 40.0 * np.array([jump % 2, 1, -jump])
@@ -158,13 +158,13 @@ def jumping(**options: Any) -> ArraySequence:
 
 
 def runs_that_jump() -> ChangingSequence:
-    """Runs of a sheet that jumps, within a run and from one to the next."""
+    """Runs of a sheet with discontinuities within the runs and between them."""
     whole, other = jumping(), jumping(times=1.0 + np.arange(16) / 24)
     return ChangingSequence([whole, other])
 
 
 def shuffled() -> ArraySequence:
-    """A sheet whose vertices and faces come in any order."""
+    """A sheet whose vertices and faces are in random order."""
     random = np.random.default_rng(2)
     name = random.permutation(24)
     faces = name[grid(4, 6).face_indices.reshape(-1, 4)][random.permutation(15)]
@@ -189,7 +189,7 @@ LINES = [range(12), (12, 13), (13, 14, 15), (16,), (17, 17, 18), (3, 20, 3), (19
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """What the encoder is held to: its settings, and what it would otherwise choose by size."""
+    """What the encoder is made to choose: its settings, and decisions that it otherwise makes by size."""
 
     time: TimeFunctions = "trajectories"
     space: tuple[SpaceKind, int] = ("patch", 64)
@@ -198,7 +198,7 @@ class Choices:
 
 
 def encoded(sequence: MeshSequence, choices: Choices) -> bytes:
-    """The bytes of a file."""
+    """Encode a sequence with forced choices."""
     with ExitStack() as held:
         first = vars(GroupFitter)["first_choice"].fget
         with_time = property(lambda fitter: replace(first(fitter), time=choices.time))
@@ -213,24 +213,24 @@ def encoded(sequence: MeshSequence, choices: Choices) -> bytes:
         held.enter_context(patch.dict(TUNINGS, {"fast": fast}))
         settings = EncodeSettings(**{"effort": "fast", **choices.settings})
         data = encode(sequence, settings=settings).data
-    assert data is not None  # no path was given
+    assert data is not None  # None only if a path is given
     return data
 
 
 def paper(tolerance: float | None = None, **options: Any) -> Choices:
-    """Profile paper: functions of time and of space in closed form."""
+    """Choices of profile paper: functions of time and of space in closed form."""
     return Choices(settings={"profile": "paper", "paper": PaperSettings(**options), "tolerance": tolerance})
 
 
 def soup(frames: int = 6, rows: int = 4, columns: int = 5) -> ArraySequence:
-    """Quads that share points, each with vertices of its own."""
+    """Quads at shared positions, each with its own vertices."""
     corners = grid(rows, columns).face_indices
     faces = np.arange(corners.size).reshape(-1, 4).tolist()
     return clip(wave(frames, rows, columns)[:, corners], connectivity(corners.size, faces))
 
 
 def two_sheets() -> ArraySequence:
-    """Sheets apart from each other, one of them still, and a vertex of no face."""
+    """Two separate sheets, one of them still, and a vertex without faces."""
     moving = wave(7, 4, 9)
     still = np.repeat(wave(1, 3, 5), 7, axis=0) + np.array([12.0, 0.0, 1.0])
     sheets = [MeshObject("moving", grid(4, 9)), MeshObject("still", grid(3, 5)), MeshObject("", connectivity(1))]
@@ -238,12 +238,12 @@ def two_sheets() -> ArraySequence:
 
 
 def rough(frames: int, rows: int, columns: int) -> ArraySequence:
-    """A sheet that waves, and trembles: most of that is left to residuals."""
+    """A waving sheet with noise, most of which the residuals must store."""
     return clip(wave(frames, rows, columns) + 0.03 * noise(frames, rows * columns, 3), grid(rows, columns))
 
 
 def in_cosines(frames: int) -> ArraySequence:
-    """A sheet that swings in two of the cosines of a clip of so many frames: other frames need no number."""
+    """A sheet that swings in exactly two cosines of a clip of this length, so that all other coefficients are zero."""
     phase = np.pi * (np.arange(frames)[:, None] + 0.5) / frames
     swing = np.cos(3 * phase) * wave(1, 4, 6)[0, :, 2] + np.cos(7 * phase) * np.arange(24) / 24
     points = np.repeat(wave(1, 4, 6), frames, axis=0)
@@ -252,7 +252,7 @@ def in_cosines(frames: int) -> ArraySequence:
 
 
 def keyframed() -> ArraySequence:
-    """A sheet that goes straight from pose to pose."""
+    """A sheet that moves linearly from pose to pose."""
     along = np.interp(np.arange(40), [0, 11, 12, 30, 39], [0.0, 3.0, 3.0, -1.0, 2.0])[:, None]
     points = np.repeat(wave(1, 4, 6), 40, axis=0)
     points[:, :, 2] += along * np.linspace(0.2, 1, 24)
@@ -260,7 +260,7 @@ def keyframed() -> ArraySequence:
 
 
 def runs() -> ChangingSequence:
-    """Runs of faces, lines and points; names, attributes and what moves differ, as do the times between frames."""
+    """Runs of faces, lines and points with different names, attributes and motions, and irregular times."""
     quads = MeshObject("quads", grid(3, 4))
     marked = Attribute("group", "face", np.array([0, 1] * 4, np.int32), labels=("a", "b"))
     strands = connectivity(12, lines=[range(7), range(7, 12)])
@@ -281,7 +281,7 @@ def runs() -> ChangingSequence:
 
 
 def runs_of_one_frame() -> ChangingSequence:
-    """A sheet that is meshed anew in every frame."""
+    """A sheet that is remeshed in every frame."""
     sizes = [(3, 4), (4, 4), (4, 4), (5, 3), (2, 9)]
     clips = [
         clip(wave(frame + 1, *size)[-1:], grid(*size), times=[(frame + 10) / 24]) for frame, size in enumerate(sizes)
@@ -351,7 +351,7 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
 
 
 def of_field(quantised: np.ndarray[Any, np.dtype[np.int64]]) -> Residuals:
-    """Residuals, (frames, vertices, 3); rows of zeros are none. No raw vertices."""
+    """Convert an array (frames, vertices, 3) to residuals, leaving out rows of zeros; no raw vertices."""
     frames, places = np.nonzero(quantised.any(axis=2))
     starts = np.searchsorted(frames, np.arange(len(quantised) + 1)).astype(np.int64)
     none, raw = np.zeros(0, np.int32), np.zeros((0, 3), np.float32)
@@ -359,7 +359,7 @@ def of_field(quantised: np.ndarray[Any, np.dtype[np.int64]]) -> Residuals:
 
 
 def residuals_by_hand() -> Iterator[tuple[str, Residuals]]:
-    """Of eight frames of 24 vertices in one patch."""
+    """Yield residuals for eight frames of 24 vertices in one patch."""
     random = np.random.default_rng(0)
     turn = random.integers(-40, 40, (3, 24, 3)) * (random.random((3, 24, 1)) < 0.4)
     yield "residuals_in_a_cycle", of_field(turn[np.arange(8) % 3])
@@ -371,7 +371,7 @@ def residuals_by_hand() -> Iterator[tuple[str, Residuals]]:
 
 
 def accepted() -> Iterator[tuple[str, bytes]]:
-    """Files that every decoder must read."""
+    """Yield the name and bytes of every file that decoders must read."""
     lifted = np.repeat(wave(1, 2, 2) * [1, 1, 0], 3, axis=0)
     lifted[:, 3, 2] = 0, 0.5, 1
     small = encoded(clip(lifted, grid(2, 2)), Choices(settings={"tolerance": 0.04}))
@@ -388,9 +388,9 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     yield "unknown_ignorable_sections", seal(flagged, minor=7)
     yield "sections_in_another_order", seal(parts[::-1])
     yield "without_remarks", seal([part for part in parts if part.kind != "META"])
-    # A single run may be written as one of several.
+    # A file of runs may hold a single run.
     sequence_head, names = content(parts, "SEQN")[:-1], content(parts, "SEQN")[-1:]
     runs = run_of(parts, names, 24)
     yield "file_of_one_run", seal([Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())])
-    # Functions of time without bytes are all zero: whatever the coefficients are, nothing moves.
+    # Without bytes, the functions of time are all zero: nothing moves, whatever the coefficients are.
     yield "functions_of_length_zero", seal(with_first_group(parts, "TIME", b""))

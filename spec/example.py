@@ -1,4 +1,4 @@
-"""Section 22 of the specification: a small file, byte by byte. Written by a script, so that it is what the file is.
+"""Generate section 22 of the specification, a small file byte by byte, so that the text always matches the file.
 
 python -m spec.example        print the section
 """
@@ -21,7 +21,7 @@ from spec.vector_files import ACCEPT
 VECTOR = ACCEPT / "example.pdeanim"
 MANY = 12
 WIDEST = 8
-"""Bytes of a row that several fields share."""
+"""Bytes in a row that several fields share."""
 
 Row = tuple[bytes, str]
 
@@ -57,11 +57,11 @@ FIELDS: dict[str, list[tuple[str, str]]] = {
     "COEF": [],
     "CORR": [],
 }
-"""The fields of each section before its coded stream."""
+"""Fields of each section before its coded stream."""
 
 
 def decisions(data: bytes) -> dict[bytes, list[tuple[str, int]]]:
-    """What is read from each coded stream of a file: the first word of its name, and the number or bit."""
+    """List what is decoded from each coded stream of a file: the word in the model's name, and the number or bit."""
     found: dict[bytes, list[tuple[str, int]]] = {}
     streams: dict[int, list[tuple[str, int]]] = {}
     is_inside = False
@@ -98,7 +98,7 @@ def decisions(data: bytes) -> dict[bytes, list[tuple[str, int]]]:
 
 
 def written_out(stream: list[tuple[str, int]]) -> str:
-    """Decisions as words and what was read, many alike as their number."""
+    """Format decisions: each word with its values, long repetitions as a count."""
     parts = []
     for word, several in groupby(stream, key=lambda decision: decision[0]):
         values = [value for _, value in several]
@@ -114,7 +114,7 @@ def written_out(stream: list[tuple[str, int]]) -> str:
 
 
 def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
-    """The parts of a file: what each is, and its bytes with what they say."""
+    """Yield the parts of a file: the title of each, and its bytes with their meaning."""
     parts = take_apart(data)
     _, major, minor, count, *_ = HEADER.unpack_from(data)
     names = ("identifier", f"major version {major}", f"minor version {minor}", f"{count} sections")
@@ -142,7 +142,7 @@ def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
 
 
 def shared(fields: list[Row]) -> list[Row]:
-    """Fields in rows of several, where they are short."""
+    """Merge short fields into common rows."""
     rows: list[Row] = []
     for some, said in fields:
         if rows and len(rows[-1][0]) + len(some) <= WIDEST:
@@ -153,7 +153,7 @@ def shared(fields: list[Row]) -> list[Row]:
 
 
 def section(data: bytes) -> str:
-    """The text of the section."""
+    """Return the text of the section."""
     written = ["| at | bytes | |", "|---|---|---|"]
     at = 0
     for title, several in rows(data):

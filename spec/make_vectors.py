@@ -1,10 +1,10 @@
-"""Make the vectors of the specification: on purpose only (`make vectors`), never by a test.
+"""Make the vectors of the specification. Run it deliberately (`make vectors`); no test does.
 
-    python -m spec.make_vectors             write vectors that are not there yet; those there stay as they are
-    python -m spec.make_vectors --replace   replace those that an encoder of today writes otherwise
+    python -m spec.make_vectors             write vectors that do not exist yet; keep all others
+    python -m spec.make_vectors --replace   also replace vectors that the current encoder writes differently
 
-Accepted files pin down decoding. Encoders may go on to other bytes for the same input; nothing here has to change
-then. Once the version of the format is released, its vectors are never replaced.
+Accepted files pin down decoding. Encoders may write other bytes for the same input; nothing has to change here then.
+Once the version of the format is released, its vectors are never replaced.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from spec.sealing import take_apart
 from spec.vector_files import ACCEPT, MANIFEST, Manifest, accepted_vectors, refused_vectors
 
 MOMENTS = (0.0, 0.3, 0.77, 1.0)
-"""Times that positions are given at, over the clip."""
+"""Times at which positions are listed, as fractions of the clip."""
 
 MOST_VERTICES = 4
-"""Of which positions are given."""
+"""Largest number of vertices whose positions are listed."""
 
 
 def describe(data: bytes) -> dict[str, Any]:
-    """What the manifest says of an accepted file."""
+    """Describe an accepted file for the manifest."""
     runs = decode_runs(data)
     first, last = runs[0].times[0], runs[-1].times[-1]
     positions = []
@@ -60,7 +60,7 @@ def describe(data: bytes) -> dict[str, Any]:
 
 
 def integers(runs: list[Animation]) -> dict[str, str]:
-    """What every decoder must find alike, as SHA-256 of whole numbers, `i64` each, run after run."""
+    """Return SHA-256 of the integers that every decoder must find, each as `i64`, run by run."""
     groups = [run.motion.group(index) for run in runs for index in range(len(run.motion.groups))]
     meshes = [mesh for run in runs for mesh in run.meshes]
     polygons = (polygon for mesh in meshes for kind in (mesh.faces, mesh.lines) for polygon in kind)
@@ -84,7 +84,7 @@ def main(arguments: list[str]) -> None:
     different: list[str] = []
 
     def chosen(name: str, made: bytes, known: dict[str, bytes]) -> bytes:
-        """The bytes that a vector is to have."""
+        """Choose the bytes of a vector: the existing ones, or the new ones with `--replace`."""
         if known.get(name, made) == made:
             return made
         different.append(name)

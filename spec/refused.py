@@ -1,4 +1,4 @@
-"""The vectors that every decoder must refuse: one small file, damaged in one place each, behind its checksums."""
+"""The vectors that every decoder must refuse: one small file, damaged in one place each, with valid checksums."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from spec.sealing import (
 
 @dataclass(frozen=True)
 class Refused:
-    """A file that every decoder must refuse; where ``section`` names one, every decoder that reads that section."""
+    """A file that every decoder must refuse, or only decoders that read ``section`` if it is given."""
 
     name: str
     data: bytes
@@ -49,9 +49,9 @@ class Refused:
 
 
 class Base:
-    """The file that is damaged: six vertices of two quads and two points, six frames in two groups of trajectories.
+    """The file to damage: two quads with six vertices, two points, six frames in two groups of trajectories.
 
-    Vertex 3 is raw in frame 2, others have residuals.
+    Vertex 3 is raw in frame 2; other vertices have residuals.
     """
 
     def __init__(self) -> None:
@@ -63,21 +63,21 @@ class Base:
         self.rows = take_rows(content(self.parts, "GRUP"))[0]
 
     def section(self, kind: str, new: bytes) -> bytes:
-        """The file with another section."""
+        """Return the file with another section."""
         return seal(with_section(self.parts, kind, new))
 
     def overwritten(self, kind: str, at: int, new: bytes) -> bytes:
-        """The file with some bytes of a section overwritten."""
+        """Return the file with some bytes of a section overwritten."""
         data = content(self.parts, kind)
         return self.section(kind, data[:at] + new + data[at + len(new) :])
 
     def chunk(self, kind: str, new: bytes) -> bytes:
-        """The file with another chunk of the first group."""
+        """Return the file with another chunk in the first group."""
         return seal(with_first_group(self.parts, kind, new))
 
 
 def refused() -> Iterator[Refused]:
-    """Every file, in the order of the specification."""
+    """Yield every file, in the order of the specification."""
     base = Base()
     for damage in (_container, _sequence, _connectivity, _reference, _model, _groups, _chunks, _scripts):
         yield from damage(base)
@@ -124,7 +124,7 @@ def _container(base: Base) -> Iterator[Refused]:
 
 def _sequence(base: Base) -> Iterator[Refused]:
     names = content(base.parts, "SEQN")[len(sequence(6)) :]
-    usual, nan, alone = 28, _real(math.nan), 8  # flags: the frame rate is that of times; it and the start are counts
+    usual, nan, alone = 28, _real(math.nan), 8  # flags: times use the frame rate; frame rate and start are counts
     tiny, late = _real(0.0) + _real(5e-324), _real(2.0**54)
     for name, head, reason in (
         ("runs_none", sequence(6, flags=usual, runs=0), "no run (4)"),
@@ -267,9 +267,10 @@ def _chunks(base: Base) -> Iterator[Refused]:
 
 
 def _scripts(base: Base) -> Iterator[Refused]:
-    """Coded streams, bit by bit as the decoder asks for them."""
-    # Of the first object: how many faces, their size, their corners or whether they are a surface, and the first.
-    # Of residuals: how many, and how many raw vertices, each plus 1; whether they are predicted; then frames.
+    """Yield files whose coded streams are written bit by bit, as the decoder reads them."""
+    # Faces of the first object: their number, size, number of corners or whether they are a surface, and the first
+    # face. Residuals: their number plus 1, the number of raw vertices plus 1, whether they are predicted, then the
+    # frames.
     few, quad, one = "polygons of too few corners, or too many", counted(2) + counted(5), counted(1) + counted(2)
     nan, infinite = f"{0x7FC00000:032b}", f"{0xFF800000:032b}"
     many, gone = "there are more residuals than there can be", "a raw vertex that is not there"
@@ -336,7 +337,7 @@ def _scripts(base: Base) -> Iterator[Refused]:
         ),
     ):
         yield Refused(name, seal(_script(base, kind, bits, says)), reason)
-    # The count of the first context band; of its channel: the block is not zero, sign, exponent, digits.
+    # The count of the first context band; in its channel, a nonzero block, sign, exponent, digits.
     beyond = "10" + "1 0" + "1" * 40 + "0" * 39 + "1"
     yield Refused(
         "coefficient_beyond_2_40", seal(_script(base, "COEF", beyond, "a coefficient out of range")), "2^40 + 1 (14)"
@@ -399,7 +400,7 @@ def _remarks(base: Base) -> Iterator[Refused]:
 
 
 def _runs(base: Base) -> Iterator[Refused]:
-    """Files of three runs, of which the last two have the same faces."""
+    """Yield files of three runs, of which the last two have the same faces."""
     parts = [part for part in take_apart(encoded(runs_of_one_frame(), Choices())) if part.kind != "META"]
     runs = take_runs(parts)
     first = runs[0]
@@ -450,7 +451,7 @@ def _runs(base: Base) -> Iterator[Refused]:
 
 
 def names_of(base: Base) -> bytes:
-    """The coded names of the objects of a file."""
+    """Return the coded names of the objects of a file."""
     return content(base.parts, "SEQN")[len(sequence(6)) :]
 
 

@@ -1,6 +1,6 @@
-"""Taking `.pdeanim` files apart and sealing them again, so that damage gets past the checksums.
+"""Take `.pdeanim` files apart and seal them again, so that damage gets past the checksums.
 
-For tests and vectors, on top of the decoder beside it, with nothing of the library in it.
+For tests and vectors. It uses the decoder of this folder and nothing of the library.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from spec.decoder.rangecoder import FIRST_BYTES, NARROWEST, WIDEST, WORD_BYTES, 
 
 HEADER = struct.Struct("<12sHHIII")
 CHUNKS = ("TIME", "COEF", "CORR")
-"""Sections that are the chunks of groups."""
+"""Sections that are divided into chunks of groups."""
 
 REQUIRED = 1
 FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -43,7 +43,7 @@ class Part:
 
 
 def take_apart(data: bytes) -> list[Part]:
-    """The sections of a sound file, in order."""
+    """Return the sections of a valid file, in order."""
     count = HEADER.unpack_from(data)[3]
     rows, at = [], HEADER.size
     for _ in range(count):
@@ -59,31 +59,31 @@ def take_apart(data: bytes) -> list[Part]:
 
 
 def table_end(parts: list[Part]) -> int:
-    """Where the table of these sections ends."""
+    """Return where the table of these sections ends [bytes]."""
     return HEADER.size + sum(len(part.row) for part in parts)
 
 
 def seal(parts: list[Part], *, major: int = MAJOR_VERSION, minor: int = 0) -> bytes:
-    """A file of these sections, every checksum right."""
+    """Build a file from sections, with valid checksums."""
     table = b"".join(part.row for part in parts)
     header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
     return header + struct.pack("<I", zlib.crc32(header)) + table + b"".join(part.content for part in parts)
 
 
 def content(parts: list[Part], kind: str) -> bytes:
-    """The bytes of one section."""
+    """Return the bytes of one section."""
     return next(part.content for part in parts if part.kind == kind)
 
 
 def count(number: int) -> bytes:
-    """A count: 7 bits a byte, low bits first."""
+    """Encode a count: 7 bits per byte, lowest bits first."""
     more = number >> 7
     return bytes([number & 127 | 128]) + count(more) if more else bytes([number])
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of section GRUP. Steps and alpha are kept as bytes: one may be a NaN whose bits must stay."""
+    """A row of section GRUP. Steps and alpha stay bytes, so that the bits of a NaN survive."""
 
     frames: int
     functions: int
@@ -97,14 +97,14 @@ class Row:
         return kind & ~PRECISE in (TRAJECTORIES, SHAPES)
 
     def pack(self) -> bytes:
-        """Its bytes."""
+        """Return its bytes."""
         sizes = self.sizes if self.has_time(self.kind) else self.sizes[1:]
         head = count(self.frames) + count(self.functions) + bytes([self.kind]) + self.reals
         return head + b"".join(map(count, sizes)) + struct.pack("<I", self.checksum)
 
 
 def take_rows(table: bytes) -> tuple[list[Row], bytes]:
-    """The whole rows of section GRUP, and what is left after them."""
+    """Return the complete rows of section GRUP, and the bytes after them."""
     rows: list[Row] = []
 
     def take_count(at: int) -> tuple[int, int]:
@@ -132,13 +132,13 @@ def take_rows(table: bytes) -> tuple[list[Row], bytes]:
 
 @dataclass(frozen=True)
 class RunParts:
-    """A run of a file of runs: its sections, None where they are those of the run before."""
+    """One run of a file of runs: its sections, None if they equal those of the run before."""
 
     vertices: int
     sections: dict[str, bytes | None]
 
     def row(self, checksums: dict[str, int] | None = None) -> bytes:
-        """Its row of RUNS; with other checksums than the right ones where some are given."""
+        """Return its row of RUNS, with wrong checksums if some are given."""
         packed = count(self.vertices)
         for kind, section in self.sections.items():
             packed += b"\0" if section is None else count(len(section) + 1)
@@ -148,18 +148,18 @@ class RunParts:
 
     @property
     def data(self) -> bytes:
-        """What it has in RDAT."""
+        """Return its bytes in RDAT."""
         return b"".join(section for section in self.sections.values() if section is not None)
 
 
 def run_of(parts: list[Part], names: bytes, vertices: int) -> RunParts:
-    """The sections of a file of one run as a run, with coded names."""
+    """Convert the sections of a file of one run to a run, with coded names."""
     found = {part.kind: part.content for part in parts} | {"NAME": names}
     return RunParts(vertices, {kind: found.get(kind, b"") for kind in OF_RUN})
 
 
 def take_runs(parts: list[Part]) -> list[RunParts]:
-    """The runs of a sound file of runs."""
+    """Return the runs of a valid file of runs."""
     table, data, runs = Fields(content(parts, "RUNS")), Fields(content(parts, "RDAT")), []
     for _ in range(Fields(content(parts, "SEQN")).count()):
         vertices, sections = table.count(), {}
@@ -173,15 +173,15 @@ def take_runs(parts: list[Part]) -> list[RunParts]:
 
 
 def with_runs(parts: list[Part], runs: list[RunParts]) -> list[Part]:
-    """The sections of a file of runs, with other runs."""
+    """Return the sections of a file of runs with its runs replaced."""
     new = {"RUNS": b"".join(run.row() for run in runs), "RDAT": b"".join(run.data for run in runs)}
     return [replace(part, content=new.get(part.kind, part.content)) for part in parts]
 
 
 def with_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
-    """The same sections, one of them with other bytes; the groups' checksums are made right.
+    """Return sections with the content of one replaced and the groups' checksums made valid.
 
-    `sizes` are what each group has of TIME, COEF or CORR, where that changes.
+    `sizes` are the sizes of the groups' chunks in this section (TIME, COEF or CORR), if they change.
     """
     changed = {part.kind: part.content for part in parts} | {kind: new}
     rows, left = take_rows(changed["GRUP"])
@@ -200,7 +200,7 @@ def with_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] |
 
 
 def group_chunks(parts: list[Part], kind: str) -> list[bytes]:
-    """What each group has of TIME, COEF or CORR."""
+    """Return the chunk of each group in TIME, COEF or CORR."""
     chunks, at = [], 0
     for row in take_rows(content(parts, "GRUP"))[0]:
         size = row.sizes[CHUNKS.index(kind)]
@@ -210,17 +210,17 @@ def group_chunks(parts: list[Part], kind: str) -> list[bytes]:
 
 
 def with_first_group(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
-    """The same sections, another chunk of TIME, COEF or CORR for the first group."""
+    """Return sections with the first group's chunk of TIME, COEF or CORR replaced."""
     chunks = [chunk, *group_chunks(parts, kind)[1:]]
     return with_section(parts, kind, b"".join(chunks), sizes=[len(each) for each in chunks])
 
 
 class EndOfScriptError(Exception):
-    """A decoder asks for more bits than a script has."""
+    """The decoder asks for more bits than the script has."""
 
 
 class ScriptedCoder(RangeDecoder):
-    """Stands where a range decoder is: its bits come from a script, and are written."""
+    """Replaces a range decoder: returns the bits of a script, and encodes them."""
 
     def __init__(self, bits: str) -> None:
         super().__init__(b"")
@@ -246,7 +246,7 @@ class ScriptedCoder(RangeDecoder):
         return False
 
     def to_bytes(self) -> bytes:
-        """The fewest bytes from which the same bits are read."""
+        """Return the shortest bytes that decode to the same bits."""
         sizes = range(self._written, self._written + FIRST_BYTES + 1)
         units = [256 ** (sizes[-1] - size) for size in sizes]
         size, unit = next((s, u) for s, u in zip(sizes, units, strict=True) if -self._low % u < self._interval)
@@ -256,10 +256,10 @@ class ScriptedCoder(RangeDecoder):
 def scripted(
     parts: list[Part], kind: str, bits: str, *, head: bytes = b"", group: bool = False, says: str = ""
 ) -> list[Part]:
-    """The same sections, of which one holds a coded stream whose bits, as the decoder asks for them, are a script's.
+    """Return sections with a coded stream whose bits, in the order in which the decoder reads them, come from a script.
 
-    They stand in section `kind` after `head`, or in the first `group`'s chunk of it. Where `says` is given, the decoder
-    refuses the file with that at the last of them.
+    The stream follows `head` in section `kind`, or in the first group's chunk of it if `group` is set. If `says` is
+    given, the decoder must refuse the file with this message exactly at the last bit.
     """
     marker = b"the script"
     coder = ScriptedCoder(bits.replace(" ", ""))
@@ -283,35 +283,37 @@ def scripted(
 
 
 def counted(number: int, most: int | None = None) -> str:
-    """Bits of a number from 1 on of at most so many digits: how many it has, then those below the first (3.6)."""
+    """Return the bits of a number of 1 or more with at most `most` digits: its length, then the digits below
+    the first (3.6).
+    """
     digits = number.bit_length()
     return "1" * (digits - 1) + ("" if digits == most else "0") + f"{number:b}"[1:]
 
 
 def numbers(*values: int) -> str:
-    """Bits of numbers from 0 on (3.6)."""
+    """Return the bits of numbers of 0 or more (3.6)."""
     return "".join(counted(value + 1, contexts.MOST_DIGITS) for value in values)
 
 
 def text(characters: bytes) -> str:
-    """Bits of a text (3.9)."""
+    """Return the bits of a text (3.9)."""
     return "".join(f"{byte:08b}" for byte in characters + b"\xff")
 
 
 def sequence(
     frames: int, *, rule: int = 0, runs: int = 1, flags: int = 0, fps: bytes = b"\x18", times: bytes = b"\0"
 ) -> bytes:
-    """Section SEQN without its coded stream: 24 frames a second from 0 s on."""
+    """Return section SEQN without its coded stream: 24 frames per second, starting at 0 s."""
     return count(runs) + count(frames) + bytes([rule | flags]) + fps + times
 
 
 def compressed(data: bytes) -> bytes:
-    """A zstandard frame that declares its size."""
+    """Compress data to a Zstandard frame that declares its size."""
     return zstandard.ZstdCompressor(level=1, write_content_size=True).compress(data) if data else b""
 
 
 def zeros(declared: int, blocks: int) -> bytes:
-    """A frame of `blocks` times 128 KiB of zeros that declares another size: four bytes a block."""
+    """Return a frame of `blocks` times 128 KiB of zeros that declares another size; each block takes four bytes."""
     block = struct.pack("<I", (2**17 << 3) | 2)[:3] + b"\0"
     last = struct.pack("<I", (2**17 << 3) | 3)[:3] + b"\0"
     return FRAME_MAGIC + b"\xc0\x38" + struct.pack("<Q", declared) + block * (blocks - 1) + last

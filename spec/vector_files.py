@@ -1,8 +1,8 @@
-"""The vectors of the specification: accepted ones are files, refused ones stand in the manifest.
+"""The vectors of the specification: accepted ones are files, refused ones are in the manifest.
 
-    python -m spec.vector_files FOLDER      write the refused ones as files, for programs that want files
+    python -m spec.vector_files FOLDER      write the refused ones as files, for programs that need files
 
-There are three times as many refused files as accepted ones, of some three hundred bytes each.
+There are three times as many refused files as accepted ones, about three hundred bytes each.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Manifest = dict[str, dict[str, dict[str, Any]]]
 
 
 def read_manifest() -> Manifest:
-    """Return what is expected of each vector, by `accept` or `reject` and name."""
+    """Return what is expected of each vector, by `accept` or `reject` and by name."""
     manifest: Manifest = json.loads(MANIFEST.read_text("utf-8"))
     return manifest
 

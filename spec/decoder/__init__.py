@@ -1,13 +1,13 @@
 """An educational decoder of `.pdeanim` files: plain Python, along ``spec/pdeanim.md``.
 
-It shares no code with `pdecodec` and exists to be read beside the specification and to check it: the tests
-compare what both decode. It is slow, has no limits of its own, and holds everything in memory.
+It shares no code with `pdecodec`. Read it next to the specification; tests check that both decode alike. It is slow,
+has no limits of its own, and holds everything in memory.
 
-    python -m spec.decoder FILE.pdeanim            what the file holds
-    python -m spec.decoder FILE.pdeanim 0.25       the vertex positions at 0.25 s, a line each
+    python -m spec.decoder FILE.pdeanim            print what the file holds
+    python -m spec.decoder FILE.pdeanim 0.25       print the vertex positions at 0.25 s, one per line
 
-Modules, in the order of a decode, with the sections that each follows: `fields` (1 to 3.2), `rangecoder` (3.3 to 3.5,
-3.7), `contexts` (3.5, 3.6, 3.8, 3.9), `animation` (4, 18), `mesh` (5, 7.2), `connectivity` (5), `order` (6),
-`reference` (7), `curves` (8), `patches` (9), `groups` (10, 12), `space` (11), `timefunctions` (13), `coefficients`
-(14), `residuals` (15), `motion` (16, 19), `attributes` and `wedges` (17).
+Modules in the order of decoding, with the sections of the specification that they follow: `fields` (1 to 3.2),
+`rangecoder` (3.3 to 3.5, 3.7), `contexts` (3.5, 3.6, 3.8, 3.9), `animation` (4, 18), `mesh` (5, 7.2), `connectivity`
+(5), `order` (6), `reference` (7), `curves` (8), `patches` (9), `groups` (10, 12), `space` (11), `timefunctions`
+(13), `coefficients` (14), `residuals` (15), `motion` (16, 19), `attributes` and `wedges` (17).
 """

@@ -1,4 +1,4 @@
-"""The command line: see the package's docstring."""
+"""The command line; the package's docstring shows how to call it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whole file, decoded; and sections 4 and 18 of the specification: SEQN and META."""
+"""Decode whole files. Also sections 4 and 18 of the specification: SEQN and META."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LISTED = 2
 
 @dataclass
 class Animation:
-    """What a file holds."""
+    """Everything that a file (or one run of it) holds."""
 
     meshes: list[Mesh]
     times: list[float]
@@ -36,12 +36,12 @@ class Animation:
     motion: Motion
 
     def positions(self, time: float) -> Float32Array:
-        """(vertices, 3) float32 [scene units] at a time [s]; vertices of all objects, one after the other."""
+        """Return (vertices, 3) float32 positions [scene units] at a time [s]; vertices of all objects in one row."""
         return self.motion.positions(time)
 
 
 def decode(data: bytes) -> Animation:
-    """Decode the bytes of a file of one run; CorruptFileError says what is wrong with it."""
+    """Decode the bytes of a file of one run; raise CorruptFileError if they break the specification."""
     runs = decode_runs(data)
     if len(runs) > 1:
         raise ValueError(f"the file has {len(runs)} runs of frames; decode_runs gives them")
@@ -49,7 +49,7 @@ def decode(data: bytes) -> Animation:
 
 
 def decode_runs(data: bytes) -> list[Animation]:
-    """Decode the bytes of a file, run after run (2.3); CorruptFileError says what is wrong with it."""
+    """Decode the bytes of a file, run by run (2.3); raise CorruptFileError if they break the specification."""
     sections = read_container(data)
     fps, frames, times, jumps, coded = read_sequence(sections["SEQN"])
     if "RUNS" not in sections:
@@ -70,7 +70,7 @@ def decode_runs(data: bytes) -> list[Animation]:
 def decode_run(
     sections: dict[str, bytes], fps: float, times: list[float], jumps: list[int], coded: Contexts
 ) -> Animation:
-    """One run, of its sections; names of objects come next in a coded stream."""
+    """Decode one run from its sections; `coded` is the stream from which the objects' names are read next."""
     counts, conn = read_vertex_counts(sections["CONN"])
     meshes = [Mesh(name, vertices) for name, vertices in zip(read_names(coded, len(counts)), counts, strict=True)]
     read_faces_and_lines(conn, sections["ORDR"], meshes)
@@ -85,17 +85,17 @@ def decode_run(
 
 
 def decode_file(path: str | Path) -> Animation:
-    """Decode a file of one run."""
+    """Decode a file of one run, given its path."""
     return decode(Path(path).read_bytes())
 
 
 def run_at(runs: list[Animation], time: float) -> Animation:
-    """The run that holds at a time [s] (2.3)."""
+    """Return the run that is shown at a time [s] (2.3)."""
     return next((run for run in reversed(runs) if run.times[0] <= time), runs[0])
 
 
 def read_names(coded: Contexts, objects: int) -> list[str]:
-    """Section 4: names of as many objects, with which a coded stream ends."""
+    """Section 4: read the names of `objects` objects, which end the coded stream."""
     texts = ByteModel(coded, "texts", primer=PRIMER)
     names = [texts.read_text() for _ in range(objects)]
     coded.finish()
@@ -103,7 +103,7 @@ def read_names(coded: Contexts, objects: int) -> list[str]:
 
 
 def read_sequence(data: bytes) -> tuple[float, list[int], list[float], list[int], Contexts]:
-    """Section 4: the frame rate, frames of each run, times, jumps, and the coded stream that names come next in."""
+    """Section 4: read the frame rate, frames per run, times, discontinuities, and the coded stream at the names."""
     fields = Fields(data)
     runs = [fields.count() for _ in range(fields.count())]
     frames, flags = sum(runs), fields.u8()
@@ -135,7 +135,7 @@ def read_sequence(data: bytes) -> tuple[float, list[int], list[float], list[int]
 
 
 def read_jumps(fields: Fields, frames: int) -> list[int]:
-    """Section 4: frames that are jumped to."""
+    """Section 4: read the frames at which discontinuities ("jumps") are."""
     count = fields.count()
     require(1 <= count < frames, "no jumps, or more than there can be")
     jumps = [0]
@@ -146,7 +146,7 @@ def read_jumps(fields: Fields, frames: int) -> list[int]:
 
 
 def times_of(planes: bytes, frames: int) -> list[float]:
-    """Section 4, rule 2."""
+    """Section 4, rule 2: decode times from byte planes."""
     times = []
     place = step = 0
     for i in range(frames):
@@ -159,7 +159,7 @@ def times_of(planes: bytes, frames: int) -> list[float]:
 
 
 def read_remarks(stream: bytes) -> dict[str, Any]:
-    """Section 18."""
+    """Section 18: read META."""
     try:
         remarks = json.loads(decompress(stream, 2**24)) if stream else {}
     except (ValueError, RecursionError):
@@ -170,7 +170,7 @@ def read_remarks(stream: bytes) -> dict[str, Any]:
 
 
 def check_value(value: object, depth: int) -> None:
-    """Section 18: what values of META may be."""
+    """Section 18: check a value of META and everything nested in it."""
     require(depth <= 32, "META is nested too deep")
     if isinstance(value, str):
         require(not any("\ud800" <= letter <= "\udfff" for letter in value), "META holds half a character")

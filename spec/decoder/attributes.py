@@ -23,7 +23,7 @@ Codes = list[list[int]]
 
 
 def read_attributes(data: bytes, meshes: list[Mesh], grid: list[list[int]]) -> None:
-    """Fill in the attributes of `meshes`, whose vertices have these grid coordinates."""
+    """Read the attributes of `meshes`; `grid` holds the grid coordinates of all vertices."""
     if not data:
         return
     contexts = Contexts(data)
@@ -38,7 +38,7 @@ def read_attributes(data: bytes, meshes: list[Mesh], grid: list[list[int]]) -> N
 
 @dataclass
 class Head:
-    """17.1."""
+    """17.1: the head of an attribute."""
 
     domain: str
     kind: int
@@ -63,7 +63,7 @@ class Head:
 
 
 class AttributeReader:
-    """Reads attributes one after the other; what it learns from one helps it with the next."""
+    """Reads attributes in turn; models adapted by one attribute serve the next."""
 
     def __init__(self, contexts: Contexts) -> None:
         self._contexts = contexts
@@ -73,7 +73,7 @@ class AttributeReader:
         self._steps = {name: MatchModel(contexts, name) for name in ("rows", "integers")}
 
     def read(self, body: Body) -> Attribute:
-        """One attribute."""
+        """Read one attribute."""
         contexts = self._contexts
         name, domain, kind = self._texts.read_text(), contexts.number("domain"), contexts.number("kind")
         require(domain < len(DOMAINS) and kind < RAW + len(RAW_TYPES), "an attribute of an unknown kind")
@@ -99,7 +99,7 @@ class AttributeReader:
         return Attribute(name, head.domain, values, indices, labels)
 
     def _read_values(self, body: Body, head: Head, elements: Elements) -> tuple[Any, Codes]:
-        """Values of all elements, and the codes that rows are equal by."""
+        """Read the values of all elements, and the codes by which rows are compared."""
         shape = (elements.count, head.channels) if head.columns else (elements.count,)
         if head.kind == FLOATS:
             channels, codes = self._read_channels(body, head, elements)
@@ -122,7 +122,7 @@ class AttributeReader:
         return np.frombuffer(b"".join(planes[i::count] for i in range(count)), dtype).reshape(shape), []
 
     def _read_fans(self, body: Body, elements: Elements) -> list[int]:
-        """17.3."""
+        """17.3: read the number of the fan of each corner."""
         fans: dict[int, dict[int, int]] = {}
         numbers = []
         for corner, wedge in enumerate(self._wedges["fans"].read(body, body.by_vertex, elements)):
@@ -131,7 +131,7 @@ class AttributeReader:
         return numbers
 
     def _read_integers(self, name: str, body: Body, elements: Elements) -> list[int]:
-        """17.4."""
+        """17.4: read an integer for each element."""
         wedges = self._wedges[name].read(body, body.by_point, elements)
         numbers = [0]
         for _ in range(max(wedges, default=-1) + 1):
@@ -139,7 +139,7 @@ class AttributeReader:
         return [numbers[wedge + 1] for wedge in wedges]
 
     def _read_channels(self, body: Body, head: Head, elements: Elements) -> tuple[list[Channel], Codes]:
-        """17.5: what codes stand for, and the codes of each element."""
+        """17.5: read the scale of each channel, and the codes of each element."""
         contexts = self._contexts
         channels = [Channel() for _ in range(head.channels)]
         if head.kind == FLOATS:
@@ -175,7 +175,7 @@ class AttributeReader:
 
 
 def floats_of(codes: Vector, channel: Channel) -> Any:
-    """17.5: the float32 that these codes stand for."""
+    """17.5: convert the codes of a channel to float32."""
     if channel.kind == FLOAT:
         return np.where(codes >= 0, codes, -1 - codes | 1 << 31).astype(np.uint32).view(np.float32)
     values = (codes / channel.divisor).astype(np.float32)
@@ -183,7 +183,7 @@ def floats_of(codes: Vector, channel: Channel) -> Any:
 
 
 def first_used(body: Body, head: Head, codes: Codes) -> tuple[list[int], list[int]]:
-    """17.1, rules from 3 on: the elements that make rows, and the row of each element."""
+    """17.1, rules from 3 on: return the elements that make new rows, and the row of each element."""
     order, is_global = divmod(head.rule - FIRST_USED, 2)
     sites = [body.by_vertex.vertex[e] if head.domain == "corner" else e for e in range(len(codes))]
     elements = list(range(len(codes)))

@@ -11,30 +11,30 @@ from spec.decoder.space import Subband
 BAND_ENDS = (6, 10, 15, 21, 28, 36, 48, 64)
 LARGEST_EXPONENT = 40
 TOLD_APART = 13
-"""Exponents from here on share their models."""
+"""Exponents from here on share one model."""
 
 DIGITS_END = 4
-"""Numbers below have models of the digits that follow them."""
+"""Digits that follow a number below this one have models; later digits are bypass bits."""
 
 
 def ratio_class(total: int) -> int:
-    """14.2, ratio: 0 to 7 as they are, then four classes an octave."""
+    """14.2, ratio: 0 to 7 are classes of their own, then four classes per octave."""
     octave = bits(total) - 3
     return total if total < 8 else min(4 * octave + (total >> octave) % 4 + 4, 23)
 
 
 def rank_class(k: int) -> int:
-    """14.2, rank: two classes an octave."""
+    """14.2, rank: two classes per octave."""
     return k if k < 2 else min(2 * bits(k) - 2 + (k >> bits(k) - 2) % 2, 19)
 
 
 def nearest_class(r1: int, r2: int, t1: int, t2: int, s1: int) -> tuple[int, ...]:
-    """14.2, near."""
+    """14.2, near: clamp magnitudes of neighbouring coefficients."""
     return min(r1, 3), min(r2, 2), min(t1, 3), min(t2, 2), min(s1, 3)
 
 
 def bands_of(subband: Subband) -> dict[int, list[int]]:
-    """Section 14: the places in a subband that each context band has."""
+    """Section 14: list the places of a subband by context band."""
     bands: dict[int, list[int]] = defaultdict(list)
     for place in range(subband.size):
         ends = sum(end <= subband.affine + place for end in BAND_ENDS)
@@ -43,24 +43,24 @@ def bands_of(subband: Subband) -> dict[int, list[int]]:
 
 
 def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: int) -> list[list[int]]:
-    """Section 14: all quantised coefficients, a row of `width` channels for each function of space."""
+    """Section 14: read all quantised coefficients, one row of `width` channels per function of space."""
     rows = [[0] * width for _ in range(subbands[-1].first + subbands[-1].size)]
     if not data:
         return rows
     contexts, block = Contexts(data), 4 if axes == 1 else axes
     counts: dict[int, int] = defaultdict(int)
-    """The last count of each context band."""
+    """Latest count of each context band."""
     latest: dict[bool, Subband] = {}
-    """The last subband of each sort: of elements, or not."""
+    """Latest subband of elements (True) and of nodes (False)."""
 
     def size(subband: Subband | None, place: int, a: int) -> int:
-        """A magnitude that is there, or 0."""
+        """Return the magnitude of a coefficient, or 0 if it does not exist."""
         if subband is None or a < 0 or not 0 <= place < subband.size:
             return 0
         return abs(rows[subband.first + place][a])
 
     def read_block(subband: Subband, band: int, place: int, first: int, end: int) -> None:
-        """14.2."""
+        """14.2: read a block of channels."""
         beside = latest.get(subband.depth < 0)
         above = subbands[subband.above] if subband is not subbands[0] else None
 
@@ -92,7 +92,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
         above: Subband | None,
         is_nonzero: bool,
     ) -> int:
-        """14.3."""
+        """14.3: read one coefficient."""
         r1, r2 = (size(subband, place - k, a) for k in (1, 2))
         t1, t2 = (size(subband, place, a - k * axes) for k in (1, 2))
         x1 = sum(size(subband, place, other) for other in range(a - a % axes, a))
@@ -130,7 +130,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
 
 
 def read_count(contexts: Contexts, width: int, band: int, before: int, beside: int) -> int:
-    """14.1."""
+    """14.1: read how many channels a context band uses."""
     d, b, s = 0, bits(before), bits(beside)
     while d < bits(width) and contexts.mixed(("count", d), (band, d), (d, b, s), (d, s), of=("count",)):
         d += 1

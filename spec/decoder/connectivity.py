@@ -1,4 +1,4 @@
-"""Section 5 of the specification: CONN, polygons in their order and surfaces in one of the coder's."""
+"""Section 5 of the specification: CONN; polygons in file order, surfaces in the coder's order."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEAST_SIZE = {"faces": 3, "lines": 1}
 
 
 def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
-    """Fill in the faces and lines of `meshes`, from CONN without its counts, and ORDR."""
+    """Read the faces and lines of `meshes` from ORDR and from CONN without its counts."""
     contexts, orders = Contexts(conn), Orders(Contexts(ordr))
     memory = SurfaceMemory()
     matches = {kind: MatchModel(contexts, kind) for kind in LEAST_SIZE}
@@ -56,7 +56,7 @@ def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
 
 @dataclass
 class Head:
-    """5.1: how many polygons, their common size or 0, and how many corners."""
+    """5.1: number of polygons, their common size (0 if sizes differ), and number of corners."""
 
     count: int
     size: int
@@ -64,7 +64,7 @@ class Head:
 
 
 def read_head(contexts: Contexts, kind: str) -> Head:
-    """5.1."""
+    """5.1: read a head."""
     count = contexts.number(kind, "count")
     if count == 0:
         return Head(0, 0, 0)
@@ -76,7 +76,7 @@ def read_head(contexts: Contexts, kind: str) -> Head:
 
 
 def read_polygons(contexts: Contexts, matches: MatchModel, kind: str, head: Head, vertices: int) -> list[Polygon]:
-    """5.2."""
+    """5.2: read polygons in file order."""
     least, left = LEAST_SIZE[kind], head.corners
     polygons: list[Polygon] = []
     highest, first, recent = -1, 0, History(5)
@@ -107,7 +107,7 @@ def read_polygons(contexts: Contexts, matches: MatchModel, kind: str, head: Head
 
 
 class SurfaceMemory:
-    """What is remembered from face to face and from object to object."""
+    """What the coder remembers from face to face and from object to object."""
 
     def __init__(self) -> None:
         self.borders, self.closings = History(8), History(6)
@@ -115,20 +115,20 @@ class SurfaceMemory:
 
 
 class Surface:
-    """5.3: reads the faces of one object, as lists of sides; vertices are numbered as they come."""
+    """5.3: reads the faces of one object as lists of sides; vertices are numbered as they appear."""
 
     def __init__(self, contexts: Contexts, memory: SurfaceMemory, has_border: int) -> None:
         self._contexts, self._memory, self._has_border = contexts, memory, has_border
         self.faces: list[list[Side]] = []
         self.borders: list[Side | None] = []
-        """Of each vertex, as the two sums that follow."""
+        """Border side of each vertex; the two lists below, the sums F and A, are also per vertex."""
         self._corners: list[int] = []
         self._angles: list[int] = []
         self._queues: dict[int, dict[Side, None]] = defaultdict(dict)
         self._queue_of: dict[Side, int] = {}
 
     def read(self, head: Head, vertices: int) -> None:
-        """As many faces and corners; at most as many vertices."""
+        """Read as many faces and corners as the head says, with at most `vertices` vertices."""
         left = head.corners
         for to_come in reversed(range(head.count)):
             gate = self._read_gate()
@@ -162,7 +162,7 @@ class Surface:
         return min(self._angles[vertex] // 2, 23)
 
     def _read_gate(self) -> Side | None:
-        """5.3.1."""
+        """5.3.1: return the gate of the next face, or None."""
         memory = self._memory.borders
         while any(self._queues.values()):
             queue = self._queues[max(number for number, queue in self._queues.items() if queue)]
@@ -179,7 +179,7 @@ class Surface:
         return None
 
     def _read_size(self, gate: Side | None) -> int:
-        """5.3.2."""
+        """5.3.2: read the size of a face."""
         angles, faces, inner = (0, 0), (0, 0), 0
         if gate:
             u, w = gate.vertex, gate.ahead.vertex
@@ -196,7 +196,7 @@ class Surface:
         return size
 
     def _read_closings(self, gate: Side, corners: list[int]) -> tuple[int, int]:
-        """5.3.3: fill in the corners that close the border beside `gate`; the range of those that are left."""
+        """5.3.3: fill in the corners that close the border next to `gate`; return the range of the other corners."""
         memory = self._memory.closings
         begin, end = 2, len(corners)
         refused = None
@@ -229,7 +229,7 @@ class Surface:
         return begin, end
 
     def _read_vertex(self, gate: Side | None, place: int) -> int:
-        """5.3.4."""
+        """5.3.4: read the vertex of another corner."""
         known = len(self.borders)
         if self._contexts.bit("new", gate is None, min(place, 3)):
             self.borders.append(None)
@@ -262,14 +262,14 @@ class Surface:
                     self._queue_of[side] = queue
 
     def _start_border(self, face: list[Side]) -> None:
-        """5.3.5, of a face without a gate."""
+        """5.3.5: start a border with a face that has no gate."""
         for side, ahead in zip(face, face[1:] + face[:1], strict=True):
             link(side, ahead)
             self.borders[side.vertex] = side
         self._enqueue(*face)
 
     def _attach(self, gate: Side, face: list[Side], begin: int, end: int) -> None:
-        """5.3.5, of a face at a gate."""
+        """5.3.5: attach a face at its gate."""
         behind, ahead, last = gate.behind, gate.ahead, face[1]
         make_inner(gate, face[0])
         link(last, last if ahead is gate else ahead)

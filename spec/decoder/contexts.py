@@ -27,7 +27,7 @@ Name = tuple[object, ...]
 
 
 class History:
-    """3.5: the latest values, in so many bits."""
+    """3.5: a history of `size` bits, into which new values are shifted."""
 
     def __init__(self, size: int) -> None:
         self.value = 0
@@ -38,7 +38,7 @@ class History:
 
 
 class Contexts:
-    """A coded stream whose bit models and weights have names."""
+    """A coded stream with named bit models and weights."""
 
     def __init__(self, data: bytes) -> None:
         self._coder = RangeDecoder(data)
@@ -62,7 +62,9 @@ class Contexts:
         return self._sound(self._coder.bit(self._models, self._model(name)))
 
     def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
-        """A mixed bit, which goes into a history; inputs' names follow on `of` if common, else on the weights'."""
+        """Read a mixed bit, and shift it into a history if given. Names of the inputs start with `of`, or else
+        with the weights' name.
+        """
         if weights not in self._weights:
             self._weights[weights] = [FIRST_WEIGHTS[len(names)]] * len(names)
         family = weights if of is None else of
@@ -73,12 +75,12 @@ class Contexts:
         return bit
 
     def counted(self, most: int, *name: object) -> int:
-        """A number from 1 on of at most so many binary digits."""
+        """Read a number of 1 to `most` binary digits, 1 or more."""
         digits = 1 + chosen(most, lambda less: not self.bit(*name, less + 1))
         return 1 << digits - 1 | self.bypass(digits - 1)
 
     def number(self, *name: object) -> int:
-        """A number from 0 to 2^32 - 2."""
+        """Read a number from 0 to 2^32 - 2."""
         digits = 1 + chosen(MOST_DIGITS, lambda less: not self.bit(*name, "more", less + 1))
         return self.digits(digits, 8, *name, "digit") - 1
 
@@ -90,7 +92,9 @@ class Contexts:
         return -magnitude if negative else magnitude
 
     def digits(self, length: int, end: int, *name: object) -> int:
-        """A number of so many binary digits: 1, then bits with models while it is below `end`, bypass bits then."""
+        """Read a number of `length` binary digits: a 1, then bits with models while it is below `end`, then
+        bypass bits.
+        """
         value = 1
         for _ in range(length - 1):
             value = 2 * value + (self.bit(*name, length, value) if value < end else self.bypass())
@@ -98,23 +102,23 @@ class Contexts:
 
     @contextmanager
     def rehearsing(self, bits: Iterable[int]) -> Iterator[None]:
-        """Learn from bits that are not in the stream, as if they were."""
+        """Let the models adapt to known bits, as if they had been in the stream."""
         coder, self._coder = self._coder, Rehearsal(bits)
         yield
         self._coder = coder
 
     def _sound(self, read: int) -> int:
-        """What was read, unless the bytes ended so long before that 3.7 cannot be kept any more."""
+        """Return a value just read; refuse the file if its bytes ended so early that 3.7 must fail."""
         require(not self._coder.has_ended(), "a coded stream ends too early")
         return read
 
     def finish(self) -> None:
-        """3.7."""
+        """3.7: check the end of the stream."""
         require(self._coder.is_finished(), "a coded stream does not end where what it holds does")
 
 
 def length_near(expected: int, most: int, decide: Callable[[int, int], int]) -> int:
-    """7.6: a length from the expected one up or down; decide(l, way) says whether it is l or more."""
+    """7.6: search a length up or down from the expected one; `decide(l, way)` tells whether it is l or more."""
     length = expected
     if decide(length, 0):
         while length < most and decide(length + 1, 1):
@@ -127,12 +131,14 @@ def length_near(expected: int, most: int, decide: Callable[[int, int], int]) -> 
 
 
 def chosen(count: int, is_right: Callable[[int], int]) -> int:
-    """One of so many: each has a bit in turn, 1 for the right one, the last one excepted."""
+    """Choose one of `count` candidates: each in turn has a bit that is 1 if it is the right one; the last needs
+    none.
+    """
     return next((turn for turn in range(count - 1) if is_right(turn)), count - 1)
 
 
 class MatchModel:
-    """3.8: numbers in a row, and what came after when the last ones were as now."""
+    """3.8: predicts a sequence of numbers from what followed the same numbers before."""
 
     def __init__(self, contexts: Contexts, name: str) -> None:
         self._contexts, self._name = contexts, name
@@ -143,7 +149,7 @@ class MatchModel:
         self._long, self._short = History(8), History(8)
 
     def read(self, phase: int, otherwise: Callable[[], int]) -> int:
-        """The next number: one that matches, or what follows otherwise."""
+        """Read the next number: a match, or else what `otherwise` reads."""
         count, short, slots = len(self._past), -1, []
         if self._place < 0 or self._run < LONGEST_RUN:
             mixed = phase
@@ -188,7 +194,7 @@ class MatchModel:
 
 
 class ByteModel:
-    """3.9: bytes that follow one another, with what came after when the last ones were as now."""
+    """3.9: predicts a sequence of bytes from what followed the same bytes before."""
 
     def __init__(self, contexts: Contexts, name: str, primer: bytes = b"") -> None:
         self._contexts, self._name = contexts, name
@@ -200,7 +206,7 @@ class ByteModel:
             self.read_bytes(len(primer))
 
     def read(self) -> int:
-        """The next byte."""
+        """Read the next byte."""
         past, count = self._past, len(self._past)
         last = int.from_bytes(bytes(past[-4:]), "big")
         slot = hashed(last) >> 20

@@ -1,4 +1,4 @@
-"""Section 8 of the specification: every vertex in exactly one curve."""
+"""Section 8 of the specification: curves that cover every vertex exactly once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Curves = list[list[int]]
 
 
 def extract_curves(meshes: list[Mesh], grid: Points) -> Curves:
-    """The curves of all objects; vertices are numbered through."""
+    """Extract the curves of all objects; vertices of all objects are numbered in one row."""
     curves, first = [], 0
     for mesh in meshes:
         own = Cover(mesh, grid[first : first + mesh.vertices]).curves
@@ -27,7 +27,7 @@ def extract_curves(meshes: list[Mesh], grid: Points) -> Curves:
 
 
 def cells(points: Points) -> Points:
-    """8.2.1."""
+    """8.2.1: quantise points to cells of 20 bits per axis."""
     low = [min(axis) for axis in zip(*points, strict=True)]
     extent = max((value - least for point in points for value, least in zip(point, low, strict=True)), default=0)
     shift = max(0, bits(extent) - 20)
@@ -35,7 +35,7 @@ def cells(points: Points) -> Points:
 
 
 def along_z_order(vertices: list[int], grid: Points) -> list[int]:
-    """8.5."""
+    """8.5: sort vertices in Z order."""
     codes = {
         vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(20) for axis in range(3))
         for vertex, cell in zip(vertices, cells([grid[vertex] for vertex in vertices]), strict=True)
@@ -44,7 +44,7 @@ def along_z_order(vertices: list[int], grid: Points) -> list[int]:
 
 
 class Faces(CornerTable):
-    """The faces of one object; a corner is also the side of its face from its vertex to the next one's."""
+    """The faces of one object; each corner also names the side of its face from its vertex to the next one."""
 
     def __init__(self, mesh: Mesh) -> None:
         super().__init__(mesh.faces, mesh.vertices)
@@ -53,7 +53,7 @@ class Faces(CornerTable):
             if other != NONE and self.opposite[other] == side and self.polygon[side] != self.polygon[other]:
                 self.twin[side] = other
         self.diagonal: dict[int, int] = {}
-        """Of each triangle in a pair, its side that is the pair's diagonal."""
+        """Diagonal of each paired triangle: the side it shares with its partner."""
 
     def ends(self, side: int) -> tuple[int, int]:
         return self.vertex[side], self.vertex[self.next[side]]
@@ -65,17 +65,17 @@ class Faces(CornerTable):
         return [edge, self.twin[edge]] if edge in self.twin else [edge]
 
     def around(self, diagonal: int) -> list[int]:
-        """8.2: the four sides of a pair."""
+        """8.2: return the four sides of a pair."""
         return [turn[side] for side in (diagonal, self.twin[diagonal]) for turn in (self.next, self.previous)]
 
     def vertices_of(self, diagonal: int) -> tuple[int, int, int, int]:
-        """8.2: the four vertices of a pair."""
+        """8.2: return the four vertices of a pair."""
         one, two = self.ends(diagonal)
         return one, two, self.vertex[self.previous[diagonal]], self.vertex[self.previous[self.twin[diagonal]]]
 
 
 class Pairing:
-    """8.2: finds the pairs of triangles that make the quads of a grid."""
+    """8.2: pairs triangles to the quads of a grid."""
 
     def __init__(self, faces: Faces, places: Points) -> None:
         self.faces, self.places = faces, places
@@ -97,7 +97,7 @@ class Pairing:
             self.is_flat.append(is_regular and (len(corners) <= 3 if borders else len(corners) == 6))
 
     def find(self) -> None:
-        """8.2.4."""
+        """8.2.4: pair all triangles."""
         for b in (2, 1, 0):
             for face in range(len(self.is_triangle)):
                 sides = self.faces.corners_of(face)
@@ -108,7 +108,7 @@ class Pairing:
         self._undo_what_is_no_grid()
 
     def may_pair(self, side: int) -> bool:
-        """8.2.2."""
+        """8.2.2: return whether two triangles may be paired across a side."""
         faces = self.faces
         for each in (side, faces.twin.get(side, NONE)):
             face = faces.polygon[each]
@@ -121,7 +121,7 @@ class Pairing:
         )
 
     def _make(self, diagonal: int, sign: int) -> None:
-        """Make a pair, or undo it."""
+        """Make a pair (sign 1) or undo it (sign -1)."""
         for side in (diagonal, self.faces.twin[diagonal]):
             if sign > 0:
                 self.faces.diagonal[self.faces.polygon[side]] = side
@@ -132,7 +132,7 @@ class Pairing:
             self.left[vertex] -= sign * triangles
 
     def _settle(self, seed: int, made: list[int], limit: int | None) -> None:
-        """8.2.2: make a pair and all that follows."""
+        """8.2.2: make a pair and all pairs that it forces."""
         faces, following = self.faces, [seed]
         queue: deque[int] = deque()
         while True:
@@ -152,10 +152,10 @@ class Pairing:
             following = [side for side in faces.corners_of(queue.popleft()) if self.may_pair(side)]
 
     def _grow(self, seed: int, limit: int | None) -> list[int]:
-        """8.2.3: make a pair, what follows, and copies of it all."""
+        """8.2.3: make a pair, the pairs that it forces, and copies of all of them."""
         made: list[int] = []
         self._settle(seed, made, limit)
-        for done in made:  # grows on the way
+        for done in made:  # `made` grows in the loop
             for side in self.faces.around(done):
                 copy, other = self._copies(side, done)
                 if copy != NONE and len(made) != limit:
@@ -165,7 +165,7 @@ class Pairing:
         return made
 
     def _copies(self, side: int, done: int) -> tuple[int, int]:
-        """8.2.3: beside a side of a pair the copy, and the other one."""
+        """8.2.3: return the diagonal that copies a pair across its side, and the other diagonal."""
         faces, twin = self.faces, self.faces.twin.get(side, NONE)
         diagonal = faces.diagonal[faces.polygon[side]]
         if twin == NONE or not all(self.is_flat[vertex] for vertex in faces.vertices_of(done)):
@@ -175,7 +175,7 @@ class Pairing:
         return (ways[0], ways[1]) if tip == faces.vertex[faces.next[twin]] else (ways[1], ways[0])
 
     def _judge(self, made: list[int]) -> tuple[int, int, int]:
-        """8.2.3: faults, skew and number of pairs, which are undone."""
+        """8.2.3: return faults, skew and number of pairs, and undo the pairs."""
         faults = skew = 0
         for diagonal in made:
             one, two, tip, far = vertices = self.faces.vertices_of(diagonal)
@@ -200,7 +200,7 @@ class Pairing:
         return faults <= of_copy and 2 * skew * count_of_copy < skew_of_copy * count
 
     def _best(self, ways: list[int]) -> int:
-        """8.2.4."""
+        """8.2.4: return the best diagonal by trial."""
 
         def order(side: int) -> tuple[int, Fraction, int]:
             faults, skew, count = self._judge(self._grow(side, TRIAL_PAIRS))
@@ -209,12 +209,12 @@ class Pairing:
         return min(ways, key=order)
 
     def _undo_what_is_no_grid(self) -> None:
-        """8.2.5."""
+        """8.2.5: undo the pairs of components that are not grids."""
         faces = self.faces
         not_reached = {vertex for vertex, corners in enumerate(faces.corners) if corners}
         while not_reached:
             component = [not_reached.pop()]
-            for vertex in component:  # grows on the way
+            for vertex in component:  # `component` grows in the loop
                 around = {other for c in faces.corners[vertex] for other in faces.polygons[faces.polygon[c]]}
                 component += around & not_reached
                 not_reached -= around
@@ -252,7 +252,7 @@ class Cover:
             self.curves.append(along_z_order(isolated, grid))
 
     def _free_runs(self, path: list[int], least: int) -> bool:
-        """Section 8: take the free runs of a length; whether there was any."""
+        """Section 8: turn the free runs of at least this length into curves; return whether there was any."""
         before = len(self.curves)
         run: list[int] = []
         for vertex in [*path, NONE]:
@@ -269,14 +269,14 @@ class Cover:
         return len(self.curves) > before
 
     def _turn(self, side: int, vertex: int) -> int:
-        """8.3.1: the other side at a vertex of the face of a side."""
+        """8.3.1: return the other side at a vertex, in the face (or pair) of a side."""
         faces = self._faces
         side = faces.previous[side] if faces.vertex[side] == vertex else faces.next[side]
         is_diagonal = faces.diagonal.get(faces.polygon[side]) == side
         return self._turn(faces.twin[side], vertex) if is_diagonal else side
 
     def _straight_on(self, edge: int, vertex: int) -> int:
-        """8.3.1."""
+        """8.3.1: return the edge straight ahead beyond a vertex, or none."""
         faces = self._faces
         reached = []
         for side in faces.sides(edge):
@@ -294,13 +294,13 @@ class Cover:
         return two if vertex == one else one
 
     def _onward(self, edge: int, vertex: int) -> Iterator[tuple[int, int]]:
-        """Edge after edge straight on, from one over an end of it, with the end of each that follows."""
+        """Yield edge after edge straight ahead, from an edge across one of its ends, each with its far end."""
         while (edge := self._straight_on(edge, vertex)) != NONE:
             vertex = self._other_end(edge, vertex)
             yield edge, vertex
 
     def _loops(self) -> Iterator[tuple[list[int], list[int]]]:
-        """8.3.2: edges and vertices of every loop, along it."""
+        """8.3.2: yield the edges and vertices of every loop, in order along it."""
         faces, walked = self._faces, set[int]()
         for f in range(len(faces.vertex)):
             one, two = faces.ends(f)
@@ -324,7 +324,7 @@ class Cover:
             yield loop, path
 
     def _across(self, side: int) -> int:
-        """8.3.3: the edge opposite a side in a quad or a pair, or none."""
+        """8.3.3: return the edge opposite a side in its quad or pair, or none."""
         faces = self._faces
         if faces.size(side) == 4:
             return faces.edge(faces.next[faces.next[side]])
@@ -334,7 +334,7 @@ class Cover:
         return next(faces.edge(far) for far in around if not set(faces.ends(far)) & set(faces.ends(side)))
 
     def _sweep(self) -> None:
-        """8.3.3."""
+        """8.3.3: make curves of loops, spreading from each loop to its neighbours."""
         loops = list(self._loops())
         loop_of = {edge: number for number, (loop, _) in enumerate(loops) for edge in loop}
         longest = max(bits(max((len(path) for _, path in loops), default=0)) - 1, 2)
@@ -343,7 +343,7 @@ class Cover:
             for seed in sorted(range(len(loops)), key=lambda number: -len(loops[number][1])):
                 queue = [seed] if seed not in queued else []
                 queued.add(seed)
-                for number in queue:  # grows on the way
+                for number in queue:  # `queue` grows in the loop
                     loop, path = loops[number]
                     if self._free_runs(path, 2**k):
                         for side in (side for edge in loop for side in self._faces.sides(edge)):
@@ -356,7 +356,7 @@ class Cover:
         return sum(not self._taken[other] for other in self._neighbours[vertex])
 
     def _next_on(self, path: list[int]) -> tuple[int, bool] | None:
-        """8.4: the next vertex of a path, and whether it closes it; None where there is no way."""
+        """8.4: return the next vertex of a path, and whether it closes the path; None if the path cannot continue."""
         neighbours, v, e = self._neighbours, path[-1], path[0]
         p = path[-2] if len(path) > 1 else NONE
         near_p = neighbours[p] if p != NONE else set()
@@ -369,7 +369,7 @@ class Cover:
         return min(ways)[3:] if ways else None
 
     def _grow(self, path: list[int]) -> bool:
-        """Grow a path at its end; whether it was closed."""
+        """Grow a path at its end; return whether it was closed."""
         is_closed = False
         while not is_closed and (way := self._next_on(path)):
             vertex, is_closed = way
@@ -378,7 +378,7 @@ class Cover:
         return is_closed
 
     def _lay_paths(self, *, ends_only: bool) -> None:
-        """8.4: one pass."""
+        """8.4: do one pass."""
         counter, hint = 0, NONE
         while True:
             while hint == NONE and counter < len(self._taken):

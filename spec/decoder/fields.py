@@ -1,4 +1,4 @@
-"""Sections 1 to 3.2 of the specification: words for whole numbers, the container, fields, compressed streams."""
+"""Sections 1 to 3.2 of the specification: arithmetic of whole numbers, the container, fields, compressed streams."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ OF_RUNS = ("SEQN", "RUNS", "RDAT")
 OF_GROUPS = ("TIME", "COEF", "CORR")
 
 LARGEST_REAL = 2.0**160
-"""Of steps and origins."""
+"""Bound of steps and origins."""
 
 
 class CorruptFileError(Exception):
-    """The file is not as the specification says."""
+    """The file breaks the specification."""
 
 
 def require(condition: object, complaint: str) -> None:
@@ -31,7 +31,7 @@ def require(condition: object, complaint: str) -> None:
 
 
 def bits(number: int) -> int:
-    """Binary digits of a number's magnitude, 0 of 0."""
+    """Count the binary digits of a number's magnitude; 0 has none."""
     return int(number).bit_length()
 
 
@@ -44,13 +44,13 @@ def sign(number: int) -> int:
 
 
 def grade(number: int, most: int) -> int:
-    """7.1, 13.2: two grades an octave."""
+    """7.1, 13.2: classify magnitudes, two classes per octave."""
     shift = max(bits(number) - 2, 0)
     return min(2 * shift + (number >> shift), most)
 
 
 def read_container(data: bytes) -> dict[str, bytes]:
-    """Sections 2.1 to 2.3: the sections of a file; an optional one that is missing is empty."""
+    """Sections 2.1 to 2.3: return the sections of a file; missing optional ones are empty."""
     require(data[:12] == IDENTIFIER, "not a .pdeanim file")
     require(len(data) >= 28, "ends inside the header")
     major, _, count, table_checksum, header_checksum = struct.unpack_from("<HHIII", data, 12)
@@ -80,14 +80,14 @@ def read_container(data: bytes) -> dict[str, bytes]:
 
 @dataclass
 class Run:
-    """Section 2.3: what RUNS has of a run."""
+    """Section 2.3: the entry of a run in RUNS."""
 
     vertices: int
     sections: dict[str, bytes]
 
 
 def read_runs(table: bytes, data: bytes, count: int) -> list[Run]:
-    """Section 2.3: RUNS and RDAT of so many runs."""
+    """Section 2.3: read RUNS and RDAT for `count` runs."""
     fields, stored = Fields(table), Fields(data)
     runs: list[Run] = []
     for _ in range(count):
@@ -109,7 +109,7 @@ def read_runs(table: bytes, data: bytes, count: int) -> list[Run]:
 
 
 class Fields:
-    """3.1: the fields of a section, read from front to back."""
+    """3.1: reads the fields of a section from front to back."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -148,7 +148,7 @@ class Fields:
 
 
 def decompress(stream: bytes, most: int) -> bytes:
-    """3.2: what one zstandard frame of 1 to `most` bytes holds."""
+    """3.2: decompress one Zstandard frame of 1 to `most` bytes."""
     try:
         require(0 < zstandard.frame_content_size(stream) <= most, "a frame declares no size, or one that cannot be")
         return bytes(zstandard.ZstdDecompressor().decompress(stream, allow_extra_data=False))

@@ -1,4 +1,4 @@
-"""Sections 10 and 12 of the specification: MODL and GRUP, what the functions are of space and of each group."""
+"""Sections 10 and 12 of the specification: MODL and GRUP, which functions of space and of time are used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_RATE = 12.0
 
 @dataclass
 class Model:
-    """Section 10."""
+    """Section 10: the model of space."""
 
     kind: int
     points: int
@@ -30,7 +30,7 @@ class Model:
 
 
 def read_model(data: bytes) -> Model:
-    """Section 10."""
+    """Section 10: read MODL."""
     fields = Fields(data)
     kind = fields.u8()
     require(kind in (PATCH, CURVE), "an unknown space basis")
@@ -59,12 +59,12 @@ class Group:
 
     @property
     def axes(self) -> int:
-        """Coefficients that a function of time has for each of space."""
+        """Number of coefficients that each function of time has per function of space."""
         return 1 if self.basis == TRAJECTORIES else 3
 
 
 def read_groups(table: bytes, frames: int, sections: list[bytes]) -> list[Group]:
-    """Section 12, of a clip of so many frames; `sections` are TIME, COEF and CORR."""
+    """Section 12: read the groups of a clip of `frames` frames; `sections` are TIME, COEF and CORR."""
     fields, sources = Fields(table), [Fields(section) for section in sections]
     groups: list[Group] = []
     left = frames
@@ -79,7 +79,7 @@ def read_groups(table: bytes, frames: int, sections: list[bytes]) -> list[Group]
 
 
 def read_group(fields: Fields, sources: list[Fields]) -> Group:
-    """One row of GRUP."""
+    """Read one row of GRUP, and its chunks from `sources`."""
     frames, functions, kind = fields.count(), fields.count(), fields.u8()
     basis = kind & ~PRECISE
     require(1 <= frames <= MOST_FRAMES, "a group of no frames, or too many")

@@ -32,7 +32,7 @@ class Attribute:
 
 @dataclass
 class Mesh:
-    """One object. Faces and lines are lists of vertex numbers of this object."""
+    """One object. Faces and lines are lists of vertices, numbered within the object."""
 
     name: str
     vertices: int
@@ -43,7 +43,9 @@ class Mesh:
 
 @dataclass(eq=False)
 class Side:
-    """5.3: a side of a face, from `vertex` to that of the next corner; on a border, one is behind and one ahead."""
+    """5.3: a side of a face, from `vertex` to the vertex of the next corner. On a border it links to the sides
+    behind and ahead.
+    """
 
     vertex: int
     face: list[Side]
@@ -53,7 +55,7 @@ class Side:
     ahead: Side = field(init=False)
 
     def around(self) -> list[Side]:
-        """The sides of its face, from this one on."""
+        """Return the sides of its face, starting with this one."""
         place = self.face.index(self)
         return self.face[place:] + self.face[:place]
 
@@ -72,7 +74,7 @@ def is_one_edge(side: Side, ahead: Side) -> bool:
 
 
 def read_vertex_counts(conn: bytes) -> tuple[list[int], bytes]:
-    """Section 5: the vertices of each object; and the rest of CONN."""
+    """Section 5: read the number of vertices of each object; also return the rest of CONN."""
     fields = Fields(conn)
     counts = [fields.count() for _ in range(fields.count())]
     require(1 <= sum(counts) <= LARGEST_INDEX, "no vertices, or too many")
@@ -80,7 +82,9 @@ def read_vertex_counts(conn: bytes) -> tuple[list[int], bytes]:
 
 
 def polygons_of(meshes: list[Mesh]) -> list[Polygon]:
-    """7.2: faces of all objects, then the pieces of all lines; vertices are numbered through."""
+    """7.2: list the faces of all objects, then the pieces of all lines; vertices of all objects are numbered in
+    one row.
+    """
     faces, pieces, first = [], [], 0
     for mesh in meshes:
         faces += [[first + vertex for vertex in face] for face in mesh.faces]
@@ -94,11 +98,13 @@ PATHS = {
     3: ("n", "p", "nmp", "nmnmp", "nmpmp"),
     4: ("n", "p", "nn", "nmnn", "ppmp"),
 }
-"""7.2: how a corner leads to its neighbourhood, by next (n) and previous corners (p) and opposites (m)."""
+"""7.2: paths from a corner to the vertices around it: n and p lead to the next and previous corner, m to the
+opposite.
+"""
 
 
 class Neighbourhood(NamedTuple):
-    """7.2: the vertices that a corner offers, or -1."""
+    """7.2: the vertices around a corner from which it is predicted, -1 for none."""
 
     after: int
     before: int
@@ -108,24 +114,24 @@ class Neighbourhood(NamedTuple):
 
 
 class CornerTable:
-    """7.2: polygons over vertices; corners are numbered polygon after polygon, and -1 stands for none."""
+    """7.2: polygons over vertices. Corners are numbered polygon after polygon; -1 stands for none."""
 
     def __init__(self, polygons: list[Polygon], vertices: int) -> None:
         self.polygons = polygons
         self.vertex = [vertex for polygon in polygons for vertex in polygon]
-        """Of each corner, as all that follows."""
+        """Vertex of each corner; polygon, next and previous are also per corner."""
         self.polygon = [p for p, polygon in enumerate(polygons) for _ in polygon]
         self.next: list[int] = []
         self.previous: list[int] = []
         self.first: list[int] = []
-        """Of each polygon, its first corner."""
+        """First corner of each polygon."""
         for polygon in polygons:
             at, size = len(self.next), len(polygon)
             self.first.append(at)
             self.next += [*range(at + 1, at + size), at]
             self.previous += [at + size - 1, *range(at, at + size - 1)]
         self.corners: list[list[int]] = [[] for _ in range(vertices)]
-        """Of each vertex."""
+        """Corners at each vertex."""
         for corner, vertex in enumerate(self.vertex):
             self.corners[vertex].append(corner)
         self.opposite = self._find_opposites()
@@ -152,12 +158,12 @@ class CornerTable:
         return found
 
     def neighbourhood(self, corner: int) -> Neighbourhood:
-        """What a corner offers."""
+        """Return the vertices around a corner."""
         paths = PATHS.get(self.size(corner), ("n", "p", "", "", ""))
         return Neighbourhood(*(self._end(corner, path) for path in paths))
 
     def _end(self, corner: int, path: str) -> int:
-        """The vertex where a path ends, if there is one."""
+        """Return the vertex at which a path ends, or -1."""
         size = self.size(corner)
         for step in path:
             corner = {"n": self.next, "p": self.previous, "m": self.opposite}[step][corner]
@@ -166,12 +172,12 @@ class CornerTable:
         return self.vertex[corner] if path else NONE
 
     def before_counts(self, corner: int) -> bool:
-        """Whether the vertex before counts."""
+        """Return whether the vertex before a corner counts: no other corner counts it."""
         before = self.previous[corner]
         return self.opposite[before] == NONE or self.vertex[self.opposite[before]] == self.vertex[before]
 
     def walk(self) -> list[int]:
-        """The order in which vertices are coded."""
+        """Return the order in which vertices are coded."""
         vertices = len(self.corners)
         order: list[int] = []
         known = [False] * vertices

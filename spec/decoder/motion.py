@@ -1,4 +1,4 @@
-"""Section 16 of the specification: positions at any time, and the margin of section 19."""
+"""Section 16 of the specification: positions at any time; section 19: the margin."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MARGIN, MARGIN_PRECISE, ROUNDING = 2.0**-11, 2.0**-20, 2.0**-44
 
 
 def spline_weights(times: list[float], time: float) -> list[float]:
-    """16.2: the weight of each frame; at a frame's own time, 1 and 0 for all others."""
+    """16.2: return the weight of each frame; at the time of a frame its weight is 1 and all others are 0."""
     if len(times) <= 3:
         return [float(np.prod([(time - other) / (own - other) for other in times if other != own])) for own in times]
     h = [b - a for a, b in pairwise(times)]
@@ -40,7 +40,7 @@ def spline_weights(times: list[float], time: float) -> list[float]:
 
 
 def broken_weights(times: list[float], jumps: list[int], time: float) -> list[float]:
-    """16.2: the same where stretches of frames end before jumps."""
+    """16.2: return the weights of frames in a clip that discontinuities ("jumps") divide into stretches."""
     frame = min(bisect_right(times, time) - 1, len(times) - 1)
     begin = max((jump for jump in jumps if jump <= frame), default=0)
     end = min((jump for jump in jumps if jump > frame), default=len(times))
@@ -54,7 +54,7 @@ def broken_weights(times: list[float], jumps: list[int], time: float) -> list[fl
 
 
 def of_differences(slopes: list[float], h: list[float]) -> list[float]:
-    """16.2: a sum of slopes s_j as one of the d_j: the transposed equations, solved from above."""
+    """16.2: rewrite a weighted sum of the slopes s_j as one of the d_j, by solving the transposed equations."""
     last = len(h)
     rows = [(0.0, h[1], h[0] + h[1])]
     rows += [(h[j], 2.0 * (h[j - 1] + h[j]), h[j - 1]) for j in range(1, last)]
@@ -78,7 +78,7 @@ def of_differences(slopes: list[float], h: list[float]) -> list[float]:
 
 
 def weights_in_closed_form(forms: list[ClosedForm], time: float) -> list[tuple[int, Floats]]:
-    """16.3: of each group that counts, its number, and what takes the place of its functions."""
+    """16.3: return the index of each group that contributes, and its blended functions of time."""
     group = max(bisect_right([form.times[0] for form in forms], time) - 1, 0)
     left = forms[group]
     b = left.times[-1]
@@ -94,7 +94,7 @@ def weights_in_closed_form(forms: list[ClosedForm], time: float) -> list[tuple[i
 
 @dataclass
 class DecodedGroup:
-    """psi[t, x, k], fields[x, k, place], the quantised coefficients, and the residuals of each frame."""
+    """Functions of time psi[t, x, k], fields[x, k, place], quantised coefficients, and residuals of each frame."""
 
     time: Floats
     fields: Floats
@@ -103,7 +103,7 @@ class DecodedGroup:
 
 
 class Motion:
-    """Positions at any time."""
+    """Evaluates positions at any time."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class Motion:
         self.group = cache(self._decode)
 
     def _decode(self, index: int) -> DecodedGroup:
-        """Sections 13 to 15, of one group."""
+        """Decode a group, following sections 13 to 15."""
         group, (of_time, of_space, of_residuals) = self.groups[index], self.groups[index].chunks
         axes, count, frames = group.axes, group.functions, group.frames
         rows = read_coefficients(of_space, self.space.subbands, axes * count, axes)
@@ -143,7 +143,7 @@ class Motion:
         return DecodedGroup(time, fields, rows, read_residuals(of_residuals, frames, self.space.patches.starts))
 
     def positions(self, time: float, *, has_residuals: bool = True) -> Float32Array:
-        """(vertices, 3) float32 at a time in seconds; outside the clip, its first or last frame."""
+        """Return (vertices, 3) float32 positions at a time [s]; outside the clip those of its first or last frame."""
         time = min(max(time, self._times[0]), self._times[-1])
         frame = bisect_right(self._times, time) - 1
         points = self._of_model(time)
@@ -159,7 +159,7 @@ class Motion:
         return found
 
     def margin(self, time: float) -> float:
-        """Section 19: how far other decoders may be in a coordinate, before it is rounded to float32."""
+        """Section 19: return how far a coordinate of another decoder may deviate before rounding to float32."""
         margin = 0.0
         for index, frames in self._parts(time):
             group = self.groups[index]
@@ -172,7 +172,7 @@ class Motion:
         return margin
 
     def _of_model(self, time: float) -> Floats:
-        """16.1 to 16.3: positions by place, without residuals."""
+        """16.1 to 16.3: return positions in the order of places, without residuals."""
         points = self._reference.copy()
         for index, frames in self._parts(time):
             weights = np.sum([weight * row for weight, row in frames], axis=0)
@@ -180,7 +180,7 @@ class Motion:
         return points
 
     def _parts(self, time: float) -> list[tuple[int, list[tuple[float, Floats]]]]:
-        """Groups that take part at a time, each with weights and rows psi[x, k]."""
+        """List the groups that contribute at a time, each with pairs of a weight and a row psi[x, k]."""
         if self._forms:
             return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_in_closed_form(self._forms, time)]
         weights, found = broken_weights(self._times, self._jumps, time), []
@@ -191,7 +191,7 @@ class Motion:
         return found
 
     def _correct(self, points: Floats, frame: int, weight: float) -> None:
-        """16.4."""
+        """16.4: apply the residuals and raw vertices of a frame."""
         index = bisect_right(self._firsts, frame) - 1
         residuals = self.group(index).residuals[frame - self._firsts[index]]
         for place, levels in residuals.levels.items():

@@ -13,7 +13,7 @@ NONE = -1
 
 
 def read_members(contexts: Contexts, members: int, vertices: int) -> list[int]:
-    """6.1: a set of vertices of the object, ascending."""
+    """6.1: read a set of vertices of the object, in ascending order."""
     numbers: list[int] = []
     at = 0
     while members:
@@ -27,7 +27,7 @@ def read_members(contexts: Contexts, members: int, vertices: int) -> list[int]:
 
 
 class Orders:
-    """The coded stream, and what is remembered from object to object."""
+    """The coded stream, and what the coder remembers from object to object."""
 
     def __init__(self, contexts: Contexts) -> None:
         self.contexts = contexts
@@ -41,7 +41,7 @@ class Orders:
 
 
 class OrderReader:
-    """Reads the order of one object's surface, of so many vertices."""
+    """Reads the order of the surface of one object."""
 
     def __init__(self, orders: Orders, faces: list[list[Side]], vertices: int) -> None:
         self._orders, self._mixed = orders, orders.contexts.mixed
@@ -53,14 +53,14 @@ class OrderReader:
         self._left_numbers = list(range(vertices))
         self._live: list[int] = []
         self._left: list[dict[Side, None]] = [{} for _ in range(vertices)]
-        """Corners left at each vertex, the last ones first."""
+        """Corners left at each vertex, latest first."""
         for side in reversed(self._face_of):
             self._left[side.vertex][side] = None
         self._recent: list[Side] = []
         self._last = self._highest = -1
 
     def read(self) -> list[list[int]]:
-        """The faces in the source's order, of vertices by number."""
+        """Read the faces in the source's order, with the vertices' numbers in the source."""
         faces = []
         for _ in self._faces:
             entry, slot = self._read_entry()
@@ -83,7 +83,7 @@ class OrderReader:
         return self._numbers[corner.vertex]
 
     def _read_entry(self) -> tuple[Side, int]:
-        """6.2 to 6.4: a corner of the next face, and the slot."""
+        """6.2 to 6.4: read a corner of the next face, and its slot."""
         candidates = [
             (side.opposite, 4 * j + min(i, 3))
             for j, first in enumerate(self._recent)
@@ -104,7 +104,7 @@ class OrderReader:
         return self._faces[self._left_faces[rank]][0], BY_PLACE
 
     def _read_side(self, slots: list[int]) -> int | None:
-        """6.2: which candidate, if any."""
+        """6.2: read which candidate side leads to the next face; None: none does."""
         orders, (s1, s2, s3) = self._orders, self._orders.slots
         if not self._mixed(("found",), (orders.found.value,), orders.slots, into=orders.found):
             return None
@@ -121,7 +121,7 @@ class OrderReader:
         return place
 
     def _read_steps(self) -> int | None:
-        """6.3: which corner names the next face, if any."""
+        """6.3: read how many corners after the first one the naming vertex stands; None: no vertex names the face."""
         steps, s1 = self._orders.steps, self._orders.slots[0]
         k = chosen(4, lambda k: self._mixed(("corner",), (k, steps.value), (k, steps.value % 16, s1)))
         steps.add(k, 2)
@@ -132,7 +132,7 @@ class OrderReader:
         return further + 2 if further else None
 
     def _read_vertex(self) -> int:
-        """6.3: the vertex that names the next face."""
+        """6.3: read the vertex that names the next face."""
         orders, reference = self._orders, self._number(self._recent[0])
 
         def jump() -> int:
@@ -148,7 +148,9 @@ class OrderReader:
         return vertex
 
     def _read_listed(self, vertex: int, steps: int) -> Side:
-        """6.3: the first corner of a face that has one of the corners left at `vertex`, so many steps after."""
+        """6.3: read which face with a corner left at `vertex` is next; return its first corner, `steps` before
+        that one.
+        """
         faces = [corner.around() for corner in list(self._left[vertex])[:32]]
 
         def is_right(t: int) -> int:
@@ -161,7 +163,7 @@ class OrderReader:
         return face[-steps]
 
     def _resemblance(self, first: Side) -> int:
-        """6.3: how a face's numbers lie to each other, beside the last two faces'."""
+        """6.3: compare the differences between a face's numbers with those of the latest two faces."""
         c, *others = (self._number(corner) for corner in first.around())
         alike = 0
         for j in (0, 1):
@@ -174,7 +176,7 @@ class OrderReader:
         return alike
 
     def _read_number(self, corner: Side, slot: int) -> None:
-        """6.5."""
+        """6.5: read the source's number of the vertex at a corner."""
         matched = self._orders.numbers.read(max(slot - 15, 0), lambda: self._proposed(corner, slot) - self._last)
         number = self._last + matched
         require(self._is_free(number), "a number that is not left")
@@ -205,7 +207,7 @@ class OrderReader:
         return self._left_numbers[rank]
 
     def _grid_number(self, corner: Side, face: list[int]) -> int:
-        """6.5: what the number would be in a grid, or -1."""
+        """6.5: return the number that a regular grid would have here, or -1."""
         d = face[2] if len(face) == 4 else NONE
         across = corner.around()[1].opposite
         if len(face) == 3 and across:
@@ -213,7 +215,7 @@ class OrderReader:
         return face[1] + face[-1] - d if min(face[1], face[-1], d) >= 0 else NONE
 
     def _read_first(self, corners: list[Side], slot: int) -> Side:
-        """6.6."""
+        """6.6: read the first corner of a face."""
         kinds, firsts = self._orders.kinds, self._orders.firsts[slot]
         lowest, highest = min(corners, key=self._number), max(corners, key=self._number)
 

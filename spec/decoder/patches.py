@@ -1,4 +1,4 @@
-"""Section 9 of the specification: the order of vertices, cut into elements, and the partition tree."""
+"""Section 9 of the specification: the order of vertices, its division into elements, and the partition tree."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ Links = list[list[int]]
 
 @dataclass
 class Patches:
-    """Vertices of each element, and the nodes of the partition tree."""
+    """The vertices of each element, and the nodes of the partition tree."""
 
     elements: list[list[int]]
     begins: list[int]
-    """Of each node, the place of its first vertex."""
+    """Place of the first vertex of each node."""
     children: list[int]
-    """Of each node, the number of its first half, the second follows it; -1 for an element."""
+    """Number of each node's first half, which the second half follows; -1 for an element."""
     node_of: list[int]
-    """The node that each element is."""
+    """The node of each element."""
 
     @property
     def order(self) -> list[int]:
-        """All vertices, by place."""
+        """Return all vertices in the order of their places."""
         return [vertex for element in self.elements for vertex in element]
 
     @property
     def starts(self) -> list[int]:
-        """First place of each element, and the number of places."""
+        """Return the first place of each element, and finally the number of places."""
         return [0, *accumulate(map(len, self.elements))]
 
 
 def build_patches(model: Model, meshes: list[Mesh], grid: Points) -> Patches:
-    """The elements of a mesh."""
+    """Divide a mesh into elements."""
     build = by_halving if model.kind == PATCH else along_curves
     return build(meshes, grid, model.points)
 
 
 def graph(meshes: list[Mesh], grid: Points) -> Links:
-    """9.1: the neighbours of each vertex."""
+    """9.1: list the neighbours of each vertex."""
     neighbours: list[dict[int, None]] = [{} for _ in grid]
 
     def link(first: int, path: list[int]) -> None:
@@ -63,12 +63,12 @@ def graph(meshes: list[Mesh], grid: Points) -> Links:
 
 
 def by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
-    """9.1 to 9.3."""
+    """9.1 to 9.3: divide the mesh into patches."""
     neighbours = graph(meshes, grid)
     isolated = along_z_order([vertex for vertex, others in enumerate(neighbours) if not others], grid)
     nodes = [[vertex for vertex, others in enumerate(neighbours) if others] + isolated]
     begins, children = [0], []
-    for number, members in enumerate(nodes):  # grows on the way
+    for number, members in enumerate(nodes):  # `nodes` grows in the loop
         if len(members) <= points:
             children.append(NONE)
             continue
@@ -81,7 +81,7 @@ def by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
 
 
 def visit(first: int, members: list[int], neighbours: Links) -> tuple[dict[int, int], list[int]]:
-    """9.2: the distances in the order of the visit, and where its components begin."""
+    """9.2: return the distances in the order of the visit, and where its components begin."""
     inside = set(members)
     distance: dict[int, int] = {}
     components: list[int] = []
@@ -91,7 +91,7 @@ def visit(first: int, members: list[int], neighbours: Links) -> tuple[dict[int, 
         components.append(len(distance))
         distance[seed] = 0
         queue = [seed]
-        for vertex in queue:  # grows on the way
+        for vertex in queue:  # `queue` grows in the loop
             new = [other for other in neighbours[vertex] if other in inside and other not in distance]
             distance |= dict.fromkeys(new, distance[vertex] + 1)
             queue += new
@@ -99,7 +99,7 @@ def visit(first: int, members: list[int], neighbours: Links) -> tuple[dict[int, 
 
 
 def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
-    """9.3: the new order of a node's vertices, and where it is cut."""
+    """9.3: return the new order of a node's vertices, and where to cut it."""
     size = len(members)
     visited, components = visit(members[0], members, neighbours)
     if len(components) > 1:
@@ -110,12 +110,12 @@ def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
 
 
 def along_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
-    """9.4."""
+    """9.4: cut curves into pieces."""
     pieces = [piece for curve in extract_curves(meshes, grid) for piece in cut(curve, points)]
     starts = [0, *accumulate(map(len, pieces))]
     nodes, children = [(0, len(pieces))], []
     node_of = [NONE] * len(pieces)
-    for number, (i, j) in enumerate(nodes):  # grows on the way
+    for number, (i, j) in enumerate(nodes):  # `nodes` grows in the loop
         if j - i == 1:
             children.append(NONE)
             node_of[i] = number
@@ -126,7 +126,7 @@ def along_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
 
 
 def cut(curve: list[int], w: int) -> list[list[int]]:
-    """9.4: pieces of about so many points."""
+    """9.4: cut a curve into pieces of about `w` points."""
     n = len(curve)
     p = 1 if n <= w else (2 * n + w) // (2 * w)
     return [curve[k * n // p : (k + 1) * n // p] for k in range(p)]

@@ -1,4 +1,4 @@
-"""Sections 3.3 to 3.5 and 3.7 of the specification: bits, bit models and mixed bits of the range coder, and its end."""
+"""Sections 3.3 to 3.5 and 3.7 of the specification: bits, bit models, mixed bits and the end of the range coder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FIRST_BYTES = 8
 WORD_BYTES = 4
 COUNT_BITS = 10
 EVEN = 1 << 21 << COUNT_BITS
-"""A bit model at first: its probability of 22 bits above its count of 10."""
+"""Initial bit model: 22 bits of probability above a count of 10 bits."""
 
 SLOWEST = 255
 LEAST = 32
@@ -22,7 +22,7 @@ SQUASH = [round(65536.0 / (1.0 + math.exp(x / -256.0))) for x in range(-LOGISTIC
 
 
 def adapted(model: int, bit: int) -> int:
-    """3.4: a bit model after a bit."""
+    """3.4: return a bit model after it has adapted to a bit."""
     probability, count = model >> COUNT_BITS, model % (1 << COUNT_BITS)
     target = (1 << 22) - 1 if bit else 0
     probability += (target - probability) * (2**17 // (2 * count + 3)) >> 16
@@ -30,7 +30,7 @@ def adapted(model: int, bit: int) -> int:
 
 
 def possible(probability: int) -> int:
-    """A probability brought to 32 to 65504."""
+    """Clamp a probability to 32 to 65504."""
     return min(max(probability, LEAST), 65536 - LEAST)
 
 
@@ -44,7 +44,7 @@ class RangeDecoder:
         self.taken = FIRST_BYTES
 
     def bit_with(self, probability: int) -> int:
-        """A bit whose probability of being 1 is `probability` / 65536."""
+        """Read a bit that is 1 with a probability of `probability` / 65536."""
         split = (self._width >> 16) * probability
         bit = int(self._code < split)
         if bit:
@@ -60,13 +60,13 @@ class RangeDecoder:
         return bit
 
     def bit(self, models: list[int], index: int) -> int:
-        """3.4: a bit of one model."""
+        """3.4: read a bit with one model."""
         bit = self.bit_with(possible(models[index] >> COUNT_BITS + 6))
         models[index] = adapted(models[index], bit)
         return bit
 
     def mixed(self, models: list[int], inputs: list[int], weights: list[int]) -> int:
-        """3.5: a bit of several models, which are given by their places."""
+        """3.5: read a bit with several models, given by their indices."""
         stretched = [STRETCH[models[index] >> COUNT_BITS + 10] for index in inputs]
         total = sum(weight * s for weight, s in zip(weights, stretched, strict=True)) >> 16
         probability = possible(SQUASH[min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT) + LOGISTIC_LIMIT])
@@ -78,11 +78,11 @@ class RangeDecoder:
         return bit
 
     def has_ended(self) -> bool:
-        """Whether more bytes were taken than any stream needs after its end."""
+        """Return whether more bytes were read than any valid stream needs."""
         return self.taken > len(self._data) + FIRST_BYTES
 
     def is_finished(self) -> bool:
-        """3.7: whether the stream ends where what is coded does."""
+        """3.7: return whether the stream ends exactly where the coded data do."""
         beyond = self.taken - len(self._data)
         if not 0 <= beyond < FIRST_BYTES:
             return beyond == FIRST_BYTES
@@ -91,7 +91,7 @@ class RangeDecoder:
 
 
 class Rehearsal(RangeDecoder):
-    """Bits that are known, for models to learn from."""
+    """Supplies known bits, so that models adapt to them."""
 
     def __init__(self, bits: Iterable[int]) -> None:
         super().__init__(b"")

@@ -1,4 +1,4 @@
-"""Section 7 of the specification: REST, welds and the reference frame, predicted across the faces and smoothed."""
+"""Section 7 of the specification: REST, welds and the reference frame, predicted across faces and smoothed."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Points = list[list[int]]
 
 @dataclass
 class ReferenceFrame:
-    """By vertex: grid coordinates, and positions in scene units."""
+    """Grid coordinates of each vertex, and its position [scene units]."""
 
     grid: Points
     points: NDArray[np.float64]
 
 
 def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
-    """7.1."""
+    """7.1: read REST."""
     fields = Fields(data)
     step, *origin = (fields.f64() for _ in range(4))
     predictor = fields.u8()
@@ -59,7 +59,7 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
 
 
 def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
-    """7.7: coordinates in sixty-fourths of a step."""
+    """7.7: smooth grid coordinates; return them in units of 1/64 step."""
 
     def beside(corner: int) -> list[int]:
         around = mesh.neighbourhood(corner)
@@ -95,12 +95,12 @@ class WeldReader:
         self._history = 0
         self._point_of = [NONE] * len(mesh.corners)
         self._entered: list[list[int]] = []
-        """Entered corners at each point, the first ones first."""
+        """Corners entered at each point, in the order of entering."""
         self._met: set[int] = set()
-        """Corners whose edge is met."""
+        """Corners whose edge already has a face on its other side."""
 
     def read(self) -> list[int]:
-        """The point of each vertex."""
+        """Read the point of each vertex."""
         mesh, point_of = self._mesh, self._point_of
         for p, polygon in enumerate(mesh.polygons):
             inside: list[int] = []
@@ -139,7 +139,7 @@ class WeldReader:
         return self._read_distance()
 
     def _candidates(self, corner: int, inside: list[int]) -> list[list[int]]:
-        """Points of the three kinds."""
+        """List candidate points of the three kinds."""
         mesh, before, after = self._mesh, list[int](), list[int]()
         if inside:
             edges = [mesh.previous[other] for other in self._latest(inside[-1])]
@@ -152,7 +152,7 @@ class WeldReader:
         return self._point_of[self._mesh.vertex[corner]]
 
     def _latest(self, point: int) -> list[int]:
-        """The last entered corners at a point, the latest first."""
+        """List the corners entered last at a point, latest first."""
         return self._entered[point][: -MOST_FOLLOWED - 1 : -1]
 
     def _read_distance(self) -> int:
@@ -172,7 +172,7 @@ class WeldReader:
 
 
 class Prediction:
-    """7.5: what a vertex is predicted from: in 1/16 of a step the base, the terms and the expected error."""
+    """7.5: what a vertex is predicted from: base, terms and expected errors, in units of 1/16 step."""
 
     def __init__(self, errors: Vector) -> None:
         self.kind = self.parallelograms = self.spread = 0
@@ -183,7 +183,7 @@ class Prediction:
         self.errors = errors
 
     def predicted(self, weights: Vector) -> list[int]:
-        """P on each axis, by the weights of a kind: (sets, terms)."""
+        """Return P on each axis with weights (sets, terms) of this kind."""
         across, along = weights @ self.terms
         square = int(self.normal @ self.normal)
         turned = int(self.normal @ along.clip(-LARGEST_TURNED, LARGEST_TURNED))
@@ -193,17 +193,17 @@ class Prediction:
 
 
 def share(count: int) -> int:
-    """7.5: w."""
+    """7.5: return w."""
     return (2**16 + count) // (2 * count)
 
 
 def mean16(rows: list[Vector]) -> Vector:
-    """7.5, of each axis."""
+    """7.5: return the mean per axis."""
     return np.sum(rows, axis=0) * share(len(rows)) + 2**10 >> 11 if rows else np.zeros(3, np.int64)
 
 
 def normal_of(a: Vector, b: Vector, d: Vector) -> Vector:
-    """7.5: of one parallelogram."""
+    """7.5: return the normal of one parallelogram."""
     edges = np.array([b - a, a - d])
     edges >>= max(bits(abs(edges).max()) - 20, 0)
     normal = np.cross(edges[0], edges[1])
@@ -225,17 +225,17 @@ class GridReader:
         self._errors: dict[int, Vector] = {}
 
     def read_weights(self) -> Vector:
-        """7.4: (kinds, sets, terms)."""
+        """7.4: read the weights of prediction, (kinds, sets, terms)."""
         size = KINDS, 2, TERMS
         return np.array([self._read_weight(place // TERMS % 2) for place in range(np.prod(size))]).reshape(size)
 
     def read_smoothing(self) -> Vector:
-        """7.7: (classes, 2)."""
+        """7.7: read the weights of smoothing, (classes, 2)."""
         classes = len(CLASS_SIZES) + 1
         return np.array([self._read_weight(2) for _ in range(2 * classes)]).reshape(classes, 2)
 
     def read(self, weights: Vector) -> Points:
-        """Grid coordinates of each vertex."""
+        """Read the grid coordinates of each vertex."""
         last = last_seed = NONE
         seed_errors = np.zeros(3, np.int64)
         for vertex in self._mesh.walk():
@@ -254,14 +254,14 @@ class GridReader:
         return [self._grid[vertex].tolist() for vertex in range(len(self._grid))]
 
     def _read_weight(self, of_set: int) -> int:
-        """7.4."""
+        """7.4: read one weight."""
         if not self._contexts.bit("is used", of_set):
             return 0
         weight = sum(self._contexts.bit("weight", digit) << digit for digit in reversed(range(7)))
         return -weight if self._contexts.bypass() else weight
 
     def _predict(self, vertex: int) -> Prediction | None:
-        """7.5, unless a vertex has no neighbours."""
+        """7.5: predict a vertex from its known neighbours; None if there are none."""
         corners = self._mesh.corners[vertex][:MOST_CORNERS]
         around = [self._mesh.neighbourhood(corner) for corner in corners]
         counting = [each.before for each, c in zip(around, corners, strict=True) if self._mesh.before_counts(c)]
@@ -308,7 +308,7 @@ class GridReader:
         self._misses[vertex] = (16 * self._grid[vertex] - prediction.base).clip(-LARGEST_MISS, LARGEST_MISS)
 
     def _read_residual(self, axis: int, fraction: int, prediction: Prediction) -> int:
-        """7.6."""
+        """7.6: read the residual of one coordinate."""
         mixed = self._contexts.mixed
         expected = int(prediction.errors[axis]) + 8
         first = clamp(bits(expected >> 4), 1, GRID_BITS)

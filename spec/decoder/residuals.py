@@ -1,4 +1,4 @@
-"""Section 15 of the specification: CORR, the residuals and the raw vertices of a group of frames."""
+"""Section 15 of the specification: CORR, the residuals and raw vertices of a group of frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LARGEST_WEIGHT = 2**18
 
 @dataclass
 class Residual:
-    """Its numbers, the misses as they are remembered, and the earlier one."""
+    """Numbers of a residual, its misses (clamped, for later predictions), and the residual of its reference."""
 
     earlier: Residual | None
     numbers: list[int] = field(default_factory=list)
@@ -41,7 +41,9 @@ Frame = dict[int, Residual]
 
 
 def read_residuals(data: bytes, frames: int, starts: list[int]) -> list[FrameResiduals]:
-    """Residuals of each frame of a group; `starts` are the first places of elements, and the number of vertices."""
+    """Read the residuals of each frame of a group; `starts` are the first places of elements and the number of
+    vertices.
+    """
     return ResidualReader(data, starts).read(frames) if data else [FrameResiduals() for _ in range(frames)]
 
 
@@ -57,7 +59,7 @@ class ResidualReader:
         self.is_predicted = 0
 
     def read(self, frames: int) -> list[FrameResiduals]:
-        """Section 15."""
+        """Section 15: read all frames."""
         contexts = self._contexts
         count, raw_count = (contexts.counted(43, name) - 1 for name in ("residuals", "raw"))
         require(max(count, raw_count) <= frames * self._vertices, "there are more residuals than there can be")
@@ -71,7 +73,7 @@ class ResidualReader:
         return found
 
     def _read_raw(self, found: list[FrameResiduals], count: int) -> None:
-        """15.6."""
+        """15.6: read raw vertices."""
         frame, place = 0, -1
         for _ in range(count):
             skipped = self._contexts.counted(43, "frames passed over") - 1
@@ -85,7 +87,7 @@ class ResidualReader:
             found[frame].raw[place] = position
 
     def _read_frames(self, frames: int, count: int) -> list[Frame]:
-        """15.1 and 15.2."""
+        """15.1 and 15.2: read frames and their elements."""
         found: list[Frame] = []
         distance = 1
         for frame in range(frames):
@@ -109,7 +111,7 @@ class ResidualReader:
         return found
 
     def _read_element(self, element: range, own: int, reference: Frame, here: Frame, is_far: bool) -> None:
-        """15.3."""
+        """15.3: read the residuals of an element."""
         mixed = self._contexts.mixed
         so_far = in_span = 0
         for begin in element[::SPAN]:
@@ -138,7 +140,7 @@ class ResidualReader:
     def _read_residual(
         self, place: int, r: Residual | None, beside: Residual | None, m: Residual | None, is_far: bool
     ) -> Residual:
-        """15.4."""
+        """15.4: read a residual."""
         found = Residual(r)
         mean = self._means[place] if r else 0
         misses: list[int] = []
@@ -161,7 +163,7 @@ class ResidualReader:
         return found
 
     def _read_miss(self, misses: list[int], r: Residual | None, beside: Residual | None, mean: int) -> int:
-        """15.4, after the misses of the axes before."""
+        """15.4: read the miss on the next axis; `misses` are those of the axes before."""
         axis, mixed = len(misses), self._contexts.mixed
         t, s = (near.misses[axis] if near else 0 for near in (r, beside))
         a1, a2 = (abs(misses[axis - k]) if axis >= k else 0 for k in (1, 2))
@@ -197,12 +199,12 @@ class ResidualReader:
 
 
 def count_class(count: int) -> int:
-    """15.2."""
+    """15.2: classify a number of residuals."""
     return min(count, 3) + (count >= 6) + (count >= 16)
 
 
 def differences(axis: int, r: Residual | None, beside: Residual | None, m: Residual | None) -> list[int]:
-    """15.5: x_0 to x_4."""
+    """15.5: return x_0 to x_4."""
 
     def chain(residual: Residual | None) -> tuple[int, int, int]:
         numbers = [0, 0, 0]
@@ -217,7 +219,7 @@ def differences(axis: int, r: Residual | None, beside: Residual | None, m: Resid
 
 
 def learn(weights: list[int], x: list[int], miss: int) -> None:
-    """15.5."""
+    """15.5: adapt the weights of the prediction."""
     scale = max(bits(max(map(abs, [miss, *x]))) - 12, 0)
     y = [each >> scale for each in x]
     gain = ((miss >> scale) << 20) // (16 + sum(each * each for each in y))

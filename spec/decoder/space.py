@@ -1,4 +1,4 @@
-"""Section 11 of the specification: functions of elements and of the partition tree, and their order."""
+"""Section 11 of the specification: functions on elements and on the partition tree, and their order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def local_coordinates(grid: Ints) -> Ints:
-    """11.1: (3, vertices)."""
+    """11.1: return local coordinates, (3, vertices)."""
     n = len(grid)
     away = (grid - grid[0]).T
     x: Ints = n * away - away.sum(axis=1, keepdims=True)
@@ -57,7 +57,7 @@ def local_coordinates(grid: Ints) -> Ints:
 
 
 def series_functions(x: Floats, rate: float, order: int) -> Floats:
-    """11.2: (order, arguments)."""
+    """11.2: return the series at each argument, (order, arguments)."""
     power = (rate * x) ** order
     found = []
     for j in range(order):
@@ -69,14 +69,14 @@ def series_functions(x: Floats, rate: float, order: int) -> Floats:
 
 
 class Functions:
-    """11.3: orthonormal columns, which are added one by one."""
+    """11.3: orthonormal rows, added one by one."""
 
     def __init__(self, size: int, most: int) -> None:
         self.size, self.most = size, most
         self.rows = np.zeros((0, size))
 
     def add(self, column: Floats, share: float = 0.0) -> bool:
-        """Whether there is place for a column and more than a share of it is new."""
+        """Orthogonalise a column and add it; return False if all are there or at most `share` of it is independent."""
         if len(self.rows) == self.most:
             return False
         before = after = column @ column
@@ -91,7 +91,7 @@ class Functions:
         return True
 
     def complete(self, share: float) -> None:
-        """Unit vectors until all are there."""
+        """Add unit vectors until all functions are there."""
         for vertex in range(self.size):
             if len(self.rows) == self.most:
                 break
@@ -100,12 +100,12 @@ class Functions:
             self.add(column, share)
 
     def filled(self) -> Floats:
-        """(most, size): with zeros in the end."""
+        """Return (most, size), padded with zeros."""
         return np.vstack([self.rows, np.zeros((self.most - len(self.rows), self.size))])
 
 
 def exponents() -> list[tuple[int, int, int]]:
-    """11.3: exponents of the products, after the affine ones."""
+    """11.3: list the exponents of the products, affine ones first."""
     affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     degrees = range(10 + 1)
     every = [(a, b, c) for a in degrees for b in degrees for c in degrees if a + b + 2 * c <= 10]
@@ -117,7 +117,7 @@ EXPONENTS = exponents()
 
 
 def functions_of_element(model: Model, grid: Ints, affine: int) -> Floats:
-    """11.3: (functions, vertices), of which so many are affine."""
+    """11.3: build the functions of an element, (functions, vertices), of which `affine` are affine."""
     size, threshold = len(grid), 1.0 - model.threshold / 16.0
     functions = Functions(size, min(size, model.functions if model.has_affine else min(model.functions, SERIES)))
     local = local_coordinates(grid).astype(np.float64)
@@ -140,7 +140,7 @@ def functions_of_element(model: Model, grid: Ints, affine: int) -> Floats:
 
 
 def parameters(grid: Ints) -> Floats:
-    """11.3: u along a piece."""
+    """11.3: return u along a piece of a curve."""
     lengths = np.sqrt((np.diff(grid, axis=0).astype(np.float64) ** 2).sum(axis=1))
     along = np.concatenate([[0.0], lengths.cumsum()])
     if along[-1] == 0.0:
@@ -150,20 +150,20 @@ def parameters(grid: Ints) -> Floats:
 
 @dataclass
 class Subband:
-    """11.6: functions that are coded together."""
+    """11.6: functions of space that are coded together."""
 
     first: int
     size: int
     depth: int
     """-1 for an element."""
     affine: int
-    """Affine functions of the element, which stand elsewhere."""
+    """Number of the element's affine functions, which are coded in the subbands of nodes."""
     above: int
 
 
 @dataclass
 class Space:
-    """Functions of each element, affine ones first; two-scale matrices and counts of affine functions of nodes."""
+    """Functions of each element, affine ones first; two-scale matrices and numbers of affine functions of nodes."""
 
     patches: Patches
     functions: list[Floats]
@@ -172,7 +172,7 @@ class Space:
     subbands: list[Subband]
 
     def expand(self, coefficients: Floats) -> Floats:
-        """11.7: (channels, places), of (functions, channels)."""
+        """11.7: evaluate coefficients (functions, channels) at all places, (channels, places)."""
         children, subbands = self.patches.children, iter(self.subbands)
         affine = {0: coefficients[: next(subbands).size]}
         for node, child in enumerate(children):
@@ -189,7 +189,7 @@ class Space:
 
 
 def build_space(model: Model, patches: Patches, grid: Points) -> Space:
-    """Functions of all elements and nodes."""
+    """Build the functions of all elements and nodes."""
     points = np.array(grid, np.int64).reshape(-1, 3)
     share = SHARE * (1.0 - model.threshold / 16.0)
     counts, kept = read_layout(model, patches)
@@ -215,7 +215,7 @@ def build_space(model: Model, patches: Patches, grid: Points) -> Space:
 
 
 def read_layout(model: Model, patches: Patches) -> tuple[list[int], dict[int, list[int]]]:
-    """11.4: how many affine functions each node has, elements included, and which of 1, x, y, z the others keep."""
+    """11.4: read how many affine functions each node or element has, and which of 1, x, y, z inner nodes keep."""
     contexts, counts, before = Contexts(model.layout), [0] * len(patches.children), 3
     for element, node in zip(patches.elements, patches.node_of, strict=True):
         if model.has_affine:
@@ -235,12 +235,12 @@ def read_layout(model: Model, patches: Patches) -> tuple[list[int], dict[int, li
 
 
 def _ends_at(contexts: Contexts, before: int, local: int) -> bool:
-    """Whether an element takes no more local coordinates than these."""
+    """Read whether an element has no further local coordinates."""
     return not contexts.bit("local", before, local)
 
 
 def two_scale_matrix(stacked: Floats, kept: list[int], share: float) -> Floats:
-    """11.5: J, of the coordinates of the affine functions of two halves."""
+    """11.5: return J, given the coordinates of the affine functions of two halves."""
     functions = Functions(len(stacked), len(stacked))
     constant = stacked[:, 0]
     square = constant @ constant
@@ -252,7 +252,7 @@ def two_scale_matrix(stacked: Floats, kept: list[int], share: float) -> Floats:
 
 
 def build_subbands(patches: Patches, functions: list[Floats], affine: list[int], counts: list[int]) -> list[Subband]:
-    """11.6."""
+    """11.6: list the subbands."""
     subbands = [Subband(0, counts[0], 0, 0, 0)]
     depth, above = [0] * len(counts), [0] * len(counts)
 

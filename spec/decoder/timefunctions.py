@@ -17,14 +17,14 @@ Inputs = tuple[tuple[int, ...], ...]
 
 
 def stored_functions(data: bytes, frames: int, count: int, step: float, axes: int) -> Floats:
-    """13.6, under trajectories and shapes: psi[t, x, k]."""
+    """13.6: return psi[t, x, k] of trajectories or shapes."""
     values = read_time_functions(data, frames, count, step, axes)
     lengths = np.sqrt((values * values).sum(axis=(1, 2), keepdims=True))
     return np.broadcast_to(values / np.where(lengths > 0.0, lengths, 1.0), (count, frames, 3)).transpose(1, 2, 0)
 
 
 def read_time_functions(data: bytes, frames: int, count: int, step: float, axes: int = 3) -> Floats:
-    """13.1: v[k, t, x]."""
+    """13.1: read v[k, t, x]."""
     if not data:
         return np.zeros((count, frames, axes))
     require(frames * count > 0, "bytes of functions of time where there are none")
@@ -36,7 +36,7 @@ def read_time_functions(data: bytes, frames: int, count: int, step: float, axes:
 
 
 def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
-    """13.2: q[k, f, x]."""
+    """13.2: read q[k, f, x]."""
     contexts = Contexts(data)
     q = np.zeros((count, frames, axes), np.int64)
 
@@ -74,7 +74,7 @@ def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
 
 
 def read_magnitude(contexts: Contexts, inputs: Inputs, expected: int) -> int:
-    """13.2: an exponent, one above that of a decision, then the digits below the first."""
+    """13.2: read an exponent (one above the decision's), then the digits below the first."""
 
     def decide(exponent: int, way: int) -> int:
         return contexts.mixed(("fall" if way == 2 else "rise", min(exponent - 1, 15)), *inputs)
@@ -87,14 +87,14 @@ def read_magnitude(contexts: Contexts, inputs: Inputs, expected: int) -> int:
 
 
 def read_sign(contexts: Contexts, a: int, b: int, c: int, magnitude: int) -> int:
-    """13.2: 1 for negative."""
+    """13.2: read a sign, 1 for negative."""
     y, za, zb = min(bits(magnitude + 1) - 1, 5), min(bits(a), 5), min(bits(b), 5)
     sa, sb, sc = ((n < 0) + 2 * (n > 0) for n in (a, b, c))
     return contexts.mixed(("sign",), (sa, sb, sc, zb // 2, y // 2), (sa, za, sb, y))
 
 
 class Prediction:
-    """13.3: weights of the four values before, learnt in exact arithmetic."""
+    """13.3: weights of the four previous values, learnt in exact arithmetic."""
 
     def __init__(self) -> None:
         self.start()
@@ -117,12 +117,12 @@ class Prediction:
 
 
 def in_order(a: list[float], b: list[float]) -> float:
-    """A sum of four products, from the left, each operation rounded on its own."""
+    """Sum four products from left to right, rounding each operation on its own."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
 def predicted(quantised: Ints) -> Floats:
-    """13.3."""
+    """13.3: undo the prediction."""
     prediction = Prediction()
     values = np.zeros(quantised.shape)
     count, frames, axes = quantised.shape
@@ -146,7 +146,7 @@ def predicted(quantised: Ints) -> Floats:
 
 
 def cosines(frames: int, count: int) -> Floats:
-    """13.4, 13.6: (t, k), orthonormal."""
+    """13.4, 13.6: return orthonormal cosines, (t, k)."""
     t, k = np.arange(frames)[:, np.newaxis], np.arange(count)
     scale = np.sqrt(np.where(k > 0, 2.0, 1.0) / frames)
     found: Floats = scale * np.cos((2 * t + 1) * k % (4 * frames) * (np.pi / (2 * frames)))
@@ -154,13 +154,13 @@ def cosines(frames: int, count: int) -> Floats:
 
 
 def transformed(quantised: Ints) -> Floats:
-    """13.4."""
+    """13.4: undo the transform."""
     frames = quantised.shape[1]
     return cosines(frames, frames) @ quantised.astype(np.float64)
 
 
 def straight(quantised: Ints) -> Floats:
-    """13.5; numpy's sums of 64 bits wrap as they shall."""
+    """13.5: sum up speeds; numpy's 64-bit sums wrap around as required."""
     speeds = quantised.copy()
     speeds[:, 0] = 0
     positions: Ints = quantised[:, :1] + speeds.cumsum(axis=1).cumsum(axis=1)
@@ -168,14 +168,14 @@ def straight(quantised: Ints) -> Floats:
 
 
 class ClosedForm:
-    """13.7: the functions of one group at any time."""
+    """13.7: the functions of one group, at any time."""
 
     def __init__(self, times: list[float], alpha: float, functions: int) -> None:
         self.times, self._alpha = times, alpha
         self._centre = (times[0] + times[-1]) / 2.0
         self._half = (times[-1] - times[0]) / 2.0 if len(times) > 1 else 1.0
         self._triangle = np.zeros((functions, functions))
-        """Of each column, its parts along the functions before, and the length of what is left."""
+        """For each function, its components along the previous ones, and the length of the remainder."""
         basis = np.zeros((functions, len(times)))
         for k, column in enumerate(self._series(np.array(times))[:functions]):
             for _ in range(2):
@@ -189,7 +189,7 @@ class ClosedForm:
         return series_functions((times - self._centre) / self._half, self._alpha, 4)
 
     def at(self, time: float, *, derivative: bool = False) -> Floats:
-        """The functions, or their derivatives, at a time [s]."""
+        """Return the functions, or their derivatives, at a time [s]."""
         series = self._series(np.array([time]))[:, 0]
         if derivative:
             series = np.array([self._alpha**4 * series[3], *series[:3]]) / self._half

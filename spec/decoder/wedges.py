@@ -1,4 +1,4 @@
-"""Sections 17.2, 17.6 and 17.7 of the specification: wedges, and their values, predicted by the map of the surface."""
+"""Sections 17.2, 17.6 and 17.7 of the specification: wedges, and their values, predicted across the surface."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Vector = NDArray[np.int64]
 
 @dataclass
 class Elements:
-    """What has values: how many there are, and which corners are theirs; those of objects take no memory."""
+    """What carries values: how many elements there are, and their corners (none for elements of an object)."""
 
     count: int
     of_corner: dict[int, int]
@@ -39,7 +39,7 @@ class Elements:
 
 
 class Body:
-    """The polygons of an object over its vertices and its points, and what is known of its attributes before."""
+    """The polygons of an object over its vertices and over its points, and what its earlier attributes tell."""
 
     def __init__(self, mesh: Mesh, grid: list[list[int]]) -> None:
         polygons = polygons_of([mesh])
@@ -51,12 +51,12 @@ class Body:
         self.normals = [normal_of(self.grid[polygon]) for polygon in polygons]
         self.face_corners = range(sum(map(len, mesh.faces)))
         self.earlier: dict[int, int] | None = None
-        """The latest wedges of corners."""
+        """Wedges of corners in the latest attribute that has wedges of corners."""
         self.measured: Values | None = None
-        """The values of the latest attribute with channels."""
+        """Values of the latest attribute with channels."""
 
     def elements(self, domain: str, count: int = 0) -> Elements:
-        """The elements of a domain; of objects as many as are given."""
+        """Return the elements of a domain; for an object, `count` elements."""
         if domain == "vertex":
             return Elements(self.mesh.vertices, dict(enumerate(self.by_vertex.vertex)))
         if domain == "face":
@@ -67,7 +67,7 @@ class Body:
 
 
 def normal_of(polygon: Vector) -> Vector:
-    """17.2."""
+    """17.2: return the normal of a polygon."""
     edges = polygon - polygon[0]
     edges >>= max(bits(abs(edges).max()) - 16, 0)
     normal: Vector = np.cross(edges[1:-1], edges[2:]).sum(axis=0)
@@ -75,7 +75,7 @@ def normal_of(polygon: Vector) -> Vector:
 
 
 def bend_of(m: Vector, n: Vector) -> int:
-    """17.2."""
+    """17.2: return the bend between two normals."""
     d, s = int(m @ n), int(m @ m) * int(n @ n)
     if s == 0 or d <= 0:
         return int(s > 0)
@@ -83,19 +83,19 @@ def bend_of(m: Vector, n: Vector) -> int:
 
 
 def like(one: int, other: int) -> int:
-    """17.2, of two wedges."""
+    """17.2: compare two wedges."""
     return 0 if NONE in (one, other) else 1 if one == other else 2
 
 
 class WedgeReader:
-    """17.2: reads wedges under one name."""
+    """17.2: reads wedges, with models of one name."""
 
     def __init__(self, contexts: Contexts, name: str) -> None:
         self._contexts, self._name = contexts, name
         self._history = History(8)
 
     def read(self, body: Body, table: CornerTable, elements: Elements) -> list[int]:
-        """The wedge of every element."""
+        """Read the wedge of every element."""
         found: list[int] = []
         wedges = 0
         for element in range(elements.count):
@@ -115,14 +115,14 @@ class WedgeReader:
     def _compare(
         self, body: Body, table: CornerTable, elements: Elements, found: list[int], corner: int, refused: set[int]
     ) -> int:
-        """The wedge of an element, if it is found at one of its corners."""
+        """Read whether an element belongs to a wedge around one of its corners; return the wedge or none."""
 
         def wedge_at(place: int) -> int:
             element = elements.of_corner.get(place, len(found))
             return found[element] if element < len(found) else NONE
 
         def across(edge: int) -> tuple[int, int]:
-            """The corner at the point across an edge, and the one at the edge's far end."""
+            """Return the corner at the point across an edge, and the corner at the edge's far end."""
             opposite = table.opposite[edge]
             pair = opposite, table.next[opposite]
             return (NONE, NONE) if opposite == NONE else pair if table.vertex[opposite] == v else pair[::-1]
@@ -152,7 +152,7 @@ class WedgeReader:
 
 @dataclass
 class Channel:
-    """17.5: what the codes of a channel stand for."""
+    """17.5: how the codes of a channel map to values."""
 
     kind: int = GRID
     divisor: int = 1
@@ -186,7 +186,7 @@ class Channel:
         return code if y >= 0 else -1 - code
 
     def place_near(self, code: int) -> int:
-        """17.7: the place of the entry of the table that is nearest, the lower of two."""
+        """17.7: return the place of the nearest table entry, the lower of two."""
         return min(range(len(self.table)), key=lambda place: abs(self.table[place] - code))
 
 
@@ -194,7 +194,7 @@ Predictions = dict[int, list[Vector]]
 
 
 class Values:
-    """17.6 and 17.7: wedges as the vertices of a corner table, and what is known of their values."""
+    """17.6 and 17.7: reads the values of wedges, which are the vertices of a corner table."""
 
     def __init__(
         self, contexts: Contexts, name: str, body: Body, elements: Elements, wedges: list[int], channels: list[Channel]
@@ -217,7 +217,9 @@ class Values:
         self._history = History(4)
 
     def at(self, corner: int, channels: list[Channel]) -> Vector | None:
-        """17.6: the linear values at a corner in the unit of other channels, if there are any, and as many."""
+        """17.6: return the linear values at a corner in the unit of `channels`; None if there are none or their
+        numbers differ.
+        """
         if len(self.channels) != len(channels) or corner not in self._wedge_of:
             return None
         up = channels[0].shift - self.channels[0].shift
@@ -225,7 +227,7 @@ class Values:
         return np.array([clamp(y, -LARGEST_LINEAR, LARGEST_LINEAR) for y in shifted])
 
     def read(self) -> None:
-        """Fill in codes and linear values; the last vertex of the corner table stands for no wedge."""
+        """Read codes and linear values of all wedges; the table's last vertex stands for no wedge."""
         zero = np.zeros(len(self.channels), np.int64)
         scores = [0] * 6
         linear = lengths = zero
@@ -255,7 +257,7 @@ class Values:
                 scores[way] += (miss - min(misses.values()) << 10) - scores[way] >> 3
 
     def _read_code(self, x: int, k: int, first: int, second: int | None, kind: int, expected: int, before: int) -> int:
-        """17.7: read the code of one channel; what stands for its length in the next one."""
+        """17.7: read the code of one channel; return what the next channel uses as `before`."""
         channel, codes, bit, name = self.channels[k], self.codes[x], self._contexts.bit, self._name
         entries = len(channel.table)
         p = channel.near(first)
@@ -292,7 +294,7 @@ class Values:
         return self._contexts.mixed((self._name, "common"), *inputs, into=self._history)
 
     def _read_residual(self, k: int, kind: int, expected: int, spread: int, lean: int, before: int) -> tuple[int, int]:
-        """17.7: a residual and its length."""
+        """17.7: read a residual; return its length and the residual."""
         name, c, m = self._name, self.channels[k].is_complete, kind // 4
 
         def decide(length: int, w: int) -> int:
@@ -306,12 +308,12 @@ class Values:
         return length, -size if self._contexts.bit(name, "sign", lean, min(length, 3), m) else size
 
     def _known(self, corner: int, x: int) -> int:
-        """The wedge of a corner, if it is known and another one than x."""
+        """Return the wedge of a corner if it is known and not x, otherwise none."""
         wedge = self._table.vertex[corner]
         return wedge if wedge in self._linear and wedge != x else NONE
 
     def _predict(self, x: int) -> tuple[Predictions, list[int]]:
-        """17.6: the predictions of each way that there is, and the known neighbours."""
+        """17.6: return the predictions by way, and the known neighbours."""
         table, y = self._table, self._linear
         ways: Predictions = defaultdict(list)
         neighbours: list[int] = []
@@ -351,14 +353,14 @@ class Values:
         return ways, neighbours
 
     def _products(self, a: int, *others: int) -> list[list[int]]:
-        """17.6: dot products of the edges from a to others, made small."""
+        """17.6: return dot products of the edges from a to others, scaled down to fit."""
         edges = self._positions[list(others)] - self._positions[a]
         edges >>= max(bits(abs(edges).max()) - 14, 0)
         found: list[list[int]] = (edges @ edges.T).tolist()
         return found
 
     def _turn(self, ways: Predictions, a: int, b: int, x: int) -> None:
-        """17.6, T: where x is if the map keeps angles, to one side of the edge from a to b and to the other."""
+        """17.6, T: predict x for a map that keeps angles, turned to either side of the edge from a to b."""
         (bb, bx), (_, xx) = self._products(a, b, x)
         if bb == 0 or abs(along := (bx << 16) // bb) >= 2**19:
             return
@@ -374,7 +376,7 @@ class Values:
         ways[MIRRORED].append(straight - turn)
 
     def _affine(self, ways: Predictions, a: int, b: int, c: int, x: int, *, is_across: bool) -> None:
-        """17.6, F: where x is if the map is affine on the triangle a, b, c and beyond."""
+        """17.6, F: predict x for a map that is affine on the triangle a, b, c and beyond."""
         (bb, bx, bc), (_, xx, xc), (_, _, cc) = self._products(a, b, x, c)
         if bb == 0 or abs(along := (bx << 16) // bb) >= 2**19:
             return
@@ -390,6 +392,6 @@ class Values:
 
 
 def mean(rows: list[Vector]) -> Vector:
-    """17.6."""
+    """17.6: return the rounded mean."""
     total: Vector = np.sum(rows, axis=0)
     return (2 * total + len(rows)) // (2 * len(rows))
