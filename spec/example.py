@@ -19,8 +19,8 @@ from spec.sealing import HEADER, table_end, take_apart
 from spec.vector_files import ACCEPT
 
 VECTOR = ACCEPT / "example.pdeanim"
-MANY = 12
-WIDEST = 8
+LONG_REPETITION = 12
+MAX_SHARED_BYTES = 8
 """Bytes in a row that several fields share."""
 
 Row = tuple[bytes, str]
@@ -97,7 +97,7 @@ def decisions(data: bytes) -> dict[bytes, list[tuple[str, int]]]:
     return found
 
 
-def written_out(stream: list[tuple[str, int]]) -> str:
+def format_decisions(stream: list[tuple[str, int]]) -> str:
     """Format decisions: each word with its values, long repetitions as a count."""
     parts = []
     for word, several in groupby(stream, key=lambda decision: decision[0]):
@@ -106,7 +106,7 @@ def written_out(stream: list[tuple[str, int]]) -> str:
             bits = "".join(map(str, values))
             characters = bytes(int(bits[k : k + 8], 2) for k in range(0, len(bits), 8))
             parts.append(f"text {characters[:-1].decode()!r} and 255")
-        elif len(values) > MANY and len(set(values)) == 1:
+        elif len(values) > LONG_REPETITION and len(set(values)) == 1:
             parts.append(f"{word} {values[0]} ({len(values)} times)")
         else:
             parts.append(f"{word} {' '.join(map(str, values))}")
@@ -122,7 +122,7 @@ def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
     begins = [sum(sizes[:k]) for k in range(len(sizes))]
     meanings = (*names, "CRC-32 of the table", "CRC-32 of all before")
     header = [(data[at : at + n], said) for at, n, said in zip(begins, sizes, meanings, strict=True)]
-    yield "Header", shared(header)
+    yield "Header", merge_short_fields(header)
     yield "Table", [(part.row, f"{part.kind}, required, {len(part.content)} bytes, CRC-32") for part in parts]
     assert sum(len(part.row) for part in parts) == table_end(parts) - HEADER.size
     streams = decisions(data)
@@ -134,18 +134,18 @@ def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
             value = getattr(fields, kind)()
             said = f"{value:08X}" if kind == "u32" else f"{value:.9g}"
             found.append((part.content[before : fields.position], f"{name}: {said}"))
-        found = shared(found)
+        found = merge_short_fields(found)
         stream = part.content[fields.position :]
         if stream:
-            found.append((stream, written_out(streams[stream])))
+            found.append((stream, format_decisions(streams[stream])))
         yield part.kind, found
 
 
-def shared(fields: list[Row]) -> list[Row]:
+def merge_short_fields(fields: list[Row]) -> list[Row]:
     """Merge short fields into common rows."""
     rows: list[Row] = []
     for some, said in fields:
-        if rows and len(rows[-1][0]) + len(some) <= WIDEST:
+        if rows and len(rows[-1][0]) + len(some) <= MAX_SHARED_BYTES:
             rows[-1] = rows[-1][0] + some, f"{rows[-1][1]}; {said}"
         else:
             rows.append((some, said))

@@ -24,10 +24,10 @@ from spec.refused import refused
 from spec.sealing import take_apart
 from spec.vector_files import ACCEPT, MANIFEST, Manifest, accepted_vectors, refused_vectors
 
-MOMENTS = (0.0, 0.3, 0.77, 1.0)
+LISTED_TIMES = (0.0, 0.3, 0.77, 1.0)
 """Times at which positions are listed, as fractions of the clip."""
 
-MOST_VERTICES = 4
+MAX_LISTED_VERTICES = 4
 """Largest number of vertices whose positions are listed."""
 
 
@@ -36,9 +36,9 @@ def describe(data: bytes) -> dict[str, Any]:
     runs = decode_runs(data)
     first, last = runs[0].times[0], runs[-1].times[-1]
     positions = []
-    for time in dict.fromkeys(first + (last - first) * moment for moment in MOMENTS):
+    for time in dict.fromkeys(first + (last - first) * moment for moment in LISTED_TIMES):
         points = run_at(runs, time).positions(time)
-        shown = range(0, len(points), -(-len(points) // MOST_VERTICES))
+        shown = range(0, len(points), -(-len(points) // MAX_LISTED_VERTICES))
         positions += [[time, vertex, *map(float, points[vertex])] for vertex in shown]
     of_runs = [
         {
@@ -54,12 +54,12 @@ def describe(data: bytes) -> dict[str, Any]:
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
         **{name: [run[name] for run in of_runs] if has_runs else value for name, value in of_runs[0].items()},
-        "integers": integers(runs),
+        "integers": hash_integers(runs),
         "positions": positions,
     }
 
 
-def integers(runs: list[Animation]) -> dict[str, str]:
+def hash_integers(runs: list[Animation]) -> dict[str, str]:
     """Return SHA-256 of the integers that every decoder must find, each as `i64`, run by run."""
     groups = [run.motion.group(index) for run in runs for index in range(len(run.motion.groups))]
     meshes = [mesh for run in runs for mesh in run.meshes]
@@ -83,7 +83,7 @@ def main(arguments: list[str]) -> None:
     manifest: Manifest = {"accept": {}, "reject": {}}
     different: list[str] = []
 
-    def chosen(name: str, made: bytes, known: dict[str, bytes]) -> bytes:
+    def choose(name: str, made: bytes, known: dict[str, bytes]) -> bytes:
         """Choose the bytes of a vector: the existing ones, or the new ones with `--replace`."""
         if known.get(name, made) == made:
             return made
@@ -91,11 +91,11 @@ def main(arguments: list[str]) -> None:
         return made if "--replace" in arguments else known[name]
 
     known = accepted_vectors()
-    files = {name: chosen(name, made, known) for name, made in accepted()}
+    files = {name: choose(name, made, known) for name, made in accepted()}
     manifest["accept"] = {name: describe(data) for name, data in files.items()}
     known = refused_vectors() if MANIFEST.exists() else {}
     for item in refused():
-        data = chosen(item.name, item.data, known)
+        data = choose(item.name, item.data, known)
         sha256 = hashlib.sha256(data).hexdigest()
         entry = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
         section = {} if item.section is None else {"section": item.section}

@@ -16,7 +16,7 @@ from spec.decoder import contexts
 from spec.decoder.animation import decode
 from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, OF_RUN, CorruptFileError, Fields
 from spec.decoder.groups import CLOSED_FORM, PRECISE, SHAPES, TRAJECTORIES
-from spec.decoder.rangecoder import FIRST_BYTES, NARROWEST, WIDEST, WORD_BYTES, RangeDecoder
+from spec.decoder.rangecoder import FIRST_BYTES, MAX_WIDTH, MIN_WIDTH, WORD_BYTES, RangeDecoder
 
 HEADER = struct.Struct("<12sHHIII")
 CHUNKS = ("TIME", "COEF", "CORR")
@@ -225,7 +225,7 @@ class ScriptedCoder(RangeDecoder):
     def __init__(self, bits: str) -> None:
         super().__init__(b"")
         self.bits = iter(bits)
-        self._low, self._interval, self._written = 0, WIDEST, 0
+        self._low, self._interval, self._written = 0, MAX_WIDTH, 0
 
     def bit_with(self, probability: int) -> int:
         split = (self._interval >> 16) * probability
@@ -234,7 +234,7 @@ class ScriptedCoder(RangeDecoder):
             raise EndOfScriptError
         self._low += 0 if bit == "1" else split
         self._interval = split if bit == "1" else self._interval - split
-        if self._interval < NARROWEST:
+        if self._interval < MIN_WIDTH:
             self._low, self._interval = self._low << 8 * WORD_BYTES, self._interval << 8 * WORD_BYTES
             self._written += WORD_BYTES
         return int(bit)
@@ -292,7 +292,7 @@ def counted(number: int, most: int | None = None) -> str:
 
 def numbers(*values: int) -> str:
     """Return the bits of numbers of 0 or more (3.6)."""
-    return "".join(counted(value + 1, contexts.MOST_DIGITS) for value in values)
+    return "".join(counted(value + 1, contexts.MAX_DIGITS) for value in values)
 
 
 def text(characters: bytes) -> str:

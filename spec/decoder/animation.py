@@ -128,7 +128,7 @@ def read_sequence(data: bytes) -> tuple[float, list[int], list[float], list[int]
     jumps = read_jumps(fields, frames) if has_jumps else []
     contexts = Contexts(fields.rest())
     if rule == LISTED:
-        times = times_of(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
+        times = decode_times(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
     require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
     return fps, runs, times, jumps, contexts
@@ -145,7 +145,7 @@ def read_jumps(fields: Fields, frames: int) -> list[int]:
     return jumps[1:]
 
 
-def times_of(planes: bytes, frames: int) -> list[float]:
+def decode_times(planes: bytes, frames: int) -> list[float]:
     """Section 4, rule 2: decode times from byte planes."""
     times = []
     place = step = 0

@@ -94,7 +94,7 @@ class AttributeReader:
             elements = body.elements("vertex")
         values, codes = self._read_values(body, head, elements)
         if head.rule >= FIRST_USED:
-            first, indices = first_used(body, head, codes)
+            first, indices = make_rows(body, head, codes)
             values = values[first]
         return Attribute(name, head.domain, values, indices, labels)
 
@@ -104,7 +104,7 @@ class AttributeReader:
         if head.kind == FLOATS:
             channels, codes = self._read_channels(body, head, elements)
             columns = np.array(codes, np.int64).reshape(elements.count, head.channels).T
-            values = np.array([floats_of(own, channel) for own, channel in zip(columns, channels, strict=True)])
+            values = np.array([decode_floats(own, channel) for own, channel in zip(columns, channels, strict=True)])
             return values.T.reshape(shape), codes
         if head.kind == COLOURS:
             _, codes = self._read_channels(body, head, elements)
@@ -174,7 +174,7 @@ class AttributeReader:
         return table
 
 
-def floats_of(codes: Vector, channel: Channel) -> Any:
+def decode_floats(codes: Vector, channel: Channel) -> Any:
     """17.5: convert the codes of a channel to float32."""
     if channel.kind == FLOAT:
         return np.where(codes >= 0, codes, -1 - codes | 1 << 31).astype(np.uint32).view(np.float32)
@@ -182,7 +182,7 @@ def floats_of(codes: Vector, channel: Channel) -> Any:
     return np.float32(1.0) - values if channel.kind == COMPLEMENT else values
 
 
-def first_used(body: Body, head: Head, codes: Codes) -> tuple[list[int], list[int]]:
+def make_rows(body: Body, head: Head, codes: Codes) -> tuple[list[int], list[int]]:
     """17.1, rules from 3 on: return the elements that make new rows, and the row of each element."""
     order, is_global = divmod(head.rule - FIRST_USED, 2)
     sites = [body.by_vertex.vertex[e] if head.domain == "corner" else e for e in range(len(codes))]

@@ -10,10 +10,10 @@ from spec.decoder.space import Subband
 
 BAND_ENDS = (6, 10, 15, 21, 28, 36, 48, 64)
 LARGEST_EXPONENT = 40
-TOLD_APART = 13
+FIRST_SHARED_EXPONENT = 13
 """Exponents from here on share one model."""
 
-DIGITS_END = 4
+MODELLED_DIGITS_END = 4
 """Digits that follow a number below this one have models; later digits are bypass bits."""
 
 
@@ -33,7 +33,7 @@ def nearest_class(r1: int, r2: int, t1: int, t2: int, s1: int) -> tuple[int, ...
     return min(r1, 3), min(r2, 2), min(t1, 3), min(t2, 2), min(s1, 3)
 
 
-def bands_of(subband: Subband) -> dict[int, list[int]]:
+def group_by_band(subband: Subband) -> dict[int, list[int]]:
     """Section 14: list the places of a subband by context band."""
     bands: dict[int, list[int]] = defaultdict(list)
     for place in range(subband.size):
@@ -110,16 +110,16 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
         is_negative = contexts.bypass()
         exponent = 0
         while exponent < LARGEST_EXPONENT and contexts.mixed(
-            ("size", min(exponent, TOLD_APART)), (ratio,), (band, rank), (ratio, rank)
+            ("size", min(exponent, FIRST_SHARED_EXPONENT)), (ratio,), (band, rank), (ratio, rank)
         ):
             exponent += 1
-        magnitude = contexts.digits(exponent + 1, DIGITS_END, "size digits")
+        magnitude = contexts.digits(exponent + 1, MODELLED_DIGITS_END, "size digits")
         require(magnitude <= 1 << LARGEST_EXPONENT, "a coefficient out of range")
         return -magnitude if is_negative else magnitude
 
     for subband in subbands:
         before = width
-        for band, places in bands_of(subband).items():
+        for band, places in group_by_band(subband).items():
             before = counts[band] = read_count(contexts, width, band, before, counts[band])
             for place in places:
                 for first in range(0, before, block):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass
 
-from spec.decoder.contexts import Contexts, History, MatchModel, chosen
+from spec.decoder.contexts import Contexts, History, MatchModel, choose
 from spec.decoder.fields import require
 from spec.decoder.mesh import (
     CLOSED,
@@ -189,7 +189,7 @@ class Surface:
         def is_it(turn: int) -> int:
             return self._contexts.mixed(("size", min(3 + turn, 6)), angles, latest, (*faces, inner))
 
-        size = 3 + chosen(9, is_it)
+        size = 3 + choose(9, is_it)
         if size > 10:
             size += self._contexts.number("large size")
         self._memory.sizes = size, self._memory.sizes[0]

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from spec.decoder.fields import CorruptFileError, require
-from spec.decoder.rangecoder import EVEN, RangeDecoder, Rehearsal
+from spec.decoder.rangecoder import INITIAL_MODEL, RangeDecoder, Rehearsal
 
 HALF = 1 << 15
-MOST_DIGITS = 32
+MAX_DIGITS = 32
 HASH_FACTOR = 0x9E3779B1
-LONG, SHORT = 6, 3
-MATCH_PAST, BYTE_PAST = 1 << 14, 1 << 16
+LONG_MATCH, SHORT_MATCH = 6, 3
+MAX_MATCH_DISTANCE, MAX_BYTE_DISTANCE = 1 << 14, 1 << 16
 LONGEST_RUN = 63
 END_OF_TEXT = 255
 PRIMER = (
@@ -49,7 +49,7 @@ class Contexts:
     def _model(self, name: Name) -> int:
         number = self._numbers.setdefault(name, len(self._models))
         if number == len(self._models):
-            self._models.append(EVEN)
+            self._models.append(INITIAL_MODEL)
         return number
 
     def bypass(self, bits: int = 1) -> int:
@@ -76,12 +76,12 @@ class Contexts:
 
     def counted(self, most: int, *name: object) -> int:
         """Read a number of 1 to `most` binary digits, 1 or more."""
-        digits = 1 + chosen(most, lambda less: not self.bit(*name, less + 1))
+        digits = 1 + choose(most, lambda less: not self.bit(*name, less + 1))
         return 1 << digits - 1 | self.bypass(digits - 1)
 
     def number(self, *name: object) -> int:
         """Read a number from 0 to 2^32 - 2."""
-        digits = 1 + chosen(MOST_DIGITS, lambda less: not self.bit(*name, "more", less + 1))
+        digits = 1 + choose(MAX_DIGITS, lambda less: not self.bit(*name, "more", less + 1))
         return self.digits(digits, 8, *name, "digit") - 1
 
     def signed(self, *name: object) -> int:
@@ -117,7 +117,7 @@ class Contexts:
         require(self._coder.is_finished(), "a coded stream does not end where what it holds does")
 
 
-def length_near(expected: int, most: int, decide: Callable[[int, int], int]) -> int:
+def find_length(expected: int, most: int, decide: Callable[[int, int], int]) -> int:
     """7.6: search a length up or down from the expected one; `decide(l, way)` tells whether it is l or more."""
     length = expected
     if decide(length, 0):
@@ -130,7 +130,7 @@ def length_near(expected: int, most: int, decide: Callable[[int, int], int]) -> 
     return length
 
 
-def chosen(count: int, is_right: Callable[[int], int]) -> int:
+def choose(count: int, is_right: Callable[[int], int]) -> int:
     """Choose one of `count` candidates: each in turn has a bit that is 1 if it is the right one; the last needs
     none.
     """
@@ -153,11 +153,14 @@ class MatchModel:
         count, short, slots = len(self._past), -1, []
         if self._place < 0 or self._run < LONGEST_RUN:
             mixed = phase
-            for back in range(1, LONG + 1):
+            for back in range(1, LONG_MATCH + 1):
                 mixed = (mixed * HASH_FACTOR + (self._past[-back] if back <= count else 0)) % 2**32
-                if back in (SHORT, LONG):
+                if back in (SHORT_MATCH, LONG_MATCH):
                     slots.append((back, mixed >> 19))
-            near = [place if count - place <= MATCH_PAST else -1 for place in (self._tables.get(s, -1) for s in slots)]
+            near = [
+                place if count - place <= MAX_MATCH_DISTANCE else -1
+                for place in (self._tables.get(s, -1) for s in slots)
+            ]
             short = near[0]
             if self._place < 0:
                 self._place, self._run = near[1], 0
@@ -210,9 +213,9 @@ class ByteModel:
         past, count = self._past, len(self._past)
         last = int.from_bytes(bytes(past[-4:]), "big")
         slot = hashed(last) >> 20
-        if self._place < 0 or count - self._place > BYTE_PAST:
+        if self._place < 0 or count - self._place > MAX_BYTE_DISTANCE:
             place = self._places.get(slot, -1)
-            self._place, self._run = place if count - place <= BYTE_PAST else -1, 0
+            self._place, self._run = place if count - place <= MAX_BYTE_DISTANCE else -1, 0
         self._places[slot] = count
         proposed = 256 + past[self._place] if self._place >= 0 else 0
         run = min(self._run, 15)

@@ -26,7 +26,7 @@ def extract_curves(meshes: list[Mesh], grid: Points) -> Curves:
     return curves
 
 
-def cells(points: Points) -> Points:
+def quantise_to_cells(points: Points) -> Points:
     """8.2.1: quantise points to cells of 20 bits per axis."""
     low = [min(axis) for axis in zip(*points, strict=True)]
     extent = max((value - least for point in points for value, least in zip(point, low, strict=True)), default=0)
@@ -34,11 +34,11 @@ def cells(points: Points) -> Points:
     return [[(value - least) >> shift for value, least in zip(point, low, strict=True)] for point in points]
 
 
-def along_z_order(vertices: list[int], grid: Points) -> list[int]:
+def sort_in_z_order(vertices: list[int], grid: Points) -> list[int]:
     """8.5: sort vertices in Z order."""
     codes = {
         vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(20) for axis in range(3))
-        for vertex, cell in zip(vertices, cells([grid[vertex] for vertex in vertices]), strict=True)
+        for vertex, cell in zip(vertices, quantise_to_cells([grid[vertex] for vertex in vertices]), strict=True)
     }
     return sorted(vertices, key=lambda vertex: codes[vertex])
 
@@ -104,8 +104,8 @@ class Pairing:
                 if self.is_triangle[face] and sum(side not in self.faces.twin for side in sides) == b:
                     ways = [side for side in sides if self.may_pair(side)]
                     if ways:
-                        self._grow(self._best(ways) if len(ways) > 1 else ways[0], None)
-        self._undo_what_is_no_grid()
+                        self._grow(self._choose_diagonal(ways) if len(ways) > 1 else ways[0], None)
+        self._undo_irregular_pairs()
 
     def may_pair(self, side: int) -> bool:
         """8.2.2: return whether two triangles may be paired across a side."""
@@ -199,7 +199,7 @@ class Pairing:
         (faults, skew, count), (of_copy, skew_of_copy, count_of_copy) = results
         return faults <= of_copy and 2 * skew * count_of_copy < skew_of_copy * count
 
-    def _best(self, ways: list[int]) -> int:
+    def _choose_diagonal(self, ways: list[int]) -> int:
         """8.2.4: return the best diagonal by trial."""
 
         def order(side: int) -> tuple[int, Fraction, int]:
@@ -208,7 +208,7 @@ class Pairing:
 
         return min(ways, key=order)
 
-    def _undo_what_is_no_grid(self) -> None:
+    def _undo_irregular_pairs(self) -> None:
         """8.2.5: undo the pairs of components that are not grids."""
         faces = self.faces
         not_reached = {vertex for vertex, corners in enumerate(faces.corners) if corners}
@@ -237,7 +237,7 @@ class Cover:
             if len(line) >= 3:
                 self._free_runs(line, 1)
         self._faces = Faces(mesh)
-        Pairing(self._faces, cells(grid)).find()
+        Pairing(self._faces, quantise_to_cells(grid)).find()
         self._sweep()
         self._neighbours: list[set[int]] = [set() for _ in self._taken]
         for path in [*([*face, face[0]] for face in mesh.faces), *mesh.lines]:
@@ -249,7 +249,7 @@ class Cover:
             self._lay_paths(ends_only=ends_only)
         isolated = [vertex for vertex, is_taken in enumerate(self._taken) if not is_taken]
         if isolated:
-            self.curves.append(along_z_order(isolated, grid))
+            self.curves.append(sort_in_z_order(isolated, grid))
 
     def _free_runs(self, path: list[int], least: int) -> bool:
         """Section 8: turn the free runs of at least this length into curves; return whether there was any."""

@@ -33,13 +33,13 @@ def spline_weights(times: list[float], time: float) -> list[float]:
     weights, slopes = [0.0] * len(times), [0.0] * len(times)
     weights[i], weights[i + 1] = (1.0 + 2.0 * u) * v * v, u * u * (3.0 - 2.0 * u)
     slopes[i], slopes[i + 1] = u * v * v * h[i], -u * u * v * h[i]
-    for j, share in enumerate(of_differences(slopes, h)):
+    for j, share in enumerate(rewrite_slopes(slopes, h)):
         weights[j] -= share / h[j]
         weights[j + 1] += share / h[j]
     return weights
 
 
-def broken_weights(times: list[float], jumps: list[int], time: float) -> list[float]:
+def weigh_frames(times: list[float], jumps: list[int], time: float) -> list[float]:
     """16.2: return the weights of frames in a clip that discontinuities ("jumps") divide into stretches."""
     frame = min(bisect_right(times, time) - 1, len(times) - 1)
     begin = max((jump for jump in jumps if jump <= frame), default=0)
@@ -53,7 +53,7 @@ def broken_weights(times: list[float], jumps: list[int], time: float) -> list[fl
     return weights
 
 
-def of_differences(slopes: list[float], h: list[float]) -> list[float]:
+def rewrite_slopes(slopes: list[float], h: list[float]) -> list[float]:
     """16.2: rewrite a weighted sum of the slopes s_j as one of the d_j, by solving the transposed equations."""
     last = len(h)
     rows = [(0.0, h[1], h[0] + h[1])]
@@ -146,7 +146,7 @@ class Motion:
         """Return (vertices, 3) float32 positions at a time [s]; outside the clip those of its first or last frame."""
         time = min(max(time, self._times[0]), self._times[-1])
         frame = bisect_right(self._times, time) - 1
-        points = self._of_model(time)
+        points = self._evaluate_model(time)
         if has_residuals and time == self._times[frame]:
             self._correct(points, frame, 1.0)
         elif has_residuals:
@@ -161,7 +161,7 @@ class Motion:
     def margin(self, time: float) -> float:
         """Section 19: return how far a coordinate of another decoder may deviate before rounding to float32."""
         margin = 0.0
-        for index, frames in self._parts(time):
+        for index, frames in self._list_groups(time):
             group = self.groups[index]
             rows = self.group(index).coefficients
             coefficients = np.array(rows, np.float64).reshape(len(rows), group.functions, group.axes)
@@ -171,19 +171,19 @@ class Motion:
                 margin += abs(weight) * max(ROUNDING * (abs(row) * largest).sum(axis=1).max(), least)
         return margin
 
-    def _of_model(self, time: float) -> Floats:
+    def _evaluate_model(self, time: float) -> Floats:
         """16.1 to 16.3: return positions in the order of places, without residuals."""
         points = self._reference.copy()
-        for index, frames in self._parts(time):
+        for index, frames in self._list_groups(time):
             weights = np.sum([weight * row for weight, row in frames], axis=0)
             points += (weights[:, np.newaxis] @ self.group(index).fields)[:, 0].T
         return points
 
-    def _parts(self, time: float) -> list[tuple[int, list[tuple[float, Floats]]]]:
+    def _list_groups(self, time: float) -> list[tuple[int, list[tuple[float, Floats]]]]:
         """List the groups that contribute at a time, each with pairs of a weight and a row psi[x, k]."""
         if self._forms:
             return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_in_closed_form(self._forms, time)]
-        weights, found = broken_weights(self._times, self._jumps, time), []
+        weights, found = weigh_frames(self._times, self._jumps, time), []
         for index, begin in enumerate(self._firsts):
             frames = [t for t in range(self.groups[index].frames) if weights[begin + t]]
             if frames:
@@ -196,6 +196,6 @@ class Motion:
         residuals = self.group(index).residuals[frame - self._firsts[index]]
         for place, levels in residuals.levels.items():
             points[place] += weight * self.step * np.array(levels, np.float64)
-        of_model = self._of_model(self._times[frame]) if residuals.raw and weight < 1.0 else points
+        of_model = self._evaluate_model(self._times[frame]) if residuals.raw and weight < 1.0 else points
         for place, position in residuals.raw.items():
             points[place] = position if weight == 1.0 else points[place] + weight * (position - of_model[place])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 
-from spec.decoder.contexts import Contexts, History, MatchModel, chosen
+from spec.decoder.contexts import Contexts, History, MatchModel, choose
 from spec.decoder.fields import require
 from spec.decoder.mesh import Side
 
@@ -116,14 +116,14 @@ class OrderReader:
         def is_right(t: int) -> int:
             return self._mixed(("side",), (slots[turns[t]], s1, min(t, 3)), (slots[turns[t]], s2, s3))
 
-        place = turns[chosen(len(turns), is_right)]
+        place = turns[choose(len(turns), is_right)]
         orders.expected[s1, s2] = slots[place]
         return place
 
     def _read_steps(self) -> int | None:
         """6.3: read how many corners after the first one the naming vertex stands; None: no vertex names the face."""
         steps, s1 = self._orders.steps, self._orders.slots[0]
-        k = chosen(4, lambda k: self._mixed(("corner",), (k, steps.value), (k, steps.value % 16, s1)))
+        k = choose(4, lambda k: self._mixed(("corner",), (k, steps.value), (k, steps.value % 16, s1)))
         steps.add(k, 2)
         if k < 3:
             return k
@@ -158,7 +158,7 @@ class OrderReader:
             listed = self._orders.listed
             return self._mixed(("listed",), (alike, min(t, 7)), (alike // 9, listed.value), into=listed)
 
-        face = faces[chosen(len(faces), is_right)]
+        face = faces[choose(len(faces), is_right)]
         require(steps < len(face), "a face of too few corners")
         return face[-steps]
 
@@ -223,7 +223,7 @@ class OrderReader:
             t, x = min(step, 3), 2 * (corners[step] is lowest) + (corners[step] is highest)
             return self._mixed(("first",), (t, kinds.value, x), (t, firsts.value, x, slot))
 
-        step = chosen(len(corners), is_right)
+        step = choose(len(corners), is_right)
         first = corners[step]
         firsts.add(min(step, 3), 2)
         kinds.add(0 if first is lowest else 1 if first is highest else 2, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
-from spec.decoder.curves import Points, along_z_order, extract_curves
+from spec.decoder.curves import Points, extract_curves, sort_in_z_order
 from spec.decoder.groups import PATCH, Model
 from spec.decoder.mesh import NONE, Mesh
 
@@ -37,11 +37,11 @@ class Patches:
 
 def build_patches(model: Model, meshes: list[Mesh], grid: Points) -> Patches:
     """Divide a mesh into elements."""
-    build = by_halving if model.kind == PATCH else along_curves
+    build = divide_by_halving if model.kind == PATCH else divide_curves
     return build(meshes, grid, model.points)
 
 
-def graph(meshes: list[Mesh], grid: Points) -> Links:
+def list_neighbours(meshes: list[Mesh], grid: Points) -> Links:
     """9.1: list the neighbours of each vertex."""
     neighbours: list[dict[int, None]] = [{} for _ in grid]
 
@@ -62,10 +62,10 @@ def graph(meshes: list[Mesh], grid: Points) -> Links:
     return [list(others) for others in neighbours]
 
 
-def by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
+def divide_by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
     """9.1 to 9.3: divide the mesh into patches."""
-    neighbours = graph(meshes, grid)
-    isolated = along_z_order([vertex for vertex, others in enumerate(neighbours) if not others], grid)
+    neighbours = list_neighbours(meshes, grid)
+    isolated = sort_in_z_order([vertex for vertex, others in enumerate(neighbours) if not others], grid)
     nodes = [[vertex for vertex, others in enumerate(neighbours) if others] + isolated]
     begins, children = [0], []
     for number, members in enumerate(nodes):  # `nodes` grows in the loop
@@ -73,7 +73,7 @@ def by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
             children.append(NONE)
             continue
         children.append(len(nodes))
-        order, cut = halved(members, neighbours)
+        order, cut = halve(members, neighbours)
         nodes += [order[:cut], order[cut:]]
         begins += [begins[number], begins[number] + cut]
     node_of = sorted((node for node, child in enumerate(children) if child == NONE), key=lambda node: begins[node])
@@ -98,7 +98,7 @@ def visit(first: int, members: list[int], neighbours: Links) -> tuple[dict[int, 
     return distance, components
 
 
-def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
+def halve(members: list[int], neighbours: Links) -> tuple[list[int], int]:
     """9.3: return the new order of a node's vertices, and where to cut it."""
     size = len(members)
     visited, components = visit(members[0], members, neighbours)
@@ -109,9 +109,9 @@ def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
     return sorted(near, key=lambda vertex: near[vertex] - far[vertex]), size // 2
 
 
-def along_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
+def divide_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
     """9.4: cut curves into pieces."""
-    pieces = [piece for curve in extract_curves(meshes, grid) for piece in cut(curve, points)]
+    pieces = [piece for curve in extract_curves(meshes, grid) for piece in cut_curve(curve, points)]
     starts = [0, *accumulate(map(len, pieces))]
     nodes, children = [(0, len(pieces))], []
     node_of = [NONE] * len(pieces)
@@ -125,7 +125,7 @@ def along_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
     return Patches(pieces, [starts[i] for i, _ in nodes], children, node_of)
 
 
-def cut(curve: list[int], w: int) -> list[list[int]]:
+def cut_curve(curve: list[int], w: int) -> list[list[int]]:
     """9.4: cut a curve into pieces of about `w` points."""
     n = len(curve)
     p = 1 if n <= w else (2 * n + w) // (2 * w)

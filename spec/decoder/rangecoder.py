@@ -5,33 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-WIDEST = (1 << 64) - 1
-NARROWEST = 1 << 32
+MAX_WIDTH = (1 << 64) - 1
+MIN_WIDTH = 1 << 32
 FIRST_BYTES = 8
 WORD_BYTES = 4
 COUNT_BITS = 10
-EVEN = 1 << 21 << COUNT_BITS
+INITIAL_MODEL = 1 << 21 << COUNT_BITS
 """Initial bit model: 22 bits of probability above a count of 10 bits."""
 
-SLOWEST = 255
-LEAST = 32
+MAX_COUNT = 255
+MIN_PROBABILITY = 32
 LOGISTIC_LIMIT = 2047
 
 STRETCH = [round(256.0 * math.log((q + 0.5) / (4095.5 - q))) for q in range(4096)]
 SQUASH = [round(65536.0 / (1.0 + math.exp(x / -256.0))) for x in range(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1)]
 
 
-def adapted(model: int, bit: int) -> int:
+def adapt_model(model: int, bit: int) -> int:
     """3.4: return a bit model after it has adapted to a bit."""
     probability, count = model >> COUNT_BITS, model % (1 << COUNT_BITS)
     target = (1 << 22) - 1 if bit else 0
     probability += (target - probability) * (2**17 // (2 * count + 3)) >> 16
-    return probability << COUNT_BITS | min(count + 1, SLOWEST)
+    return probability << COUNT_BITS | min(count + 1, MAX_COUNT)
 
 
-def possible(probability: int) -> int:
+def clamp_probability(probability: int) -> int:
     """Clamp a probability to 32 to 65504."""
-    return min(max(probability, LEAST), 65536 - LEAST)
+    return min(max(probability, MIN_PROBABILITY), 65536 - MIN_PROBABILITY)
 
 
 class RangeDecoder:
@@ -39,7 +39,7 @@ class RangeDecoder:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._width = WIDEST
+        self._width = MAX_WIDTH
         self._code = int.from_bytes(data[:FIRST_BYTES].ljust(FIRST_BYTES, b"\0"), "big")
         self.taken = FIRST_BYTES
 
@@ -52,7 +52,7 @@ class RangeDecoder:
         else:
             self._code -= split
             self._width -= split
-        if self._width < NARROWEST:
+        if self._width < MIN_WIDTH:
             following = self._data[self.taken : self.taken + WORD_BYTES].ljust(WORD_BYTES, b"\0")
             self._code = self._code << 8 * WORD_BYTES | int.from_bytes(following, "big")
             self._width <<= 8 * WORD_BYTES
@@ -61,20 +61,20 @@ class RangeDecoder:
 
     def bit(self, models: list[int], index: int) -> int:
         """3.4: read a bit with one model."""
-        bit = self.bit_with(possible(models[index] >> COUNT_BITS + 6))
-        models[index] = adapted(models[index], bit)
+        bit = self.bit_with(clamp_probability(models[index] >> COUNT_BITS + 6))
+        models[index] = adapt_model(models[index], bit)
         return bit
 
     def mixed(self, models: list[int], inputs: list[int], weights: list[int]) -> int:
         """3.5: read a bit with several models, given by their indices."""
         stretched = [STRETCH[models[index] >> COUNT_BITS + 10] for index in inputs]
         total = sum(weight * s for weight, s in zip(weights, stretched, strict=True)) >> 16
-        probability = possible(SQUASH[min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT) + LOGISTIC_LIMIT])
+        probability = clamp_probability(SQUASH[min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT) + LOGISTIC_LIMIT])
         bit = self.bit_with(probability)
         miss = 65536 * bit - probability
         for i, (index, s) in enumerate(zip(inputs, stretched, strict=True)):
             weights[i] += s * miss + 8192 >> 14
-            models[index] = adapted(models[index], bit)
+            models[index] = adapt_model(models[index], bit)
         return bit
 
     def has_ended(self) -> bool:

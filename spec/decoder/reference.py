@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spec.decoder.contexts import Contexts, MatchModel, length_near
+from spec.decoder.contexts import Contexts, MatchModel, find_length
 from spec.decoder.fields import LARGEST_REAL, Fields, bits, clamp, grade, require
 from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
@@ -192,14 +192,14 @@ class Prediction:
         return found
 
 
-def share(count: int) -> int:
+def mean_weight(count: int) -> int:
     """7.5: return w."""
     return (2**16 + count) // (2 * count)
 
 
 def mean16(rows: list[Vector]) -> Vector:
     """7.5: return the mean per axis."""
-    return np.sum(rows, axis=0) * share(len(rows)) + 2**10 >> 11 if rows else np.zeros(3, np.int64)
+    return np.sum(rows, axis=0) * mean_weight(len(rows)) + 2**10 >> 11 if rows else np.zeros(3, np.int64)
 
 
 def normal_of(a: Vector, b: Vector, d: Vector) -> Vector:
@@ -211,7 +211,7 @@ def normal_of(a: Vector, b: Vector, d: Vector) -> Vector:
     return normal >> digits if digits >= 0 else normal << -digits
 
 
-def leaning(term: int) -> int:
+def classify_term(term: int) -> int:
     return clamp(term + 8 >> 4, -2, 2)
 
 
@@ -270,7 +270,7 @@ class GridReader:
             return None
         grid = self._grid
         r = next(grid[v] for each in around for v in (each.after, each.before) if v in grid)
-        found = Prediction(np.sum([self._errors[v] for v in neighbours], axis=0) * share(len(neighbours)) >> 11)
+        found = Prediction(np.sum([self._errors[v] for v in neighbours], axis=0) * mean_weight(len(neighbours)) >> 11)
         parallelograms, creases, straights = [], [], []
         for each, corner in zip(around, corners, strict=True):
             a, b, d, y, z = (grid.get(v) for v in each)
@@ -287,7 +287,7 @@ class GridReader:
         found.kind = 1 + 2 * min(len(parallelograms), 3) + bool(straights)
         found.terms[0] = mean16(creases)
         found.terms[1] = mean16(straights) - base if straights else 0
-        found.terms[2] = np.sum([self._misses[v] for v in neighbours], axis=0) * share(len(neighbours)) >> 15
+        found.terms[2] = np.sum([self._misses[v] for v in neighbours], axis=0) * mean_weight(len(neighbours)) >> 15
         found.terms[3] = beside - base
         found.spread = int(sum(abs(each - parallelograms[0]).sum() for each in parallelograms))
         found.base = base + 16 * r
@@ -320,10 +320,10 @@ class GridReader:
             weights = "length", way, min(abs(length - first), 5)
             return mixed(weights, (row, u, axis, way), (row, q, prediction.kind), (row, t, p, way), of=("length",))
 
-        length = length_near(first, GRID_BITS, decide)
+        length = find_length(first, GRID_BITS, decide)
         if length == 0:
             return 0
         size = self._contexts.digits(length, 4, "digit")
-        crease, straight, miss, beside = map(leaning, prediction.terms[:, axis].tolist())
+        crease, straight, miss, beside = map(classify_term, prediction.terms[:, axis].tolist())
         is_negative = mixed(("sign", min(length, 3)), (fraction, axis), (crease, straight), (miss, beside))
         return -size if is_negative else size

@@ -13,9 +13,9 @@ from spec.decoder.contexts import Contexts
 from spec.decoder.fields import bits, clamp, require, sign
 from spec.decoder.space import Floats
 
-LARGEST = 2**40
+LARGEST_RESIDUAL = 2**40
 LARGEST_MISS = 2**31 - 1
-MOST_MODELLED = 18
+MAX_MODELLED_SIZE = 18
 SPAN = 8
 LARGEST_WEIGHT = 2**18
 
@@ -151,12 +151,12 @@ class ResidualReader:
             if self.is_predicted:
                 number = r.numbers[axis] if r else 0
                 total = sum(w * each for w, each in zip(weights, x, strict=True))
-                prediction = clamp((number << 16) + 2**15 + total >> 16, -LARGEST, LARGEST)
+                prediction = clamp((number << 16) + 2**15 + total >> 16, -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
             misses.append(self._read_miss(misses, r, beside, mean))
             if self.is_predicted:
                 learn(weights, x, misses[-1])
             found.numbers.append(prediction + misses[-1])
-            require(abs(found.numbers[-1]) <= LARGEST, "a residual is out of range")
+            require(abs(found.numbers[-1]) <= LARGEST_RESIDUAL, "a residual is out of range")
         found.misses = [clamp(miss, -LARGEST_MISS, LARGEST_MISS) for miss in misses]
         total = 16 * sum(map(abs, found.misses))
         self._means[place] = mean + (total - mean >> 2) if r else total
@@ -177,9 +177,9 @@ class ResidualReader:
         sizes = min(abs(t) >> shift, 6) if r else 7, min(abs(s) >> shift, 6) if beside else 7
         others = min(a1 >> shift, 7), min(a2 >> shift, 7), axis
         q = int(axis == 2 and not self.is_predicted and not coarse and a1 == a2 == 0)
-        while q < MOST_MODELLED and mixed(("size", q, coarse), (kind, axis), sizes, others):
+        while q < MAX_MODELLED_SIZE and mixed(("size", q, coarse), (kind, axis), sizes, others):
             q += 1
-        if q == MOST_MODELLED:
+        if q == MAX_MODELLED_SIZE:
             q += self._contexts.counted(43, "rest") - 1
         is_negative = 0
         if coarse or q:
@@ -189,8 +189,8 @@ class ResidualReader:
             )
             of_r, of_beside = (sign(t), agreed_t, min(abs(t), 2)), (sign(s), agreed_s, axis)
             is_negative = mixed(("sign", coarse), (sign(t), sign(s)), of_r, of_beside)
-        require(q <= 4 * LARGEST >> shift, "a residual is out of range")
-        c, low = min(q, MOST_MODELLED), 1
+        require(q <= 4 * LARGEST_RESIDUAL >> shift, "a residual is out of range")
+        c, low = min(q, MAX_MODELLED_SIZE), 1
         for _ in range(shift):
             bit = self._contexts.bit("low", c, low) if low < 4 else self._contexts.bypass()
             low = 2 * low + bit

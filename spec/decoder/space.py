@@ -9,15 +9,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from spec.decoder.contexts import Contexts, chosen
+from spec.decoder.contexts import Contexts, choose
 from spec.decoder.curves import Points
 from spec.decoder.fields import bits
 from spec.decoder.groups import PATCH, Model
 from spec.decoder.mesh import NONE
 from spec.decoder.patches import Patches
 
-SHARE, SHARE_OF_PIECES = 2.0**-12, 2.0**-40
-SERIES, SERIES_TERMS = 8, 14
+MIN_INDEPENDENT_SHARE, MIN_INDEPENDENT_SHARE_OF_PIECES = 2.0**-12, 2.0**-40
+SERIES_FUNCTIONS, SERIES_TERMS = 8, 14
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -99,12 +99,12 @@ class Functions:
             column[vertex] = 1.0
             self.add(column, share)
 
-    def filled(self) -> Floats:
+    def padded(self) -> Floats:
         """Return (most, size), padded with zeros."""
         return np.vstack([self.rows, np.zeros((self.most - len(self.rows), self.size))])
 
 
-def exponents() -> list[tuple[int, int, int]]:
+def list_exponents() -> list[tuple[int, int, int]]:
     """11.3: list the exponents of the products, affine ones first."""
     affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     degrees = range(10 + 1)
@@ -113,13 +113,15 @@ def exponents() -> list[tuple[int, int, int]]:
     return affine + [item for item in every if item not in affine]
 
 
-EXPONENTS = exponents()
+EXPONENTS = list_exponents()
 
 
 def functions_of_element(model: Model, grid: Ints, affine: int) -> Floats:
     """11.3: build the functions of an element, (functions, vertices), of which `affine` are affine."""
     size, threshold = len(grid), 1.0 - model.threshold / 16.0
-    functions = Functions(size, min(size, model.functions if model.has_affine else min(model.functions, SERIES)))
+    functions = Functions(
+        size, min(size, model.functions if model.has_affine else min(model.functions, SERIES_FUNCTIONS))
+    )
     local = local_coordinates(grid).astype(np.float64)
     for column in [np.ones(size), *local][:affine]:
         functions.add(column)
@@ -129,17 +131,17 @@ def functions_of_element(model: Model, grid: Ints, affine: int) -> Floats:
             less = [(axis, tuple(n - (i == axis) for i, n in enumerate(item))) for axis in range(3) if item[axis]]
             if all(each in added for _, each in less):
                 axis, factor = less[0]
-                if functions.add(added[factor] * local[axis], SHARE * threshold):
+                if functions.add(added[factor] * local[axis], MIN_INDEPENDENT_SHARE * threshold):
                     added[item] = functions.rows[-1]
     else:
-        for column in series_functions(parameters(grid), model.rate, SERIES):
-            functions.add(column, SHARE_OF_PIECES * threshold)
+        for column in series_functions(piece_parameters(grid), model.rate, SERIES_FUNCTIONS):
+            functions.add(column, MIN_INDEPENDENT_SHARE_OF_PIECES * threshold)
     if model.has_affine:
-        functions.complete(SHARE * threshold)
-    return functions.filled()
+        functions.complete(MIN_INDEPENDENT_SHARE * threshold)
+    return functions.padded()
 
 
-def parameters(grid: Ints) -> Floats:
+def piece_parameters(grid: Ints) -> Floats:
     """11.3: return u along a piece of a curve."""
     lengths = np.sqrt((np.diff(grid, axis=0).astype(np.float64) ** 2).sum(axis=1))
     along = np.concatenate([[0.0], lengths.cumsum()])
@@ -191,7 +193,7 @@ class Space:
 def build_space(model: Model, patches: Patches, grid: Points) -> Space:
     """Build the functions of all elements and nodes."""
     points = np.array(grid, np.int64).reshape(-1, 3)
-    share = SHARE * (1.0 - model.threshold / 16.0)
+    share = MIN_INDEPENDENT_SHARE * (1.0 - model.threshold / 16.0)
     counts, kept = read_layout(model, patches)
     coordinates: dict[int, Floats] = {}
     found = []
@@ -219,7 +221,7 @@ def read_layout(model: Model, patches: Patches) -> tuple[list[int], dict[int, li
     contexts, counts, before = Contexts(model.layout), [0] * len(patches.children), 3
     for element, node in zip(patches.elements, patches.node_of, strict=True):
         if model.has_affine:
-            before = chosen(4, partial(_ends_at, contexts, before))
+            before = choose(4, partial(_ends_at, contexts, before))
             counts[node] = min(1 + before, len(element), model.functions)
     kept = {}
     for node, child in reversed(list(enumerate(patches.children))):
@@ -248,7 +250,7 @@ def two_scale_matrix(stacked: Floats, kept: list[int], share: float) -> Floats:
         mean = stacked[:, c] @ constant / square if c > 0 and square > 0.0 else 0.0
         functions.add(stacked[:, c] - mean * constant)
     functions.complete(share)
-    return functions.filled()
+    return functions.padded()
 
 
 def build_subbands(patches: Patches, functions: list[Floats], affine: list[int], counts: list[int]) -> list[Subband]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from spec.decoder.contexts import Contexts, length_near
+from spec.decoder.contexts import Contexts, find_length
 from spec.decoder.fields import bits, grade, require
 from spec.decoder.space import Floats, Ints, series_functions
 
 MOST_EXPONENT = 39
 MOST_GRADE = 23
-GROWTH = 1.0 + 1.0 / 512.0
+COVARIANCE_GROWTH = 1.0 + 1.0 / 512.0
 LEAST_LENGTH = 2.0**-52
 
 Inputs = tuple[tuple[int, ...], ...]
@@ -32,7 +32,7 @@ def read_time_functions(data: bytes, frames: int, count: int, step: float, axes:
     require(method in (0, 1, 2), "an unknown method of functions of time")
     require(method != 1 or frames <= 1024, "too many frames for a transform")
     quantised = read_quantised(data[1:], frames, count, axes)
-    return (predicted, transformed, straight)[method](quantised) * step
+    return (undo_prediction, undo_transform, integrate_twice)[method](quantised) * step
 
 
 def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
@@ -79,7 +79,7 @@ def read_magnitude(contexts: Contexts, inputs: Inputs, expected: int) -> int:
     def decide(exponent: int, way: int) -> int:
         return contexts.mixed(("fall" if way == 2 else "rise", min(exponent - 1, 15)), *inputs)
 
-    exponent = length_near(min(expected, MOST_EXPONENT - 1) + 1, MOST_EXPONENT, decide)
+    exponent = find_length(min(expected, MOST_EXPONENT - 1) + 1, MOST_EXPONENT, decide)
     if exponent == 0:
         return 0
     top = contexts.mixed(("top", min(exponent, 15)), *inputs)
@@ -104,8 +104,8 @@ class Prediction:
         self.c = [[float(i == j) for j in range(4)] for i in range(4)]
 
     def learn(self, u: list[float], q: float, variance: float) -> None:
-        g = [in_order(row, u) for row in self.c]
-        y = in_order(g, u)
+        g = [sum_products(row, u) for row in self.c]
+        y = sum_products(g, u)
         if not 0.0 <= y <= 2.0**120:
             self.start()
         elif y > 0.0:
@@ -113,15 +113,15 @@ class Prediction:
                 h = g[i] / (variance + y)
                 self.w[i] += h * q
                 for j in range(i + 1):
-                    self.c[i][j] = self.c[j][i] = (self.c[i][j] - h * g[j]) * GROWTH
+                    self.c[i][j] = self.c[j][i] = (self.c[i][j] - h * g[j]) * COVARIANCE_GROWTH
 
 
-def in_order(a: list[float], b: list[float]) -> float:
+def sum_products(a: list[float], b: list[float]) -> float:
     """Sum four products from left to right, rounding each operation on its own."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-def predicted(quantised: Ints) -> Floats:
+def undo_prediction(quantised: Ints) -> Floats:
     """13.3: undo the prediction."""
     prediction = Prediction()
     values = np.zeros(quantised.shape)
@@ -132,7 +132,7 @@ def predicted(quantised: Ints) -> Floats:
             energy = 0.0
             for x in range(axes):
                 u = [float(values[k, max(t - 1 - j, 0), x]) for j in range(4)]
-                p = 0.0 if t == 0 else u[0] if t == 1 else in_order(prediction.w, u)
+                p = 0.0 if t == 0 else u[0] if t == 1 else sum_products(prediction.w, u)
                 if not abs(p) <= 2.0**39:
                     p = 0.0
                     prediction.start()
@@ -153,13 +153,13 @@ def cosines(frames: int, count: int) -> Floats:
     return found
 
 
-def transformed(quantised: Ints) -> Floats:
+def undo_transform(quantised: Ints) -> Floats:
     """13.4: undo the transform."""
     frames = quantised.shape[1]
     return cosines(frames, frames) @ quantised.astype(np.float64)
 
 
-def straight(quantised: Ints) -> Floats:
+def integrate_twice(quantised: Ints) -> Floats:
     """13.5: sum up speeds; numpy's 64-bit sums wrap around as required."""
     speeds = quantised.copy()
     speeds[:, 0] = 0

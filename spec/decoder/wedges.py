@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spec.decoder.contexts import Contexts, History, chosen, length_near
+from spec.decoder.contexts import Contexts, History, choose, find_length
 from spec.decoder.fields import bits, clamp, require, sign
 from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
@@ -19,7 +19,7 @@ GRID, COMPLEMENT, FLOAT = range(3)
 LARGEST_CODE = 2**31 - 1
 LARGEST_LINEAR = 2**30
 AFFINE, TURNED, MIRRORED, PARALLELOGRAM, NEIGHBOURS, LATEST_ATTRIBUTE = range(6)
-LONGEST = 32
+MAX_LENGTH = 32
 
 Vector = NDArray[np.int64]
 
@@ -276,7 +276,7 @@ class Values:
             codes[k] = codes[k - 1]
         elif entries and not channel.is_complete and self._is_common(k, kind, distance, expected):
             places = [nearest, *(place for place in range(entries) if place != nearest)]
-            turn = chosen(entries, lambda turn: bit(name, "which", min(turn, 3), distance))
+            turn = choose(entries, lambda turn: bit(name, "which", min(turn, 3), distance))
             codes[k] = channel.table[places[turn]]
             before = 34
         else:
@@ -301,7 +301,7 @@ class Values:
             inputs = (length, w, before, k), (length, w, kind, spread), (length, w, spread, expected)
             return self._contexts.mixed((name, "length", c, w, m), *inputs, of=(name, "length"))
 
-        length = length_near(clamp(expected + spread >> 1 if spread else expected, 1, LONGEST), LONGEST, decide)
+        length = find_length(clamp(expected + spread >> 1 if spread else expected, 1, MAX_LENGTH), MAX_LENGTH, decide)
         if length == 0:
             return 0, 0
         size = self._contexts.digits(length, 4, name, "digit")

@@ -22,7 +22,7 @@ from spec.decoder.mesh import Attribute
 from spec.decoder.rangecoder import RangeDecoder
 from spec.decoder.residuals import ResidualReader
 from spec.example import section
-from spec.make_vectors import describe, integers
+from spec.make_vectors import describe, hash_integers
 from spec.sealing import (
     CHUNKS,
     Part,
@@ -129,7 +129,7 @@ def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
     def parse(data: bytes) -> Parsed:
         read.clear()
         runs = modules["animation"].decode_runs(data)
-        found = integers(runs)
+        found = hash_integers(runs)
         attributes = [item for run in runs for mesh in run.meshes for item in mesh.attributes]
         of_each = [(item.name, item.domain, item.indices, item.labels, item.values.tobytes()) for item in attributes]
         return list(read), found, of_each
