@@ -1,5 +1,5 @@
-"""Named arrays in one file, NumPy's NPZ and HDF5, which keep everything.
+"""Formats of named arrays in one file, NumPy's NPZ and HDF5, which store everything.
 
-Begin with ``npz.py`` or ``hdf5.py``. The layout of the arrays, which both share with reading in a child process, is
-:mod:`pdecodec.formats.base.object_arrays`.
+Begin with ``npz.py`` or ``hdf5.py``. The layout of the arrays is :mod:`pdecodec.formats.base.object_arrays`, which
+also serves to pass sequences between processes.
 """

@@ -1,7 +1,7 @@
-"""HDF5: ``points`` in chunks of frames and, where known, faces, times and everything else.
+"""Read and write HDF5: ``points`` in chunks of frames and, if known, faces, times and everything else.
 
-The datasets are those of :mod:`pdecodec.formats.base.object_arrays`, text as UTF-8 of fixed length. A file of
-``points`` alone is read too. Frames stream both ways: neither side holds more than a block of them.
+The datasets are those of :mod:`pdecodec.formats.base.object_arrays`; text is UTF-8 of fixed length. Files with only
+``points`` are read too. Frames are streamed in both directions, a block at a time.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from pdecodec.system.reading import FileScope
 from pdecodec.system.storage import RemoteFile
 
 CHUNK_BYTES = 2**20
-"""Size of a chunk of points: the cache that HDF5 gives a dataset by default."""
+"""Size of a chunk of points [bytes]: HDF5's default chunk cache per dataset."""
 
-MOST_VIRTUAL = 8
-"""Virtual datasets that may refer to each other in a row."""
+MAX_VIRTUAL_DEPTH = 8
+"""Largest depth of virtual datasets that refer to each other."""
 
-MOST_LINKS = 16
-"""Links that may lead to each other; HDF5 follows as many."""
+MAX_LINKS = 16
+"""Largest number of links that are followed in a row; HDF5 has the same limit."""
 
 _UNLIMITED = 2**63
-"""Counts of a selection from here on are HDF5's mark for a selection that grows with its dataset."""
+"""Smallest count that HDF5 uses to mark a selection that grows with its dataset."""
 
 
 _SCALES = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS", "_Netcdf4Dimid"})
-"""Attributes that tie datasets to their scales."""
+"""Attributes that connect datasets with their dimension scales."""
 
 
 class Hdf5Sequence(LaidOutSequence):
-    """A mesh sequence in an HDF5 file, which stays open until :meth:`close` and holds at least ``points``.
+    """A mesh sequence in an HDF5 file that has at least ``points``; the file stays open until :meth:`close`.
 
     Raises
     ------
@@ -83,10 +83,10 @@ class Hdf5Sequence(LaidOutSequence):
 
 
 def write_hdf5(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write a sequence, block by block; the same sequence gives the same bytes."""
+    """Write a sequence, block by block; equal sequences give equal bytes."""
     frames, vertices = sequence.frame_count, sequence.vertex_count
     chunk = chunk_shape(frames, vertices)
-    # As many frames at a time as a block holds, but no chunk in two pieces.
+    # Write whole chunks: as many frames at a time as fit in a block.
     at_a_time = max(chunk[0], sequence.frames_per_block // chunk[0] * chunk[0])
     with output.whole_file() as partial, new_hdf5(partial) as (file, check):
         points = file.create_dataset("points", (frames, vertices, 3), "<f4", chunks=chunk, track_times=False)
@@ -98,13 +98,13 @@ def write_hdf5(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     return ()
 
 
-class _PatientFile(io.FileIO):
-    """A file that takes what is written, though there be no room: HDF5 ends the process where a write fails.
+class _DeferredErrorFile(io.FileIO):
+    """A file that hides write errors from HDF5, which aborts the process if a write fails.
 
     Attributes
     ----------
     failure : OSError or None
-        What went wrong first.
+        The first error.
     """
 
     failure: OSError | None = None
@@ -130,7 +130,7 @@ class _PatientFile(io.FileIO):
         view = memoryview(buffer).cast("B")
         count = super().readinto(view) or 0
         if self.failure is not None:
-            # What could not be written is not there to be read.
+            # Return zeros for data that could not be written.
             view[count:] = bytes(len(view) - count)
             count = len(view)
         return count
@@ -138,8 +138,8 @@ class _PatientFile(io.FileIO):
 
 @contextmanager
 def new_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
-    """A new HDF5 file, and what raises the OSError that a write met; so does closing it."""
-    with _PatientFile(path, "w+") as written:
+    """Create an HDF5 file; yield it with a function that raises the OSError of a failed write, as closing does."""
+    with _DeferredErrorFile(path, "w+") as written:
 
         def check() -> None:
             if written.failure is not None:
@@ -151,13 +151,13 @@ def new_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
 
 
 def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:
-    """Whole frames to a chunk of :data:`CHUNK_BYTES`; of larger frames, a part."""
+    """Return a chunk of whole frames up to :data:`CHUNK_BYTES`, or a part of one larger frame."""
     vertices_of_chunk = min(vertices, CHUNK_BYTES // 12)
     return min(frames, max(1, CHUNK_BYTES // (12 * vertices))), vertices_of_chunk, 3
 
 
 def _dataset_names(file: Any, scope: FileScope) -> dict[str, bool]:
-    """Return the names of all datasets, and whether each is a link; InputError where a link leads nowhere."""
+    """Return the names of all datasets, and whether each is a link; InputError if a link is broken."""
     names: list[str] = []
     links: list[str] = []
 
@@ -176,19 +176,19 @@ def _dataset_names(file: Any, scope: FileScope) -> dict[str, bool]:
 
 
 def _attribute_names(file: Any) -> list[str]:
-    """Return the names of attributes of groups and datasets, but for those that tie datasets to their scales."""
+    """Return the names of attributes of groups and datasets, except those for dimension scales."""
     names = list(file.attrs)
     file.visititems(lambda name, item: names.extend(f"{name}.{key}" for key in item.attrs))
     return [name for name in names if name.rpartition(".")[2] not in _SCALES]
 
 
 def linked_item(file: Any, name: str, scope: FileScope) -> Any:
-    """Return what a file of HDF5 has under a name, None where it has no such name.
+    """Return the object under a name in an HDF5 file, None if there is none.
 
     Raises
     ------
     InputError
-        If it is a link to what is not there, or one of the links on the way leads to a file outside the scope.
+        If it is a broken link, or a link on the way leads to a file outside the scope.
     """
     _check_links(file, name, scope, 0)
     item = _found(file.get(name))
@@ -204,21 +204,21 @@ def linked_item(file: Any, name: str, scope: FileScope) -> Any:
 
 
 def _found(item: Any) -> Any:
-    """Return what is found in a file; a dataset looks for its raw data in the folder of the file.
+    """Return an object of a file; datasets with external data look for these in the folder of the file.
 
-    HDF5 would look in the current folder.
+    By default HDF5 would look in the current folder.
     """
     if not isinstance(item, h5py.Dataset) or item.external is None:
         return item
     home, name = item.file, item.name
-    item.id.close()  # one that is open keeps the way in which it was opened
+    item.id.close()  # an open dataset keeps the access properties it was opened with
     access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
     access.set_efile_prefix(b"${ORIGIN}")
     return h5py.Dataset(h5py.h5d.open(home.id, name.encode(), access))
 
 
 def _check_links(file: Any, name: str, scope: FileScope, depth: int) -> None:
-    """Raise InputError where a link on the way to a name leads outside the scope, before HDF5 follows it."""
+    """Raise InputError if a link on the way to a name leads outside the scope, before HDF5 follows it."""
     group, parts = file, [part for part in name.split("/") if part not in ("", ".")]
     while parts:
         link = group.get(parts[0], getlink=True)
@@ -227,36 +227,36 @@ def _check_links(file: Any, name: str, scope: FileScope, depth: int) -> None:
             if not isinstance(group, h5py.Group):
                 return
             continue
-        if depth >= MOST_LINKS:
-            raise InputError(f"{name!r} is behind more than {MOST_LINKS} links", code="too-large", path=scope.path)
+        if depth >= MAX_LINKS:
+            raise InputError(f"{name!r} is behind more than {MAX_LINKS} links", code="too-large", path=scope.path)
         rest = "/".join(parts[1:])
         if isinstance(link, h5py.SoftLink):
             _check_links(file if link.path.startswith("/") else group, f"{link.path}/{rest}", scope, depth + 1)
         elif isinstance(link, h5py.ExternalLink):
-            there = found_beside(link.filename, file.file, scope, f"{name!r} is a link to {link.path!r} in")
+            there = find_referenced_file(link.filename, file.file, scope, f"{name!r} is a link to {link.path!r} in")
             with h5py.File(there, "r") as other:
                 _check_links(other, f"{link.path}/{rest}", scope, depth + 1)
         return
 
 
 def check_stored(dataset: Any, scope: FileScope, depth: int = 0) -> None:
-    """Raise InputError where values of a dataset were never written: HDF5 gives its fill value for them.
+    """Raise InputError if values of a dataset were never written: HDF5 would return its fill value for them.
 
     Parameters
     ----------
     dataset : h5py.Dataset
-        Its chunks and the sources of a virtual dataset are looked at, not its values.
+        Its chunks and the sources of a virtual dataset are examined, not its values.
     scope : FileScope
-        Where the files lie that it may have values in.
+        Folder of files that may hold its values.
     depth : int
-        Virtual datasets that lie between the one that is read and this one.
+        Number of virtual datasets between the one that is read and this one.
     """
     if dataset.size in (None, 0):
         return
     name, path = dataset.name, _home(dataset, scope)
-    if depth > MOST_VIRTUAL:
+    if depth > MAX_VIRTUAL_DEPTH:
         raise InputError(
-            f"dataset {name!r} is made of more than {MOST_VIRTUAL} virtual datasets in a row",
+            f"dataset {name!r} is made of more than {MAX_VIRTUAL_DEPTH} virtual datasets in a row",
             code="too-large",
             path=path,
         )
@@ -272,18 +272,20 @@ def check_stored(dataset: Any, scope: FileScope, depth: int = 0) -> None:
             )
     elif dataset.external is not None:
         for file, _, _ in dataset.external:
-            found_beside(str(file), dataset.file, scope, f"dataset {name!r} has its values in", of_raw_data=True)
+            find_referenced_file(
+                str(file), dataset.file, scope, f"dataset {name!r} has its values in", of_raw_data=True
+            )
     elif dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_NOT_ALLOCATED:
         raise damaged(f"dataset {name!r} was never written; write the file again", path=path)
 
 
 def _home(dataset: Any, scope: FileScope) -> Path | RemoteFile:
-    """Return the path of the file that a dataset is in: a link leads to another one."""
+    """Return the path of the file that holds a dataset, which may be the target of a link."""
     return Path(dataset.file.filename) if isinstance(scope.path, Path) else scope.path
 
 
 def _check_sources(dataset: Any, scope: FileScope, depth: int) -> None:
-    """Raise InputError where a source of a virtual dataset is missing or too small, or values have none."""
+    """Raise InputError if a source of a virtual dataset is missing or too small, or some values have no source."""
     covered, is_open, path = 0, False, _home(dataset, scope)
     for space, pattern, source_name, selected in dataset.virtual_sources():
         numbers: Iterable[int] = (0,)
@@ -305,7 +307,9 @@ def _check_sources(dataset: Any, scope: FileScope, depth: int) -> None:
                 _check_extent(source, selected, count, path)
                 check_stored(source, scope, depth + 1)
                 continue
-            file_path = found_beside(file_name, dataset.file, scope, f"dataset {dataset.name!r} has its values in")
+            file_path = find_referenced_file(
+                file_name, dataset.file, scope, f"dataset {dataset.name!r} has its values in"
+            )
             with h5py.File(file_path, "r") as file:
                 source = _source(file, inner, scope)
                 if source is None:
@@ -325,7 +329,7 @@ def _check_sources(dataset: Any, scope: FileScope, depth: int) -> None:
 
 
 def _check_extent(source: Any, selected: Any, count: int, path: Path | RemoteFile) -> None:
-    """Raise InputError where a source has fewer values than the `count` that a virtual dataset takes of it."""
+    """Raise InputError if a source has fewer values than the `count` that a virtual dataset takes from it."""
     if selected.get_select_type() == h5py.h5s.SEL_ALL:
         if source.size < count:
             raise InputError(
@@ -347,7 +351,7 @@ def _check_extent(source: Any, selected: Any, count: int, path: Path | RemoteFil
 
 
 def _has_later_file(pattern: str, path: Path | RemoteFile, first: int) -> bool:
-    """Whether a file beside `path` has a number from `first` on in the place of ``%b`` in a pattern."""
+    """Return whether a file next to `path` has a number from `first` on in place of ``%b`` in a pattern."""
     if not isinstance(path, Path) or "%b" not in pattern:
         return False
     head, _, tail = Path(pattern).name.partition("%b")
@@ -357,9 +361,9 @@ def _has_later_file(pattern: str, path: Path | RemoteFile, first: int) -> bool:
 
 
 def _source(file: Any, name: str, scope: FileScope) -> Any:
-    """Return a source of a virtual dataset, None where there is none; InputError where its raw data lie elsewhere.
+    """Return a source of a virtual dataset, None if it is missing; InputError if its raw data are outside the scope.
 
-    HDF5 itself opens it, and looks for raw data in the current folder.
+    HDF5 opens the source itself, and looks for raw data in the current folder.
     """
     _check_links(file, name, scope, 0)
     source = file.get(name)
@@ -370,19 +374,19 @@ def _source(file: Any, name: str, scope: FileScope) -> Any:
     return source
 
 
-def found_beside(name: str, file: Any, scope: FileScope, what: str, *, of_raw_data: bool = False) -> Path:
-    """Return the path of a file that one of HDF5 names, looked for where HDF5 looks for it.
+def find_referenced_file(name: str, file: Any, scope: FileScope, what: str, *, of_raw_data: bool = False) -> Path:
+    """Return the path of a file that an HDF5 file names, searched where HDF5 searches.
 
     Parameters
     ----------
     name : str
     file : h5py.File
-        The one that names it.
+        The file that names it.
     scope : FileScope
     what : str
-        What names it, for a message.
+        Beginning of a message: what names the file.
     of_raw_data : bool
-        Whether it is sought in the folder of `file` alone, as raw data are.
+        Whether to search only the folder of `file`, as HDF5 does for raw data.
 
     Raises
     ------
@@ -414,7 +418,7 @@ def _write(file: Any, name: str, array: NDArray[Any]) -> None:
 
 @contextmanager
 def _file_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterator[None]:
-    """Turn what h5py raises on damage into one line."""
+    """Turn exceptions of h5py on damage into one InputError."""
     try:
         yield
     except InputError:

@@ -1,8 +1,8 @@
-"""NPZ: a NumPy archive of ``points`` and, where known, faces, times and everything else.
+"""Read and write NPZ: a NumPy archive of ``points`` and, if known, faces, times and everything else.
 
 The arrays are those of :mod:`pdecodec.formats.base.object_arrays`. Points stored without compression, as our writer
-and ``numpy.savez`` store them, are read by blocks; compressed ones are loaded whole. Headers are checked before a byte
-of an array is believed.
+and ``numpy.savez`` store them, are read in blocks; compressed ones are loaded whole. Headers are validated before
+any array is read.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.storage import RemoteFile
 
 EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)
-"""The first date a zip file can say: same input, same bytes."""
+"""Earliest date of the zip format, written for every member: same input, same bytes."""
 
 DEFLATE_FACTOR = 1032
-"""Bytes that deflate can make of one: a member that claims more is damaged, or a bomb."""
+"""Largest ratio of deflate compression: a member that claims more is damaged or a bomb."""
 
 LOCAL_HEADER_BYTES = 30
-"""A zip member's own header, before its name."""
+"""Size of a zip member's local header before its name [bytes]."""
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -45,11 +45,11 @@ _DAMAGE = (
     RuntimeError,
     TokenError,
 )
-"""What zipfile and numpy raise on damaged, encrypted or unsupported members, and on headers that are not Python."""
+"""Exceptions of zipfile and NumPy on damaged, encrypted or unsupported members, and on headers that are not Python."""
 
 
 class NpzSequence(LaidOutSequence):
-    """A mesh sequence in a NumPy archive, which holds at least ``points`` (frames, vertices, 3).
+    """A mesh sequence in a NumPy archive that has at least ``points`` (frames, vertices, 3).
 
     Raises
     ------
@@ -70,7 +70,7 @@ class NpzSequence(LaidOutSequence):
 
 
 def write_npz(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write an uncompressed archive, block by block; the same sequence gives the same bytes."""
+    """Write an uncompressed archive, block by block; equal sequences give equal bytes."""
     shape = (sequence.frame_count, sequence.vertex_count, 3)
     with output.whole_file() as partial, zipfile.ZipFile(partial, "w") as archive:
         with _new_member(archive, "points") as member:
@@ -91,7 +91,7 @@ def _new_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
 
 @dataclass(frozen=True)
 class _Header:
-    """What an array in NumPy's own format says of itself; `length` bytes stand before the numbers."""
+    """Header of an array in NumPy's format; `length` bytes precede the values."""
 
     shape: tuple[int, ...]
     fortran_order: bool
@@ -100,7 +100,7 @@ class _Header:
 
 
 def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
-    """Read and check the header of a member; ValueError where it is not an array at all."""
+    """Read and check the header of a member; ValueError if it is not an array."""
     with archive.open(info) as member:
         version = np.lib.format.read_magic(member)
         if version == (1, 0):
@@ -127,7 +127,7 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
 
 
 def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
-    """Read a whole member; never runs what a file holds."""
+    """Read a whole member; never executes anything stored in the file."""
     _read_header(archive, info)
     with archive.open(info) as member:
         array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
@@ -135,14 +135,14 @@ def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 class _StoredArray:
-    """An uncompressed member in C order whose first dimension is read piece by piece, straight from the file.
+    """An uncompressed member in C order, sliced along its first dimension straight from the file.
 
-    Its checksum covers the whole member and is not looked at.
+    The member's checksum is not verified, since it covers the whole member.
     """
 
     def __init__(self, path: Path | RemoteFile, info: zipfile.ZipInfo, header: _Header) -> None:
         self.shape, self.dtype, self._path = header.shape, header.dtype, path
-        # A member's bytes start behind its own header, whose name and extra field may differ in length.
+        # The data follow the local header, whose name and extra field may differ in length from the directory's.
         with path.open("rb") as file:
             file.seek(info.header_offset)
             local = file.read(LOCAL_HEADER_BYTES)
@@ -157,7 +157,7 @@ class _StoredArray:
         with read_errors(self._path), self._path.open("rb") as file:
             file.seek(offset)
             numbers = np.empty(count, self.dtype)
-            # IO[bytes], as files are typed here, lacks what every one of them has.
+            # The static type IO[bytes] lacks readinto, which every file here has.
             read = file.readinto(numbers.data.cast("B")) if count else 0  # type: ignore[attr-defined]
         if read < numbers.nbytes:
             raise damaged("the file ends early; write it again", path=self._path, frame=start, offset=offset)

@@ -1,4 +1,4 @@
-"""Point caches, MDD and PC2: positions and times alone; names, faces and attributes come from another file.
+"""Point caches, MDD and PC2: only positions and times; names, faces and attributes come from another file.
 
 Both formats are in ``point_caches.py``.
 """

@@ -1,11 +1,11 @@
-"""Point caches: a header, then the positions of every frame as float32; faces come from another file.
+"""Read and write point caches: a header, then float32 positions of every frame; faces come from another file.
 
-MDD, of LightWave and everyone after, is big-endian: int32 frames, int32 points, float32 times[frames] [s], float32
-positions[frames][points][3]. Times that are frames of a rate but for float32 come back without that rounding.
+MDD, introduced by LightWave, is big-endian: int32 frames, int32 points, float32 times[frames] [s], float32
+positions[frames][points][3]. Times within float32 rounding of the frames of a rate are restored exactly.
 
-PC2, of 3ds Max and everyone after, is little-endian: ``POINTCACHE2`` and a zero byte, int32 version (1), int32 points,
-float32 start [frames], float32 step [frames], int32 samples, float32 positions[samples][points][3]. Times count
-frames, so the frame rate is the reader's to know: `fps`, else 24 and a notice.
+PC2, introduced by 3ds Max, is little-endian: ``POINTCACHE2`` and a zero byte, int32 version (1), int32 points,
+float32 start [frames], float32 step [frames], int32 samples, float32 positions[samples][points][3]. Times are
+counted in frames, so the reader must know the frame rate: `fps`, else 24 with a notice.
 """
 
 from __future__ import annotations
@@ -35,19 +35,17 @@ MDD_HEADER, PC2_HEADER = struct.Struct(">ii"), struct.Struct("<12siiffi")
 
 PC2_IDENTIFIER, PC2_VERSION = b"POINTCACHE2\0", 1
 
-"""What a person should know who writes a point cache."""
-
 Mesh = Path | str | None
-"""Where names, faces and attributes come from: any file that can be opened."""
+"""File or input that names, faces and attributes come from; None for points."""
 
 
 class PointCacheSequence(MeshSequence):
-    """Positions of a point cache, which begin at byte `start` as ``<f4`` or ``>f4``, under the objects of a mesh.
+    """Positions of a point cache, from byte `start` on as ``<f4`` or ``>f4``, with the objects of a mesh.
 
     Raises
     ------
     InputError
-        If the file is shorter than its header says, or the mesh has another number of vertices.
+        If the file is shorter than its header says, or the mesh has a different number of vertices.
     """
 
     def __init__(
@@ -68,11 +66,11 @@ class PointCacheSequence(MeshSequence):
         self.notices = (*notices, *self._take_mesh(mesh, points), *more)
 
     def _take_mesh(self, mesh: Mesh, points: int) -> tuple[str, ...]:
-        """Take objects and metadata of the mesh; notices about it."""
+        """Take objects and metadata from the mesh; return notices about it."""
         if mesh is None:
             self.objects, self.metadata = (MeshObject("mesh", Connectivity(points)),), {}
-            text = "the cache holds no faces, they are points now"
-            return (Notice(text, setting="mesh", purpose="to say whose they are"),)
+            text = "the cache has no faces: its vertices are points"
+            return (Notice(text, setting="mesh", purpose="to take faces from a file"),)
         with open_sequence(mesh) as sequence:
             if sequence.vertex_count != points:
                 there = f"has {sequence.vertex_count} vertices, the cache has {points} points"
@@ -96,7 +94,7 @@ def open_mdd(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
     Raises
     ------
     InputError
-        If it is truncated, its header is no MDD header, its times do not increase, or the mesh does not fit.
+        If it is truncated, its header is not valid, its times do not increase, or the mesh does not fit.
     """
     frames, points = MDD_HEADER.unpack(_read_header(path, MDD_HEADER.size))
     size = path.stat().st_size
@@ -104,17 +102,17 @@ def open_mdd(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
         raise damaged(f"its header says {frames} frames of {points} points: no MDD file, or a damaged one", path=path)
     start = MDD_HEADER.size + 4 * frames
     stored = np.frombuffer(_read_header(path, start)[MDD_HEADER.size :], ">f4").astype(np.float64)
-    times, found = _without_rounding(stored, fps)
+    times, found = _remove_rounding(stored, fps)
     return PointCacheSequence(path, start, ">f4", frames, points, mesh, (times, *rate_or_default(found, fps)))
 
 
 def open_pc2(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequence:
-    """Open a PC2 file; `fps` is the rate of the frames it counts.
+    """Open a PC2 file; `fps` is the rate of the frames in which it counts time.
 
     Raises
     ------
     InputError
-        If it is truncated, no PC2 file, or the mesh does not fit.
+        If it is truncated, is no PC2 file, or the mesh does not fit.
     """
     identifier, version, points, start, step, frames = PC2_HEADER.unpack(_read_header(path, PC2_HEADER.size))
     if (identifier, version) != (PC2_IDENTIFIER, PC2_VERSION):
@@ -131,18 +129,18 @@ def open_pc2(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
 
 
 def write_mdd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write positions and times; refused where two times are one in float32."""
+    """Write positions and times; refused if two times are equal in float32."""
     times = sequence.times.astype(">f4")
     if (np.diff(times.astype(np.float64)) <= 0).any():
         raise InputError(
-            "two times are the same in MDD's float32; take another format, or fewer frames", code="invalid-times"
+            "two times are equal in MDD's float32; choose another format or fewer frames", code="invalid-times"
         )
     header = MDD_HEADER.pack(sequence.frame_count, sequence.vertex_count) + times.tobytes()
     return _write_cache(sequence, output, "MDD", header, ">f4")
 
 
 def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write positions, and times as a start and a step in frames."""
+    """Write positions, and times as start and step in frames."""
     found = regular_rate(sequence.times, output.rate)
     start = float(sequence.times[0]) * output.rate
     step = 1.0 if found is None else output.rate / found
@@ -150,7 +148,7 @@ def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         held = np.array([start, step]).astype(np.float32)
     if not (np.isfinite(held).all() and held[1] > 0):
         raise InputError(
-            f"PC2's float32 cannot count its frames at {output.rate:g} a second; give a usual rate",
+            f"PC2's float32 cannot count frames at {output.rate:g} per second; set a usual frame rate",
             code="invalid-times",
         )
     header = PC2_HEADER.pack(PC2_IDENTIFIER, PC2_VERSION, sequence.vertex_count, start, step, sequence.frame_count)
@@ -163,7 +161,7 @@ def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 def _read_header(path: Path, size: int) -> bytes:
-    """The first `size` bytes; InputError where there are fewer, or they cannot be read."""
+    """Return the first `size` bytes; InputError if there are fewer or they cannot be read."""
     with read_errors(path), path.open("rb") as file:
         head = file.read(size)
     if len(head) < size:
@@ -180,14 +178,14 @@ def _write_cache(sequence: MeshSequence, output: Output, what: str, header: byte
     return (Notice(text, setting="mesh", purpose="when it is read"),)
 
 
-def _without_rounding(stored: Float64Array, fps: float | None) -> tuple[Float64Array, float | None]:
-    """Times without what float32 did to them, and the rate that tells so."""
+def _remove_rounding(stored: Float64Array, fps: float | None) -> tuple[Float64Array, float | None]:
+    """Return times without float32 rounding, and the frame rate that reveals it."""
     if stored.size < 2 or not np.isfinite(stored).all() or (np.diff(stored) <= 0).any():
         return stored, None
     slack = FLOAT32_ROUNDING * float(np.abs(stored).max())
     spacing = float(np.median(np.diff(stored)))
     rough = (stored.size - 1) / float(stored[-1] - stored[0])
-    # Only where rounding is far below the spacing do times say which rate they are frames of.
+    # Times identify a rate only if rounding is far below their spacing.
     rates = (float(round(rough)), round(rough * 1.001) / 1.001, round_rate(rough)) if slack / spacing < 0.01 else ()
     for rate in (fps, *rates):
         if rate:

@@ -1,6 +1,7 @@
-"""Formats of one file a frame and one mesh a file: OBJ, PLY, STL and OFF.
+"""Formats with one mesh per file and one file per frame: OBJ, PLY, STL and OFF.
 
-Begin with ``reader.py`` and ``writer.py``: OBJ sequences in and out. ``model.py`` makes objects, groups and materials
-of what an OBJ file says, ``text.py`` hands its text to the core, which parses it. ``onto.py`` puts motion onto the text
-of an OBJ file. ``ply.py``, ``ply_writer.py`` and ``stl_off.py`` have the others.
+Begin with ``reader.py`` and ``writer.py``, which read and write OBJ sequences. ``text.py`` passes the text of an OBJ
+file to the core, which parses it; ``model.py`` builds objects, groups and materials from the result. ``onto.py``
+replaces the motion in an existing OBJ file. ``ply.py``, ``ply_writer.py`` and ``stl_off.py`` handle the other
+formats.
 """

@@ -1,7 +1,7 @@
-"""What an OBJ file says beside positions: objects, faces, UVs, colours, hard edges, and names of faces.
+"""Everything in an OBJ file besides positions: objects, faces, UVs, colours, hard edges, and names of faces.
 
-Names of faces are states in OBJ: each holds until the next statement of its kind. Here they become one integer
-a face. Names that mean "none" in OBJ (``g default``, a bare ``usemtl``, ``s off``) are -1, and 0 for ``s``.
+Names of faces are states in OBJ: each holds until the next statement of its kind. Here they become one integer per
+face. Names that mean "none" in OBJ (``g default``, a bare ``usemtl``, ``s off``) become -1, and 0 for ``s``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
 GEOMETRY_NOT_READ = frozenset({"curv", "curv2", "surf", "fo", "bzp", "bsp", "cdc", "cdp", "res", "call", "csh"})
-"""Statements that carry geometry: a file without them would be another model, so they are refused."""
+"""Statements that carry geometry: a file read without them would be another model, so they are refused."""
 
 
 _STATEMENT = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -32,7 +32,7 @@ _STATEMENT = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 
 @dataclass
 class _State:
-    """One kind of name: its labels, and from which element on each holds (-1: none)."""
+    """One kind of name: its labels, and the elements from which each label holds (-1: none)."""
 
     labels: dict[str, int] = field(default_factory=dict)
     starts: list[int] = field(default_factory=lambda: [0])
@@ -48,7 +48,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Part:
-    """A range of vertices and elements under one ``o``."""
+    """A range of vertices and elements under one ``o`` statement."""
 
     name: str | None
     vertices: tuple[int, int]
@@ -59,11 +59,11 @@ def _as_text(name: bytes) -> str:
     try:
         return name.decode("utf-8")
     except UnicodeDecodeError:
-        return name.decode("latin-1")  # what older exporters write; every byte is a letter of it
+        return name.decode("latin-1")  # older exporters write Latin-1, in which every byte is valid
 
 
 def _statement(text: ObjText, offset: int) -> tuple[str, str]:
-    """Word and argument of a statement, blanks of the argument single."""
+    """Return the word and the argument of a statement, with runs of blanks in the argument made single."""
     word, *words = [_as_text(token) for token in text.line(offset).split()]
     if not _STATEMENT.fullmatch(word):
         raise text.error(offset, f"{text.token(offset)!r} is not an OBJ statement; check the file")
@@ -81,7 +81,7 @@ def _smoothing_group(text: ObjText, offset: int, argument: str) -> str | None:
 
 
 class ObjModel:
-    """Objects, attributes, metadata and notices of a file; objects are built when they are asked for.
+    """Objects, attributes, metadata and notices of a file; objects are built on first use.
 
     Each ``o`` becomes an object where its elements use only vertices declared under it; otherwise the file is
     one object and the names are a face attribute ``"object"``.
@@ -129,7 +129,7 @@ class ObjModel:
         ]
         self._whole = _Part(None, (0, scan.vertex_sizes.size), (0, scan.element_sizes.size))
         self._is_separate = self._are_separate(self._parts)
-        # A part of every vertex and nothing else names the whole, as our writer leaves it.
+        # A part with all vertices and no elements only names the whole object, as our writer does.
         named = [
             part for part in self._parts if part.elements[0] < part.elements[1] or part.vertices != self._whole.vertices
         ]
@@ -146,7 +146,7 @@ class ObjModel:
         return (self._build_whole(self._parts, self._whole.vertices),)
 
     def changes_to(self, other: ObjModel) -> Iterator[tuple[str, bool]]:
-        """What differs in a file of the same connectivity, and whether this one has any of it."""
+        """Yield what differs in a file of the same connectivity, and whether this file has it at all."""
         if self._parts != other._parts or self._names_differ("object", other):
             yield "objects", True
         for name, words in (("group", "groups"), ("material", "materials"), ("smoothing", "smoothing groups")):
@@ -166,7 +166,7 @@ class ObjModel:
             yield "names of mtllib", bool(self.metadata)
 
     def _names_differ(self, name: str, other: ObjModel) -> bool:
-        """Whether elements have other names of a kind, whatever the order in which files name them."""
+        """Return whether names of a kind differ on elements, regardless of the order that files introduce them in."""
         numbers = {label: number for number, label in enumerate(self._labels[name])}
         renumbered = np.array([*(numbers.get(label, -2) for label in other._labels[name]), -1], np.int32)
         return not np.array_equal(self._states[name], renumbered[other._states[name]])
@@ -182,7 +182,7 @@ class ObjModel:
         return True
 
     def _build_whole(self, parts: list[_Part], vertices: tuple[int, int]) -> MeshObject:
-        """The file as one object, named by the part that declares every vertex or by the only name there is."""
+        """Return the file as one object, named by the part with all vertices or by the only name of elements."""
         name = next((part.name for part in parts if part.vertices == vertices), None)
         names = np.unique(self._states["object"])
         only_name = names.size == 1 and names[0] >= 0 and name is None
@@ -248,7 +248,7 @@ class ObjModel:
             return None
         first, last = int(indices.min()), int(indices.max())
         if first < 0 or last >= len(normals):
-            # Normals that are not there still say which corners share one.
+            # Corners may refer to missing normals; their indices still say which corners share one.
             return normal_group(connectivity, indices)
         order = np.arange(indices.size)
         return read_normal_group(connectivity, "corner", normals[first : last + 1], indices - first, order)
@@ -274,7 +274,7 @@ class ObjModel:
             uncolored += part.vertices[1] - part.vertices[0] - colored if colored else 0
         if uncolored:
             notices.append(f"{uncolored} of {scan.vertex_count} vertices have no colour: they are white")
-        # Texture vertices and normals that nothing refers to.
+        # Texture vertices and normals that no element refers to.
         for word, count, column in (("vt", scan.texture_count, 1), ("vn", len(scan.normals), 2)):
             if count and not (scan.corners[:, column] >= 0).any():
                 left_out = {word: None, **dict.fromkeys(left_out)}

@@ -1,6 +1,6 @@
-"""Motion onto OBJ: the text of an original, with other numbers in its ``v`` lines and normals that fit them.
+"""Write motion into an existing OBJ file: its text with other positions in the ``v`` lines and matching normals.
 
-Comments, groups, materials, texture vertices, weights, colours and statements that are not read stay as they were.
+Comments, groups, materials, texture vertices, weights, colours and statements that are not read stay unchanged.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _LINE = re.compile(
     rb"|mtllib[ \t]+(?P<library>[^\r\n]*?)[ \t]*|(?P<time># time )[^\r\n]*)(?:\r?\n)",
     re.MULTILINE,
 )
-"""Lines that change: vertices, normals, faces, the library of materials, and our own comment."""
+"""Lines that change: vertices, normals, faces, the material library, and the time comment of our writer."""
 
 _CORNER = re.compile(rb"(?<=[ \t])([-+\d]+/[-+\d]*/)([-+\d]+)|(?<=[ \t])[-+\d]+(?:/[-+\d]*)?(?=[ \t\r\n])")
-"""A corner of a face, with a normal or without one."""
+"""A corner of a face, with or without a normal."""
 
 
 def write_obj_onto(
     sequence: MeshSequence, original: MeshSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
-    """Write the original's first frame again for each frame of a sequence, with its positions."""
+    """Write the original's first frame once per frame of a sequence, with the sequence's positions."""
     placed, new_folder = frame_output(output)
     text = _Template(read_text(find_frames(source, ".obj").paths[0], 0), original, fits, placed.path.parent)
 
@@ -52,7 +52,7 @@ def write_obj_onto(
 
 
 class _Template:
-    """The text of an original as pieces that stay, and places for positions and normals."""
+    """The text of an original, split into pieces that stay and slots for positions and normals."""
 
     def __init__(self, text: ObjText, original: MeshSequence, fits: Sequence[Fitted], folder: Path) -> None:
         self._rest = original.read_frames(0, 1)[0]
@@ -67,7 +67,7 @@ class _Template:
         self._fill(text.data, moved, corner_rows)
 
     def _fill(self, data: bytes, moved: BoolArray, corner_rows: Iterator[int] | None) -> None:
-        """Take the text apart; a place is the first vertex and what follows each one's numbers, None is for normals."""
+        """Split the text; a slot has its first vertex and the rest of each line, None is the slot of normals."""
         vertex = done = 0
         has_normals = False
         pieces = self._pieces
@@ -99,14 +99,14 @@ class _Template:
             raise damaged(f"{len(moved)} vertices were read, but {vertex} lines hold one", path=self._source)
 
     def _library(self, name: bytes) -> bytes:
-        """A library of materials as it is named from the folder of the output."""
+        """Return the path of a material library relative to the folder of the output."""
         here = self._source.parent / os.fsdecode(name)
         if self._folder.resolve() == self._source.parent.resolve() or not here.is_file():
             return name
         return os.fsencode(os.path.relpath(here, self._folder.resolve()))
 
     def filled(self, points: Float32Array) -> bytes:
-        """The text at positions (vertices, 3) of a sequence."""
+        """Return the text with positions (vertices, 3) of the sequence."""
         whole = self._rest.copy()
         for own, place in self._moves:
             whole[place] = points[own]
@@ -126,7 +126,7 @@ class _Template:
 
 
 def _normals_of(objects: Sequence[MeshObject]) -> tuple[list[NormalRows | None], Iterator[int] | None]:
-    """Rows of normals of each object, and the line of the file's normals that each corner of a face then has."""
+    """Return the normal rows of each object, and the index of the ``vn`` line of each face corner."""
     found = [None if group_attribute(item) is None else normal_rows(item) for item in objects]
     if not any(found):
         return found, None

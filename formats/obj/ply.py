@@ -1,4 +1,4 @@
-"""PLY, one file a frame, in: plyfile reads text and binary of any order of bytes."""
+"""Read PLY, one file per frame, with plyfile: text, and binary in either byte order."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ CHANNELS = (("red", "green", "blue", "alpha"), ("diffuse_red", "diffuse_green", 
 UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 FACE_UVS, _TEXTURE = "texcoord", "TextureFile"
-"""The list of a face's UVs, and the comment that names a texture, as MeshLab writes them."""
+"""Name of the list of a face's UVs, and of the comment that names a texture, as MeshLab writes them."""
 
 _NORMALS = ("nx", "ny", "nz")
 
 _HEAD_BYTES = 2**16
-"""Where a header has ended."""
+"""Bytes from the start of a file that are searched for the header."""
 
 _COUNT = re.compile(rb"^element\s+\S+\s+(\d+)\s*$", re.MULTILINE)
 
 _DAMAGE = (PlyParseError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
-"""What plyfile and NumPy raise on damaged or missing parts."""
+"""Exceptions of plyfile and NumPy on damaged or missing parts."""
 
 
 def open_ply(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open PLY files, one a frame; InputError where frames are missing or the first one cannot be used."""
+    """Open PLY files, one per frame; InputError if frames are missing or the first one cannot be used."""
     return open_frames(path, ".ply", _read_ply, fps)
 
 
@@ -62,8 +62,8 @@ def _read_ply(path: Path) -> MeshFile:
 
 def _parsed(path: Path) -> Any:
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy's, of a list without numbers
-        # Faces of one size are read many times faster, where plyfile is told it.
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy warns of lists without numbers
+        # Faces of equal size are read many times faster if plyfile is told the size.
         for size in (3, 4):
             lengths = {"face": {**dict.fromkeys(_INDICES, size), FACE_UVS: 2 * size}}
             with contextlib.suppress(PlyParseError, KeyError, ValueError):
@@ -72,7 +72,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _mesh(data: Any) -> MeshFile:
-    # Of each element, the columns that were not read so far; what remains in the end is not kept.
+    # The columns of each element that were not read so far; what remains in the end is not kept.
     elements = {
         element.name: {name: element.data[name] for name in element.data.dtype.names} for element in data.elements
     }
@@ -92,7 +92,7 @@ def _mesh(data: Any) -> MeshFile:
     connectivity = Connectivity(len(points), counts.astype(np.int32), indices, sizes, lines.reshape(-1))
     attributes = [_colors(vertex, "vertex", COLOR)]
     if counts.size:
-        # Colours of vertices and of faces are told apart by their names.
+        # Vertex and face colours get different names.
         attributes.append(_colors(face, "face", COLOR if attributes[0] is None else f"{COLOR}:face"))
         attributes.append(_face_uvs(face, connectivity) or _vertex_uvs(vertex, connectivity))
         if set(_NORMALS) <= set(vertex):
@@ -106,7 +106,7 @@ def _mesh(data: Any) -> MeshFile:
 
 
 def _colors(columns: dict[str, Any], domain: AttributeDomain, name: str) -> Attribute | None:
-    """Take colours of vertices or faces from their columns."""
+    """Remove colours of vertices or faces from their columns and return them."""
     for channels in CHANNELS:
         if set(channels[:3]) <= set(columns):
             values = np.stack([columns.pop(channel) for channel in channels if channel in columns], axis=1)
@@ -126,7 +126,7 @@ def _vertex_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribut
 
 
 def _face_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute | None:
-    """Take UVs of corners, lists of faces; faces whose list has another length than they have corners have none."""
+    """Remove and return UVs of corners, stored as a list per face; faces with a list of the wrong length have none."""
     lists, counts = columns.get(FACE_UVS), connectivity.face_counts
     if lists is None:
         return None
@@ -144,14 +144,14 @@ def _face_uvs(columns: dict[str, Any], connectivity: Connectivity) -> Attribute 
 
 
 def _joined(lists: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Numbers of lists, one after the other, and how many each has."""
+    """Return the values of lists, concatenated, and the length of each list."""
     if lists.dtype != object:
         return lists.reshape(-1), np.full(len(lists), lists.shape[1])
     return np.concatenate(lists), np.fromiter(map(len, lists), np.int64, len(lists))
 
 
 def _faces(columns: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Take the corners of each face, how many there are and all of them one after the other."""
+    """Remove faces from their columns; return the number of corners of each, and all corners concatenated."""
     name = next((one for one in _INDICES if one in columns), None)
     rows = np.zeros((0, 3)) if name is None else columns.pop(name)
     if not len(rows):
@@ -161,6 +161,6 @@ def _faces(columns: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _strips(numbers: Int64Array) -> Int64Array:
-    """Corners of the triangles of strips, one after the other, -1 between them."""
+    """Return the corners of the triangles of strips, which are separated by -1."""
     strips = np.split(numbers, np.flatnonzero(numbers < 0))
     return np.concatenate([strip_triangles(strip[strip >= 0]).reshape(-1) for strip in strips])

@@ -1,4 +1,4 @@
-"""PLY, one file a frame, out: binary and little-endian, vertices, faces of any size, normals, UVs, colours."""
+"""Write PLY, one file per frame: binary little-endian; vertices, faces of any size, normals, UVs, colours."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
-    """The bytes of the files of a run, and lines about what they cannot hold."""
+    """Return a function that makes the file of each frame of a run, and notices about what PLY cannot store."""
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
     head += [f"property float {axis}" for axis in "xyz"]
     normals = VertexNormals(sequence)
@@ -79,15 +79,15 @@ def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
         and vertex_uvs is None
         and any(uv.indices is not None for uv in map(_uv_of, sequence.objects) if uv)
     ):
-        notices += ("UVs (uv) are written corner by corner: PLY has no indices of them",)
+        notices += ("UVs (uv) are written per corner: PLY cannot share them by indices",)
     main = {f"{one.name!r}": UV if is_role(one, UV) else COLOR for item in sequence.objects for one in _written(item)}
     notices += tuple(
-        f"{name} is written as {role!r}: PLY has one, and no name for it"
+        f"{name} is written as {role!r}: PLY stores one, without its name"
         for name, role in main.items()
         if name not in (f"{role!r}", f"'{role}:face'")
     )
     if sequence.connectivity.line_count:
-        notices += ("lines are left out: readers of PLY take its edges for damage",)
+        notices += ("lines are left out: many readers of PLY reject files with edges",)
     return frame_bytes, notices
 
 
@@ -96,12 +96,12 @@ def _uv_of(item: MeshObject) -> Attribute | None:
 
 
 def _written(item: MeshObject) -> list[Attribute]:
-    """The attributes of an object that are written, besides normals."""
+    """Return the attributes of an object that are written, besides normals."""
     return [one for one in (_uv_of(item), main_color(item), main_color(item, "face")) if one is not None]
 
 
 def _corner_uvs(sequence: MeshSequence) -> Float32Array | None:
-    """(corners, 2) float32: UVs of all objects, NaN for none; None where no object has any."""
+    """Return UVs (corners, 2) float32 of all objects, NaN for corners without; None if no object has any."""
     parts, has_any = [], False
     for item in sequence.objects:
         uv, corners = _uv_of(item), item.connectivity.face_indices.size
@@ -115,14 +115,14 @@ def _corner_uvs(sequence: MeshSequence) -> Float32Array | None:
 
 
 def _uvs_by_vertex(connectivity: Connectivity, uvs: Float32Array) -> Float32Array | None:
-    """(vertices, 2) float32: UVs of corners (corners, 2) as rows of vertices; None where a vertex has several."""
+    """Return UVs of corners (corners, 2) as rows of vertices (vertices, 2) float32; None if a vertex has several."""
     rows = np.zeros((connectivity.vertex_count, 2), np.float32)
     rows[connectivity.face_indices] = uvs
     return rows if np.array_equal(rows[connectivity.face_indices], uvs) else None
 
 
 def _bytes_of_colors(colors: Float32Array | None) -> tuple[NDArray[np.uint8], list[str]]:
-    """Colours as bytes, without an alpha of one throughout, and the lines of a header for them."""
+    """Return colours as bytes, without alpha if it is always one, and their header lines."""
     if colors is None:
         return np.zeros((1, 0), np.uint8), []
     channels = 3 if colors.shape[1] == 3 or (colors[:, 3] == 1).all() else 4
@@ -133,9 +133,9 @@ def _bytes_of_colors(colors: Float32Array | None) -> tuple[NDArray[np.uint8], li
 def _face_rows(
     connectivity: Connectivity, uvs: Float32Array | None, colors: Float32Array | None
 ) -> tuple[list[str], bytes]:
-    """Faces as PLY has them and the lines of a header for them.
+    """Return the header lines of faces, and the faces as PLY stores them.
 
-    They are lists of indices, of UVs (corners, 2; empty where one is NaN), and colours (faces, 3 or 4).
+    A face has a list of indices, a list of UVs from (corners, 2), empty if one is NaN, and a colour (faces, 3 or 4).
     """
     counts = connectivity.face_counts.astype(np.int64)
     lists: list[tuple[Int64Array, NDArray[Any]]] = [(counts, connectivity.face_indices.astype("<i4"))]
@@ -152,7 +152,7 @@ def _face_rows(
     whole = sum(size + 4 * lengths for lengths, _ in lists) + shades.shape[1]
     places = np.cumsum(whole) - whole
     data = np.zeros(int(np.sum(whole)), np.uint8)
-    # A size of one byte, or of four where one is 256 or more, then numbers of four bytes.
+    # List lengths take one byte, or four if one is 256 or more; the values take four bytes each.
     for lengths, numbers in lists:
         data[places[:, None] + np.arange(size)] = lengths.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :size]
         within = np.arange(numbers.size) - np.repeat(np.cumsum(lengths) - lengths, lengths)

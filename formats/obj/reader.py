@@ -1,10 +1,9 @@
-"""OBJ sequences: one Wavefront OBJ file a frame, read in parallel.
+"""Read OBJ sequences: one Wavefront OBJ file per frame, in parallel.
 
-Frames of the same faces, lines and UV indices are a run. Names, UVs, colours and hard edges are those of its first
-frame; of every other one positions are read, and what else differs is told once.
+Frames with the same faces, lines and UV indices form a run. Names, UVs, colours and hard edges come from its first
+frame; of every other frame only positions are read, and each kind of other difference is reported once.
 
-OBJ has no time. Our writer starts each file with a comment that says when it is, so that irregular times and the
-frame rate come back; other readers skip it.
+OBJ has no time. Our writer starts each file with a comment that states time and frame rate; other readers skip it.
 """
 
 from __future__ import annotations
@@ -26,46 +25,53 @@ from pdecodec.formats.base.frame_meshes import FrameChanges, KeptPositions, runs
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel
-from pdecodec.formats.obj.text import NoVerticesError, ObjText, is_far, read_text, rounding_of_text, scan
+from pdecodec.formats.obj.text import (
+    NoVerticesError,
+    ObjText,
+    is_rounding_noticeable,
+    read_text,
+    rounding_of_text,
+    scan,
+)
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
-MOST_THREADS = 8
-"""Threads that read frames; beyond it the disk and the memory bus are the limit."""
+MAX_THREADS = 8
+"""Largest number of threads that read frames; with more, disk and memory bus are the limit."""
 
 
 PARALLEL_BYTES = 256 * 1024
-"""Frames of shorter text are read by one thread: handing them out would cost more than it saves."""
+"""Size of the first frame below which one thread reads all frames: distributing them would cost more than it saves."""
 
 
-LONGEST_COMMENT = 128
-"""Bytes read from the start of each file to find the comment that says its time."""
+COMMENT_BYTES = 128
+"""Bytes at the start of each file that are searched for the time comment."""
 
 
 _COMMENT = re.compile(rb"# time ([-+.\deE]{1,30}) s at ([-+.\deE]{1,30}) frames per second\r?\n")
 
 
 _VERTEX_ENDS, _TEXTURES, _LIBRARIES = 1, 2, 4
-"""Data that the core compares, as bits: what follows positions, texture vertices, mtllib."""
+"""Data that the core compares, as bits: values after positions, texture vertices, mtllib."""
 
 
 _BITS = {"vertex colours": _VERTEX_ENDS, "UVs": _TEXTURES, "names of mtllib": _LIBRARIES}
 
 
 def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None) -> MeshSequence:
-    """Open an OBJ file, frame pattern or folder: every frame is read once, to learn where faces change.
+    """Open an OBJ file, frame pattern or folder; every frame is read once to find where faces change.
 
     Parameters
     ----------
     path : pathlib.Path
         See :func:`pdecodec.formats.base.frame_files.find_frames`.
     fps : float or None
-        Frames per second; None takes what our writer noted, else 24 with a notice.
+        Frames per second; None takes the rate that our writer recorded, else 24 with a notice.
     threads : int, optional
-        How many read at a time. The result does not depend on it. Default: one a processor, at most eight;
-        one where frames are small.
+        Number of reading threads, which does not affect the result. Default: one per processor, at most eight; one if
+        frames are small.
 
     Raises
     ------
@@ -81,17 +87,17 @@ def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None
 
 
 class _ObjFrames:
-    """Files of frames, how many are read at a time, and positions that were read to compare them."""
+    """Files of frames, the number of reading threads, and positions kept from comparing frames."""
 
     def __init__(self, paths: Sequence[Path], threads: int | None) -> None:
         self.paths, self._kept, self.changes = paths, KeptPositions(), FrameChanges()
         self._opened: dict[int, _Structure] = {}
         with read_errors(paths[0]):
             is_large = paths[0].stat().st_size >= PARALLEL_BYTES
-        self.threads = threads or (min(MOST_THREADS, os.cpu_count() or 1) if is_large else 1)
+        self.threads = threads or (min(MAX_THREADS, os.cpu_count() or 1) if is_large else 1)
 
     def run_starts(self) -> list[tuple[int, int]]:
-        """The first frame of each run, and its vertices; what cannot be read is told of when it is asked for."""
+        """Return the first frame and the vertex count of each run; unreadable frames raise only when they are read."""
         starts: list[tuple[int, int]] = []
         structure: _Structure | None = None
         frame, at_once = 0, 1
@@ -113,7 +119,7 @@ class _ObjFrames:
                     frame += 1
                     continue
                 batch = range(frame, min(frame + at_once, len(self.paths)))
-                compared = pool.map(partial(self._compared, structure), batch)
+                compared = pool.map(partial(self._compare_frame, structure), batch)
                 for index, (points, model) in zip(batch, compared, strict=True):
                     if points is None:
                         structure = None
@@ -126,13 +132,13 @@ class _ObjFrames:
         return starts
 
     def structure(self, first: int) -> _Structure:
-        """What must not change in the run that begins with a frame; that of the first run is kept."""
+        """Return the structure of the run that begins with a frame; that of the first run is cached."""
         return self._opened.get(first) or _Structure(read_text(self.paths[first], first))
 
-    def _compared(self, structure: _Structure, frame: int) -> tuple[Float32Array | None, ObjModel | None]:
-        """Positions of a frame, none where they cannot be read, and its model where other data may have changed.
+    def _compare_frame(self, structure: _Structure, frame: int) -> tuple[Float32Array | None, ObjModel | None]:
+        """Compare a frame with a run; return its positions, and its model if other data may have changed.
 
-        None for positions where its faces are others.
+        Positions are empty if the frame cannot be read, and None if its faces differ.
         """
         points = np.empty((structure.vertices, 3), np.float32)
         try:
@@ -143,7 +149,7 @@ class _ObjFrames:
             return points[:0], None
 
     def read(self, structure: _Structure, frame: int, points: Float32Array) -> None:
-        """Read a frame's positions into `points`, (vertices, 3) float32; errors as of `structure`."""
+        """Read a frame's positions into `points`, (vertices, 3) float32; raises as `structure` does."""
         kept = self._kept.get(frame)
         if kept is None or len(kept) != len(points):
             structure.read_positions(self.paths[frame], frame, points)
@@ -151,13 +157,13 @@ class _ObjFrames:
             points[:] = kept
 
     def note_rounding(self, frame: int, points: Float32Array) -> None:
-        """Note how far positions (vertices, 3) of a frame are from its text, which is read again."""
-        if is_far(points):
+        """Read the text of a frame again and note how far float32 positions (vertices, 3) are from it."""
+        if is_rounding_noticeable(points):
             note_rounding(rounding_of_text(read_text(self.paths[frame], frame), points))
 
 
 class ObjSequence(MeshSequence):
-    """Frames of one connectivity, from one on, that are read when they are asked for."""
+    """Consecutive frames of one connectivity, read on demand."""
 
     def __init__(self, frames: _ObjFrames, first: int, timing: Timing) -> None:
         self._frames, self._first = frames, first
@@ -174,7 +180,7 @@ class ObjSequence(MeshSequence):
             self._frames.read(self._structure, self._first + frame, points[frame - start])
 
         with ThreadPoolExecutor(max_workers=min(self._frames.threads, max(1, stop - start))) as pool:
-            # map gives results in order, so the error raised is that of the first bad frame
+            # map yields results in order, so the first bad frame raises
             for _ in pool.map(read, range(start, stop)):
                 pass
         if is_rounding_noticed():
@@ -184,11 +190,11 @@ class ObjSequence(MeshSequence):
 
 
 class _ChangedError(InputError):
-    """A frame has other faces than the one before."""
+    """A frame has different faces than the run."""
 
 
 class _Structure:
-    """What must not change from frame to frame, as bytes to compare quickly and as indices to compare well."""
+    """The data that must not change within a run: as bytes for a fast comparison, as indices for an exact one."""
 
     def __init__(self, text: ObjText) -> None:
         self._lines, self._first = ObjStructure(text.data), scan(text)
@@ -198,12 +204,12 @@ class _Structure:
 
     @property
     def positions(self) -> Float32Array:
-        """Of the first frame, (vertices, 3)."""
+        """Positions (vertices, 3) of the first frame."""
         found: Float32Array = self._first.positions
         return found
 
     def note_changes(self, model: ObjModel, frame: int, changes: FrameChanges) -> None:
-        """Note what else differs in a frame; data that are known to change are not compared again."""
+        """Note other differences of a frame; kinds of data that are known to change are not compared again."""
         changes.note_lines(model.notices)
         for kind, is_in_first in self.model.changes_to(model):
             changes.note(frame, kind, is_in_first=is_in_first)
@@ -215,12 +221,12 @@ class _Structure:
         Returns
         -------
         ObjModel or None
-            Of the frame, where its other data may have changed and `compare` asks for it.
+            Model of the frame, if `compare` is true and its other data may have changed.
 
         Raises
         ------
         InputError
-            If the file is unusable or its connectivity is another one.
+            If the file is unusable or its connectivity differs.
         """
         text = read_text(path, frame)
         found = self._lines.read_positions(text.data, points)
@@ -228,7 +234,7 @@ class _Structure:
             unread, changed = found
             text.read_rest(unread, points)
             return ObjModel(text, scan(text)) if compare and changed & self._unchanged else None
-        # A frame that is written differently: find out whether it is different.
+        # The frame's text differs; its content may still be the same.
         other = scan(text)
         model = ObjModel(text, other)  # refuses statements that carry geometry
         difference = self._difference(other)
@@ -257,7 +263,7 @@ class _Structure:
 
 
 def _timing(files: FrameFiles, fps: float | None) -> Timing:
-    """Frame numbers over `fps`; without it what the files' own comments say, where all of them say it."""
+    """Return times from the files' comments if all have one and `fps` is None, else frame numbers divided by `fps`."""
     if fps is None:
         told = [_read_comment(path) for path in files.paths]
         known = [item for item in told if item is not None]
@@ -268,7 +274,7 @@ def _timing(files: FrameFiles, fps: float | None) -> Timing:
 
 def _read_comment(path: Path) -> tuple[float, float] | None:
     with read_errors(path), path.open("rb") as file:
-        match = _COMMENT.match(file.read(LONGEST_COMMENT))
+        match = _COMMENT.match(file.read(COMMENT_BYTES))
     try:
         time, rate = (math.nan, math.nan) if match is None else (float(match[1]), float(match[2]))
     except ValueError:

@@ -1,7 +1,7 @@
-"""STL and OFF, one file a frame, without meshio: it joins the vertices of an STL file anew in every frame, and
-refuses OFF files whose faces are not all triangles.
+"""Read STL and OFF, one file per frame, without meshio.
 
-Vertices of STL stay as they are written, three to a triangle; sequences of them have one connectivity then.
+meshio would merge the vertices of an STL file differently in every frame, and refuses OFF files with faces other
+than triangles. Here vertices of STL stay as stored, three per triangle, so that a sequence has one connectivity.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR
 from pdecodec.formats.base.frame_meshes import MeshFile, Positions, not_kept, open_frames
 from pdecodec.formats.base.registry import read_errors
-from pdecodec.formats.obj.text import is_far, meant_by_text
+from pdecodec.formats.obj.text import is_rounding_noticeable, restore_shortest_floats
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshSequence
 
 STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A binary STL file: 80 bytes of anything and a count, then facets."""
+"""Layout of binary STL: 80 arbitrary bytes and a count, then facets."""
 
 _STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
 
@@ -29,17 +29,17 @@ _SOLID = re.compile(rb"^\s*solid\b[ \t]*(.*?)\s*$", re.MULTILINE)
 
 
 def open_stl(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open STL files, one a frame; InputError where frames are missing or the first one cannot be used."""
+    """Open STL files, one per frame; InputError if frames are missing or the first one cannot be used."""
     return open_frames(path, ".stl", _read_stl, fps)
 
 
 def open_off(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open OFF files, one a frame; errors as of :func:`open_stl`."""
+    """Open OFF files, one per frame; raises as :func:`open_stl`."""
     return open_frames(path, ".off", _read_off, fps)
 
 
 def _read_stl(path: Path) -> MeshFile:
-    """One STL file, binary or text."""
+    """Read one STL file, binary or text."""
     with read_errors(path):
         data = path.read_bytes()
     count = int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
@@ -60,7 +60,7 @@ def _read_stl(path: Path) -> MeshFile:
 
 
 def _read_off(path: Path) -> MeshFile:
-    """One OFF file, text, faces of any number of corners."""
+    """Read one OFF file: text, faces with any number of corners."""
     with read_errors(path):
         lines = [line.partition(b"#")[0].split() for line in path.read_bytes().splitlines()]
     words = [line for line in lines if line]
@@ -95,7 +95,7 @@ def _read_off(path: Path) -> MeshFile:
 
 
 def _off_colors(rows: list[list[bytes]]) -> tuple[tuple[Attribute, ...], list[str]]:
-    """Colours of faces, 3 or 4 integers to 255 or fractions each, and the words for those that are not kept."""
+    """Return face colours, given as 3 or 4 integers up to 255 or fractions, and names of what is not kept."""
     if not any(rows):
         return (), []
     try:
@@ -110,7 +110,7 @@ def _off_colors(rows: list[list[bytes]]) -> tuple[tuple[Attribute, ...], list[st
 
 
 def _positions(words: list[bytes], path: Path) -> Positions:
-    """Positions (vertices, 3) of a text: float32, or float64 where rounding moves them noticeably."""
+    """Parse positions (vertices, 3): float32, or float64 if rounding would move them noticeably."""
     if not words:
         return np.zeros((0, 3), np.float32)
     try:
@@ -119,4 +119,4 @@ def _positions(words: list[bytes], path: Path) -> Positions:
         raise damaged(f"holds what is no number ({error}); export it again", path=path) from error
     with np.errstate(over="ignore"):
         rounded = numbers.astype(np.float32)
-    return meant_by_text(numbers, rounded) if is_far(rounded) else rounded
+    return restore_shortest_floats(numbers, rounded) if is_rounding_noticeable(rounded) else rounded

@@ -1,4 +1,4 @@
-"""One OBJ file made ready for the core, which reads it, and the numbers that the core leaves to be read here."""
+"""Prepare the text of an OBJ file for the core, which parses it, and parse the numbers that the core leaves."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _MESSAGES = {
 
 
 class NoVerticesError(InputError):
-    """A file of readable text that declares no vertices."""
+    """A file of readable text declares no vertices."""
 
 
 def float32_of_token(token: bytes) -> np.float32 | None:
-    """The float32 a token stands for, or None if it is not a number.
+    """Return the float32 value of a token, or None if it is not a number.
 
-    Understands decimal notation, ``nan`` and ``inf`` in any case, and the ``1.#QNAN``, ``1.#IND`` and
-    ``1.#INF`` of Microsoft's C library. Values beyond float32 become infinite.
+    Accepts decimal notation, ``nan`` and ``inf`` in any case, and the ``1.#QNAN``, ``1.#IND`` and ``1.#INF`` of
+    Microsoft's C library. Values beyond float32 become infinite.
     """
     if _PLAIN_NUMBER.fullmatch(token):
         with np.errstate(over="ignore", under="ignore"):
@@ -61,14 +61,14 @@ def float32_of_token(token: bytes) -> np.float32 | None:
 
 @dataclass(frozen=True, eq=False)
 class ObjText:
-    """Text of one OBJ file that ends with a line feed and holds no line continuations.
+    """Text of one OBJ file, ending with a line feed and without line continuations.
 
     Parameters
     ----------
     path : pathlib.Path
     frame : int
     data : bytes
-        The file with continuations and byte order mark blanked out, so that offsets stay those of the file.
+        The file with continuations and byte order mark replaced by blanks, so that offsets stay valid.
     joined : tuple of int
         Offsets of the continuations, which were line breaks.
     """
@@ -79,16 +79,16 @@ class ObjText:
     joined: tuple[int, ...] = ()
 
     def error(self, offset: int, message: str) -> InputError:
-        """An error at a byte of this file, which names the line."""
+        """Return an error at a byte of this file; its message names the line."""
         line = 1 + self.data.count(b"\n", 0, offset) + sum(place < offset for place in self.joined)
         return damaged(f"line {line}: {message}", path=self.path, frame=self.frame)
 
     def token(self, offset: int) -> str:
-        """The token that starts at a byte, shortened for messages."""
+        """Return the token that starts at a byte, shortened for messages."""
         return self._token_bytes(offset)[:40].decode("utf-8", "replace")
 
     def line(self, offset: int) -> bytes:
-        """What stands from a byte to the end of its line."""
+        """Return the text from a byte to the end of its line."""
         return self.data[offset : self.data.index(b"\n", offset)]
 
     def _token_bytes(self, offset: int) -> bytes:
@@ -96,12 +96,19 @@ class ObjText:
         return match[0] if match else b""
 
     def read_rest(self, unread: Int64Array, *arrays: Float32Array) -> None:
-        """Read the numbers that the core has not: (n, 3) of which array, which of its numbers, and the token's byte.
+        """Parse the numbers that the core left unread.
+
+        Parameters
+        ----------
+        unread : (n, 3) int64
+            Index of the array, index of the value in it, and offset of the token.
+        *arrays : float32 arrays
+            Receive the values.
 
         Raises
         ------
         InputError
-            If one is not a number.
+            If a token is not a number.
         """
         for array, place, offset in unread.tolist():
             token = self._token_bytes(offset)
@@ -112,7 +119,7 @@ class ObjText:
             arrays[array].reshape(-1)[place] = value
 
 
-def is_far(points: Float32Array) -> bool:
+def is_rounding_noticeable(points: Float32Array) -> bool:
     """Return whether float32 moves positions (vertices, 3) by over :data:`REPORTED_ROUNDING` of the diagonal."""
     if not points.size or not np.isfinite(points).all():
         return False
@@ -120,9 +127,9 @@ def is_far(points: Float32Array) -> bool:
 
 
 def rounding_of_text(text: ObjText, points: Float32Array) -> float:
-    """How far positions (vertices, 3) that were read of a text are from its numbers at most.
+    """Return the largest distance of positions (vertices, 3) that were read from a text from its exact numbers.
 
-    Of numbers that Python does not read it is 0.
+    If Python cannot parse the numbers, it is 0.
     """
     rows = _VERTEX.findall(text.data)
     try:
@@ -131,17 +138,17 @@ def rounding_of_text(text: ObjText, points: Float32Array) -> float:
         return 0.0
     if numbers.shape != points.shape:
         return 0.0
-    return largest_rounding(meant_by_text(numbers, points), points)
+    return largest_rounding(restore_shortest_floats(numbers, points), points)
 
 
-def meant_by_text(numbers: Float64Array, rounded: Float32Array) -> Float64Array:
-    """Numbers of a text: where it is the shortest of a float32 number, that number."""
+def restore_shortest_floats(numbers: Float64Array, rounded: Float32Array) -> Float64Array:
+    """Return the numbers of a text; where they are the shortest text of a float32, the float32 value itself."""
     printed = rounded.astype(np.str_).astype(np.float64)
     return np.where(numbers == printed, rounded, numbers)
 
 
 def read_text(path: Path, frame: int) -> ObjText:
-    """Read an OBJ file; InputError where it cannot be read, is empty, or is not text."""
+    """Read an OBJ file; InputError if it cannot be read, is empty, or is not text."""
     with read_errors(path, frame=frame):
         data = path.read_bytes()
     if not data.strip():
@@ -158,7 +165,7 @@ def read_text(path: Path, frame: int) -> ObjText:
 
 
 def _join_lines(data: bytes, joined: list[int]) -> bytes:
-    """Blank out continuations, except in comments, which may well end in a backslash (a path)."""
+    """Replace continuations by blanks, except in comments, which may end in a backslash (a path)."""
     text = bytearray(data)
     for match in _CONTINUATION.finditer(data):
         start_of_line = text.rfind(b"\n", 0, match.start()) + 1
@@ -169,7 +176,7 @@ def _join_lines(data: bytes, joined: list[int]) -> bytes:
 
 
 def scan(text: ObjText) -> ObjScan:
-    """Read everything in an OBJ file.
+    """Parse an OBJ file.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""OBJ sequences out: one file a frame, all of them or none.
+"""Write OBJ sequences: one file per frame, all of them or none.
 
-Positions are written with as few digits as read back to the same float32. Kept: objects, faces, lines, points,
-``"uv"``, ``"color"``, ``"group"``, ``"material"``, ``"smoothing"`` and ``"object"`` attributes as
-:mod:`pdecodec.formats.obj.reader` gives them, hard edges as normals of each frame, the ``mtllib`` of the metadata, and
-times, in a comment. Of several UV sets or colours the main one is written. Other attributes have no place in OBJ: they
-are left out, and the writer says so.
+Positions are written with the fewest digits that read back to the same float32. Kept are objects, faces, lines,
+points, ``"uv"``, ``"color"``, ``"group"``, ``"material"``, ``"smoothing"`` and ``"object"`` attributes as
+:mod:`pdecodec.formats.obj.reader` returns them, hard edges as normals of each frame, the ``mtllib`` of the metadata,
+and times, in a comment. Of several UV sets or colours only the main one is written. OBJ cannot store other
+attributes: a notice lists those that are left out.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 NORMAL_DECIMALS = 4
-"""Decimals of normals, as other programs write them."""
+"""Decimals of normals, as in files of other programs."""
 
 _FACE_STATEMENTS = (("object", "o {}", ""), ("group", "g {}", "g default"), ("material", "usemtl {}", "usemtl"))
-"""Face attributes with labels: name, the statement that sets one, and the one that unsets it."""
+"""Face attributes with labels: name, statement that sets a label, statement that unsets it."""
 
 
 def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write OBJ files to a folder (``name`` or ``name/``: ``name/name.0001.obj``), or as a pattern or file names them.
+    """Write OBJ files to a folder (``name`` or ``name/``: ``name/name.0001.obj``), a frame pattern or a single file.
 
     Raises
     ------
     InputError
-        If the place is taken or not writable, several frames are to go to one file, or a position is not finite.
+        If the output exists or cannot be written, several frames would go to one file, or a position is not finite.
     """
     placed, new_folder = frame_output(output)
     notices: dict[str, None] = {}
@@ -55,7 +55,7 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
         lost = left_out(run, "OBJ", _is_written, metadata=("mtllib",))
         names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
-        notices.update(dict.fromkeys((*lost, *names, *_without_names(run), *white_for_none(run))))
+        notices.update(dict.fromkeys((*lost, *names, *_name_notices(run), *white_for_none(run))))
         return _FrameText(run, output.rate, first).of_frame
 
     write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
@@ -63,7 +63,7 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 def frame_output(output: Output) -> tuple[Output, bool]:
-    """The output with the pattern of its frames where it names a folder, and whether that is new; errors as above."""
+    """Return the output with its frame pattern, and whether its folder is new; raises as :func:`write_obj`."""
     path, new_folder = output.path, False
     if not is_frame_pattern(path) and (path.suffix.lower() != ".obj" or path.is_dir()):
         folder, path = path, path / f"{path.resolve().name}.{FOLDER_PADDING}.obj"
@@ -80,16 +80,16 @@ def frame_output(output: Output) -> tuple[Output, bool]:
 
 
 def time_comment(time: float, rate: float) -> bytes:
-    """The line that says when a frame is [s], and how many there are in a second; both numbers read back exactly."""
+    """Return the comment with the time [s] and the frame rate of a frame; both numbers read back exactly."""
     return f"# time {float(time)!r} s at {float(rate)!r} frames per second\n".encode()
 
 
 def check_finite(points: Float32Array, frame: int) -> None:
-    """Raise InputError where a position (vertices, 3) is not finite."""
+    """Raise InputError if a position (vertices, 3) is not finite."""
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
         raise InputError(
-            f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; repair the sequence",
+            f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), which OBJ cannot store; repair the sequence",
             code="not-finite",
             frame=frame,
         )
@@ -101,21 +101,21 @@ def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     return any(attribute is one for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item)))
 
 
-def _without_names(sequence: MeshSequence) -> Iterator[str]:
-    """Lines about UV sets and colours that are written as the main ones."""
+def _name_notices(sequence: MeshSequence) -> Iterator[str]:
+    """Yield notices about UV sets and colours that lose their names."""
     for item in sequence.objects:
         for one, name in ((next(iter(uv_sets(item)), None), UV), (main_color(item), COLOR)):
             if one is not None and one.name != name:
-                yield f"{one.name!r} is written as {name!r}: OBJ has one, and no name for it"
+                yield f"{one.name!r} is written as {name!r}: OBJ stores one, without its name"
 
 
 def _one_line(name: str) -> str:
-    """A name as OBJ can hold it: no line breaks, no zero bytes, blanks single, no continuation at its end."""
+    """Return a name as OBJ can store it: one line, no zero bytes, single blanks, no backslash at the end."""
     return b" ".join(name.replace("\0", "").encode("utf-8", "replace").split()).decode().rstrip("\\")
 
 
 class _FrameText:
-    """Makes the text of frames: what is the same in every frame is made once."""
+    """Writes the text of frames; text that is the same in every frame is built once."""
 
     def __init__(self, sequence: MeshSequence, rate: float, first: int) -> None:
         self._times, self._rate, self._first = sequence.times, rate, first
@@ -132,7 +132,7 @@ class _FrameText:
             self._objects.append(text)
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
-        """The text of a frame's positions (vertices, 3); InputError where one is not finite."""
+        """Return the text of a frame with positions (vertices, 3); InputError if one is not finite."""
         check_finite(points, self._first + frame)
         parts = [time_comment(self._times[frame], self._rate), self._head]
         for item in self._objects:
@@ -142,7 +142,7 @@ class _FrameText:
 
 
 class _ObjectText:
-    """The statements of one object, around its positions."""
+    """The statements of one object before and after its positions."""
 
     def __init__(
         self,
@@ -158,11 +158,12 @@ class _ObjectText:
             (attribute.name, attribute.domain): attribute for attribute in item.attributes
         }
         self.vertices = slice(first_vertex, first_vertex + item.vertex_count)
-        # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
+        # ``o`` before the vertices would name the object: it is left out if names of objects are a face attribute, so
+        # that the file reads back unchanged.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
         self.color = _color_rows(main_color(item), item.vertex_count)
-        # Smoothing groups are statements of their own.
+        # Smoothing groups alone do not make normals: they are written as ``s`` statements.
         self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)
         uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
@@ -183,19 +184,19 @@ class _ObjectText:
         self.after = b"".join((uv_text, faces.encode(), _polyline_text(item, first_vertex + 1)))
 
     def normal_text(self, points: Float32Array) -> bytes:
-        """``vn`` lines at positions (vertices, 3)."""
+        """Return ``vn`` lines at positions (vertices, 3)."""
         if self.normals is None:
             return b""
         return normals_text(self.normals, points)
 
 
 def normals_text(rows: NormalRows, points: Float32Array) -> bytes:
-    """``vn`` lines of rows of normals at positions (vertices, 3)."""
+    """Return ``vn`` lines of normal rows at positions (vertices, 3)."""
     return rows_text(np.round(rows.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0), "vn")
 
 
 def rows_text(rows: Float32Array, word: str) -> bytes:
-    """Lines of a word and finite numbers, (rows, columns); all of nine digits where that is not enough for one."""
+    """Return lines of a word and finite numbers (rows, columns); all have nine digits if one needs them."""
     text = _core.write_rows(np.ascontiguousarray(rows), word)
     if text is None:
         return "".join(word + "".join(f" {value:.9g}" for value in row) + "\n" for row in rows.tolist()).encode()
@@ -203,7 +204,7 @@ def rows_text(rows: Float32Array, word: str) -> bytes:
 
 
 def _color_rows(color: Attribute | None, vertices: int) -> Float32Array:
-    """Colours by vertex, white for none or one that is not finite; without columns where there are none."""
+    """Return colours per vertex, white if missing or not finite; no columns without colours."""
     if color is None:
         return np.zeros((vertices, 0), np.float32)
     values, indices, _ = indexed_rows(color)
@@ -212,13 +213,13 @@ def _color_rows(color: Attribute | None, vertices: int) -> Float32Array:
 
 
 def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, Int64Array | None, int]:
-    """``vt`` lines, the index of each corner into them from 0 (-1 for none), and how many there are."""
+    """Return ``vt`` lines, the index of each corner into them from 0 (-1 for none), and their number."""
     if uv is None:
         return b"", None, 0
     with np.errstate(over="ignore"):
         values = uv.values.astype(np.float32)
     if not np.isfinite(values).all():
-        raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute", code="not-finite")
+        raise InputError("a UV is not finite, which OBJ cannot store; repair the attribute", code="not-finite")
     indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
     return rows_text(values, "vt"), indices, len(values)
 
@@ -244,10 +245,10 @@ def _changes(
     *,
     with_objects: bool,
 ) -> dict[int, str]:
-    """Statements to write before a face: where the name of a face differs from that of the face before.
+    """Return statements to write before faces, where the name of a face differs from that of the face before.
 
-    `names_held` are the kinds of names that hold at the end of the objects before this one, and are unset where
-    this one has none; it is brought up to date.
+    `names_held` has the kinds of names that are set at the end of the previous objects. They are unset if this
+    object has none; the set is updated.
     """
     faces = item.connectivity.face_count
     changes: dict[int, str] = {}

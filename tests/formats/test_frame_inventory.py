@@ -407,7 +407,7 @@ def test_obj_runs_keep_their_own_colours_and_later_files_name_what_they_lose(tmp
 
 UVS = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.25, 0], [2, 3]], np.float32)
 FACES = [[0, 1, 2, 3], [2, 1, 4]]
-CORNER_BY_CORNER = "UVs (uv) are written corner by corner: PLY has no indices of them"
+UVS_PER_CORNER = "UVs (uv) are written per corner: PLY cannot share them by indices"
 
 
 @pytest.mark.parametrize(
@@ -418,18 +418,18 @@ CORNER_BY_CORNER = "UVs (uv) are written corner by corner: PLY has no indices of
         (
             Attribute("uv:two", "corner", UVS[:2], np.array([0, 1, 0, 1, 1, 0, 0], np.int32)),
             UVS[[0, 1, 0, 1, 1, 0, 0]],
-            [CORNER_BY_CORNER, "'uv:two' is written as 'uv': PLY has one, and no name for it"],
+            [UVS_PER_CORNER, "'uv:two' is written as 'uv': PLY stores one, without its name"],
         ),
         (
             Attribute("uv", "corner", UVS, np.array([0, 1, 2, 3, -1, 5, 6], np.int32)),
             np.vstack([UVS[:4], np.full((3, 2), np.nan)]),
-            [CORNER_BY_CORNER],
+            [UVS_PER_CORNER],
         ),
         (Attribute("color", "face", np.eye(2, 4, dtype=np.float32)), np.eye(2, 4), []),
         (
             Attribute("color:paint", "face", np.array([[255, 0, 9], [1, 2, 3]], np.uint8)),
             np.array([[255, 0, 9], [1, 2, 3]]) / 255,
-            ["'color:paint' is written as 'color': PLY has one, and no name for it"],
+            ["'color:paint' is written as 'color': PLY stores one, without its name"],
         ),
     ],
     ids=["corners", "vertices", "second name", "a corner without", "face colours", "named face colours"],

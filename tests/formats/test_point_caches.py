@@ -51,7 +51,7 @@ def test_pc2_says_that_irregular_times_are_lost(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fps", [1e300, 1e-300])
 def test_a_rate_that_pc2_cannot_count_by_is_refused(tmp_path: Path, fps: float) -> None:
-    with pytest.raises(InputError, match="cannot count its frames at 1e"):
+    with pytest.raises(InputError, match="cannot count frames at 1e"):
         write_sequence(square(), tmp_path / "x.pc2", fps=fps)
     assert not any(tmp_path.iterdir())
 
@@ -62,7 +62,7 @@ def test_a_cache_without_a_mesh_is_points_and_says_so(tmp_path: Path) -> None:
         assert read.connectivity.face_count == 0
         assert read.notices == (
             "assumed 24 frames per second; set fps to change it",
-            "the cache holds no faces, they are points now; set mesh to say whose they are",
+            "the cache has no faces: its vertices are points; set mesh to take faces from a file",
         )
 
 
