@@ -1,10 +1,10 @@
 """Read and write mesh sequences of other formats, chosen by extension, first bytes or frame pattern.
 
-Begin with ``catalogue.py``, the list of formats, each with the functions that read and write it as dotted names. A new
-format is one module and one entry there. ``base/`` has what families of formats share (registry, opening, frame files,
-scenes, times, losses); ``obj/ gltf/ usd/ alembic/ vtk/ arrays/ caches/`` have a family each, and import from ``base/``
-alone. Importing this package loads no family: its modules, and what they depend on, load when a file of that family is
-met, as ``write_onto`` does when it is first used.
+Begin with ``catalogue.py``, the list of formats, each with the functions that read and write it as dotted names. A
+new format is one module and one entry there. ``base/`` has what families of formats share (registry, opening, frame
+files, scenes, times, losses); ``obj/ gltf/ usd/ alembic/ vtk/ arrays/ caches/`` hold one family each, and import
+from ``base/`` alone. Importing this package loads no family: its modules, and their dependencies, load when a file
+of that family is opened or written, and the module of ``write_onto`` when it is first used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The formats that come with pdecodec; their modules load when they are first used."""
+"""List the formats that come with pdecodec; their modules load at first use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BUILT_IN = (
     ),
     Format(
         name="obj",
-        title="Wavefront OBJ, one file a frame",
+        title="Wavefront OBJ, one file per frame",
         extensions=(".obj",),
         reader="pdecodec.formats.obj.reader:open_obj",
         writer="pdecodec.formats.obj.writer:write_obj",
@@ -63,7 +63,7 @@ BUILT_IN = (
         times="float32",
         options=("mesh",),
         keeps="positions, times (float32)",
-        loses="faces, names and attributes; they come from a mesh beside it",
+        loses="faces, names and attributes; a mesh given with it supplies them",
     ),
     Format(
         name="pc2",
@@ -74,7 +74,7 @@ BUILT_IN = (
         writer="pdecodec.formats.caches.point_caches:write_pc2",
         options=("mesh",),
         keeps="positions, start and step in frames",
-        loses="the frame rate, irregular times; faces, names and attributes come from a mesh beside it",
+        loses="the frame rate, irregular times; faces, names and attributes, which a mesh given with it supplies",
     ),
     Format(
         name="alembic",
@@ -98,7 +98,7 @@ BUILT_IN = (
         "points that come and go, transforms (kept apart on request), instances as objects, irregular times, "
         "velocities (written)",
         loses="stored velocities, parameters that change, userProperties, widths, creases, holes, cameras, lights, "
-        "transforms without shapes, NURBS, files of the HDF5 kind; whatever is not kept is named",
+        "transforms without shapes, NURBS, files of the HDF5 kind; notices name whatever is not kept",
     ),
     Format(
         name="usd",
@@ -120,11 +120,11 @@ BUILT_IN = (
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
         "of each run, ids of points, transforms (kept apart on request), irregular times, the stage's range, up axis, "
-        "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
-        "become polygons, instances objects",
-        loses="stored velocities, primvars that change, creases, tetrahedra but for their surface, widths, cameras and "
-        "lights, materials but for their names, custom attributes, variants that are not selected, visibility, NURBS, "
-        "instances that come and go",
+        "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes become polygons, instances "
+        "become objects",
+        loses="stored velocities, primvars that change, creases, tetrahedra except for their surface, widths, cameras "
+        "and lights, materials except for their names, custom attributes, variants that are not selected, visibility, "
+        "NURBS, instances that come and go",
     ),
     Format(
         name="gltf",
@@ -140,11 +140,11 @@ BUILT_IN = (
         write_options=("web", "quantize", "meshopt", "straight", "rigid"),
         finds_rigid_parts=True,
         starts_at_zero=True,
-        keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
+        keeps="the tree and its names, faces and vertex order (stored next to the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
         "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "
-        "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
-        loses="textures, materials but for their names, cameras, lights, other scenes and animations, extras, "
+        "compression are read (pip install 'pdecodec[gltf]'), quantised values too; GPU instances become objects",
+        loses="textures, materials except for their names, cameras, lights, other scenes and animations, extras, "
         "tangents, other attributes, colours and UVs that change with time (each named when read); the scene is turned "
         "Y-up",
     ),
@@ -158,7 +158,7 @@ BUILT_IN = (
         options=("displacement",),
         writer="pdecodec.formats.vtk.xdmf_writer:write_xdmf",
         keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids, normals of smooth "
-        "meshes (written); geometry of each step moves it, or the vectors that a setting names",
+        "meshes (written); motion is the geometry of each step, or the vectors that a setting names",
         loses="names of objects (written), attributes and sets (named), up axis and unit; changing connectivity",
     ),
     Format(
@@ -172,12 +172,12 @@ BUILT_IN = (
         writer="pdecodec.formats.vtk.writer:write_pvd",
         holds_runs=True,
         keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
-        "solids; parts are joined; points of each step move it, or the vectors that a setting names",
+        "solids; parts are joined; motion is the points of each step, or the vectors that a setting names",
         loses="names of objects (numbers stay, as point data), other attributes (named when read), up axis and unit",
     ),
     Format(
         name="vtu",
-        title="VTK unstructured grid, one file a frame",
+        title="VTK unstructured grid, one file per frame",
         extensions=(".vtu",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
         options=("displacement",),
@@ -185,36 +185,37 @@ BUILT_IN = (
         holds_runs=True,
         frame_per_file=True,
         keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids, "
-        "times (field data TimeValue, where every file has it); what is not read otherwise VTK reads (pip install "
+        "times (field data TimeValue, where every file has it); VTK reads what pdecodec itself cannot (pip install "
         "'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes (named when read)",
     ),
     Format(
         name="vtp",
-        title="VTK polygonal data, one file a frame",
+        title="VTK polygonal data, one file per frame",
         extensions=(".vtp",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
         options=("displacement",),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, points, times (field data TimeValue); what is not read otherwise VTK reads (pip install "
+        keeps="faces, lines, points, times (field data TimeValue); VTK reads what pdecodec itself cannot (pip install "
         "'pdecodec[vtk]')",
         loses="data of points and cells (named)",
     ),
     Format(
         name="vtk",
-        title="VTK legacy file, one a frame",
+        title="VTK legacy file, one per frame",
         extensions=(".vtk",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
         options=("displacement",),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, the surface of solids; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
+        keeps="faces, lines, the surface of solids; VTK reads what pdecodec itself cannot (pip install "
+        "'pdecodec[vtk]')",
         loses="data of points and cells (named), times (frames are numbered)",
     ),
     Format(
         name="pvtu",
-        title="VTK parallel and multi-block files, one a frame",
+        title="VTK parallel and multi-block files, one per frame",
         extensions=(".pvtu", ".pvtp", ".vtm"),
         reader="pdecodec.formats.vtk.files:open_frame_files",
         companions="pdecodec.formats.vtk.file_lists:named_files",
@@ -251,7 +252,7 @@ BUILT_IN = (
     ),
     Format(
         name="ply",
-        title="PLY, one file a frame",
+        title="PLY, one file per frame",
         extensions=(".ply",),
         reader="pdecodec.formats.obj.ply:open_ply",
         writer="pdecodec.formats.obj.ply_writer:write_ply",
@@ -264,7 +265,7 @@ BUILT_IN = (
     ),
     Format(
         name="stl",
-        title="STL, one file a frame",
+        title="STL, one file per frame",
         extensions=(".stl",),
         reader="pdecodec.formats.obj.stl_off:open_stl",
         frame_per_file=True,
@@ -274,7 +275,7 @@ BUILT_IN = (
     ),
     Format(
         name="off",
-        title="OFF, one file a frame",
+        title="OFF, one file per frame",
         extensions=(".off",),
         reader="pdecodec.formats.obj.stl_off:open_off",
         frame_per_file=True,

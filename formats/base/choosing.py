@@ -1,6 +1,6 @@
-"""Clips as users ask for them: opened, frames and objects selected in the notations of the command line, placed.
+"""Open clips as users ask for them: select frames and objects in the command line's notation, turn and scale.
 
-Begin with :func:`open_clip`, which is all of it by the fields of one :class:`InputOptions`.
+Begin with :func:`open_clip`, which does all of it by the fields of one :class:`InputOptions`.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 
 @dataclass(frozen=True, kw_only=True)
 class InputOptions:
-    """How a clip is read, what is selected of it, and how it is placed; the names are those of the options.
+    """How a clip is read, what is selected from it, how it is turned and scaled; the names are those of the options.
 
     Attributes
     ----------
     fps, mesh, clip, displacement, transforms, skip_unsupported, isolate, asset_folders
-        As :func:`pdecodec.open_sequence` takes them.
+        See :func:`pdecodec.open_sequence`.
     frames : str or None
-        Frames to take, as :func:`select_frames` reads them.
+        Frames to take, see :func:`select_frames`.
     objects : tuple of str
-        Objects to take, as :func:`select_objects` reads them; all where it is empty.
+        Objects to take, see :func:`select_objects`; all if empty.
     up_axis, scale, unit
-        As :func:`pdecodec.formats.base.scene_space.place` takes them.
+        See :func:`pdecodec.formats.base.scene_space.place`.
     """
 
     fps: float | None = None
@@ -59,7 +59,7 @@ class InputOptions:
 def open_clip(
     source: str | os.PathLike[str], options: InputOptions | None = None, *, name: str | None = None
 ) -> MeshSequence:
-    """Open a clip, select frames and objects of it, and place it.
+    """Open a clip, select frames and objects from it, turn and scale it.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def open_clip(
 
 
 def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSequence:
-    """Open all of a clip, as :func:`pdecodec.open_sequence` does."""
+    """Open a whole clip, as :func:`pdecodec.open_sequence` does."""
     return open_sequence(
         source,
         fps=options.fps,
@@ -98,7 +98,7 @@ def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSeq
 
 
 def choose(whole: MeshSequence, options: InputOptions, name: str) -> MeshSequence:
-    """Select frames and objects of an open clip, which errors call `name`, and place it.
+    """Select frames and objects of an open clip, turn and scale it; errors call the clip `name`.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def choose(whole: MeshSequence, options: InputOptions, name: str) -> MeshSequenc
 
 
 def rate_to_assume(source: str | os.PathLike[str], fps: float | None) -> float | None:
-    """Return the rate to open a source with, among others: None for a .pdeanim file, which stores its times."""
+    """Return the `fps` to open one of several sources with: None for a .pdeanim file, which stores its times."""
     return None if os.fspath(source).lower().endswith(".pdeanim") else fps
 
 
 def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:
-    """The objects of these names; all of them where there are none.
+    """Return a sequence of the objects with these names; all objects if there are no names.
 
     Raises
     ------
@@ -125,17 +125,17 @@ def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) ->
     if not names:
         return sequence
     if len(sequence.runs) > 1:
-        message = "is for sequences whose connectivity is constant, and this one's changes"
+        message = "needs constant connectivity, and that of this sequence changes; leave it out"
         raise SettingsError(message, code="connectivity-changes", setting="objects")
     known = [item.name for item in sequence.objects]
-    # A name that nothing matches goes on as it is: the selection says which names there are.
+    # Pass on a name that matches nothing: the selection's error lists the names that exist.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
     with naming_file(source):
         return ObjectSelection(sequence, chosen)
 
 
 def _matching(name: str, known: Sequence[str]) -> list[str]:
-    """Names that one of the command line stands for: exactly, else as the end of paths, a branch, or a pattern."""
+    """Return the names that a name of the command line matches: exactly, else as end of a path, branch or pattern."""
     exact = [full for full in known if full == name]
     return exact or [
         full for full in known if full.endswith(f"/{name}") or full.startswith(f"{name}/") or fnmatchcase(full, name)
@@ -143,7 +143,7 @@ def _matching(name: str, known: Sequence[str]) -> list[str]:
 
 
 def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
-    """The frames that a text asks for, in one of two notations; all of them where there is none.
+    """Return a sequence of the frames that a text asks for, in one of two notations; all frames if it is None.
 
     Raises
     ------
@@ -160,15 +160,15 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
         raise SettingsError(f"{text}: the step must be at least 1", setting="frames")
     chosen = range(sequence.frame_count)[start:stop:step]
     if not chosen:
-        message = f"{text}: none of the {sequence.frame_count} frames is left"
+        message = f"{text}: selects none of the {sequence.frame_count} frames; widen the range"
         raise SettingsError(message, code="frame-out-of-range", setting="frames")
     return select(sequence, chosen)
 
 
 def _frame_numbers(text: str) -> Iterable[Any]:
-    """Numbers of a frame range, as fileseq has them."""
+    """Return the numbers of a frame range, as fileseq parses it."""
     if text.strip().isdecimal():
-        return (int(text),)  # fileseq takes longer to load than such a frame to decode
+        return (int(text),)  # loading fileseq takes longer than decoding such a frame
     from fileseq.exceptions import FileSeqException
     from fileseq.frameset import FrameSet
 
@@ -177,7 +177,7 @@ def _frame_numbers(text: str) -> Iterable[Any]:
     except FileSeqException as error:
         raise SettingsError("write positions as A:B:STEP or frame numbers as 1-100x2") from error
     if numbers[0] > numbers[-1]:
-        raise SettingsError(f"{numbers} goes backwards, and frames are taken as time goes; the lower number first")
+        raise SettingsError(f"{numbers} goes backwards; write the lower number first")
     return numbers
 
 

@@ -1,4 +1,4 @@
-"""The files that a path stands for: those that are read with it, and those that writing to it replaces."""
+"""List the files that a path stands for: those that are read with it, and those that writing to it replaces."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pdecodec.system.storage import is_address
 
 
 def frame_extensions() -> set[str]:
-    """Extensions of the formats that keep a frame per file."""
+    """Return the extensions of the formats that store one file per frame."""
     return set(known_extensions(lambda entry: entry.frame_per_file))
 
 
 def input_files(source: str) -> tuple[Path, ...]:
-    """The files of an input: one and those that it names, or all its frames; none where there is no such file, and of
-    one elsewhere.
+    """Return the files of an input: the file and those it names, or all frames. Empty if it does not exist or is
+    remote.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def input_files(source: str) -> tuple[Path, ...]:
         return ()
     path = Path(source)
     if path.is_file():
-        # A library names a file by another path than the user did: one file counts once.
+        # A library may name the same file by another path than the user did: count each file once.
         found: dict[str, Path] = {}
         for file in (path, *_named_by(path)):
             found.setdefault(os.path.realpath(file), file)
@@ -40,7 +40,7 @@ def input_files(source: str) -> tuple[Path, ...]:
 
 
 def check_there(source: str) -> None:
-    """Raise InputError where a path is no file, no folder and no pattern of frames that are there."""
+    """Raise InputError if a path is no file, no folder and no pattern of existing frames."""
     path = Path(source)
     if is_address(source) or path.exists() or (is_input_pattern(path) and has_frames(path)):
         return
@@ -48,7 +48,9 @@ def check_there(source: str) -> None:
 
 
 def output_files(output: str) -> list[Path]:
-    """Files that writing to a file, pattern or folder would replace; after writing, what was written."""
+    """Return the existing files that writing to a file, pattern or folder would replace; after writing, those
+    written.
+    """
     path = Path(output)
     if path.is_dir():
         return sorted(file for file in path.iterdir() if file.suffix.lower() in frame_extensions())
@@ -58,12 +60,12 @@ def output_files(output: str) -> list[Path]:
     beside: list[Path] = []
     if entry is not None and entry.written_beside is not None:
         beside = load(entry, entry.written_beside, "written", path)(path)
-    # Links count where they lead nowhere, too.
+    # Broken links count, too.
     return [one for one in (path, *beside) if one.exists() or one.is_symlink()]
 
 
 def _named_by(path: Path) -> Iterator[Path]:
-    """Files that a file names and that are there; none where it is damaged: readers say so."""
+    """Yield the existing files that a file names; none if the file is damaged, which its reader reports."""
     entry = format_of_extension(path)
     if entry is None or entry.companions is None:
         return

@@ -1,4 +1,4 @@
-"""Which files are the frames of a sequence of one file a frame: a pattern, a folder, a range of numbers."""
+"""Find the files of a sequence stored as one file per frame: by a pattern, a folder, a range of numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from pdecodec.errors import InputError
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
-"""Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
+"""The frame number in a file name: hashes, at signs, printf's and Houdini's notation."""
 
 _NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
 """A file's name up to its number, the number, and the extension."""
@@ -25,10 +25,10 @@ _RANGE = re.compile(rf"{_NUMBERS}(?:,{_NUMBERS})*")
 """Frame numbers before the field of a pattern: ``1-100x2,120``."""
 
 _NO_SIGN = "\0"
-"""Keeps a hyphen from the number behind it; no file name holds it."""
+"""Separates a hyphen from the number that follows it; no file name contains it."""
 
 FOLDER_PADDING = "####"
-"""Digits of frame numbers in names we choose ourselves: what render farms and players expect."""
+"""Digits of frame numbers in file names that pdecodec chooses: what render farms and players expect."""
 
 
 @dataclass(frozen=True)
@@ -40,31 +40,31 @@ class FrameFiles:
 
 
 def is_frame_pattern(path: Path) -> bool:
-    """Whether the file name has a field for the frame number."""
+    """Return whether the file name has a field for the frame number."""
     return FRAME_FIELD.search(path.name) is not None
 
 
 def is_input_pattern(path: Path) -> bool:
-    """Whether a name that is no file's stands for frames to read: it has a field for their number, or an asterisk."""
+    """Return whether a path is no existing file and has a field for the frame number, or an asterisk."""
     return (is_frame_pattern(path) or "*" in path.name) and not path.exists()
 
 
 def sequence_name(pattern: Path) -> str:
-    """Return what the names of a pattern's frames have in common, for a file of them all."""
+    """Return what the names of a pattern's frames have in common, to name one file that holds them all."""
     name = pattern.name.partition("*")[0] if "*" in pattern.name else str(parse_pattern(pattern).basename())
     return name.rstrip("._- ") or "frames"
 
 
 def find_frames(path: Path, extension: str) -> FrameFiles:
-    """The frames that a file, a pattern or a folder stands for.
+    """Find the frames that a file, a pattern or a folder stands for.
 
     Parameters
     ----------
     path : pathlib.Path
-        ``name.obj``, ``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``, the same with a
+        ``name.obj``, ``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``, any of these with a
         range (``name.1-100x2####.obj``), ``name.*.obj``, or a folder of numbered files.
     extension : str
-        Of the files wanted in a folder, lower case with the dot.
+        Extension of the files to take from a folder, lower case with the dot.
 
     Raises
     ------
@@ -75,69 +75,71 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
         return FrameFiles((path,), None)
     if path.is_dir():
         sequence = _only_sequence(sequences_in(path, extension), path)
-        return _checked(sequence, path, wanted=None)
+        return _check_frames(sequence, path, wanted=None)
     if not is_input_pattern(path):
         raise InputError("there is no such file; check the name", code="file-missing", path=path)
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", code="file-missing", path=path.parent)
     if "*" in path.name:
         sequence = _only_sequence(sequences_in(path.parent, extension, frames_there(path)), path)
-        return _checked(sequence, path, wanted=None)
+        return _check_frames(sequence, path, wanted=None)
     pattern = parse_pattern(path)
-    readings = _readings(path, pattern)
+    readings = _read_pattern(path, pattern)
     for found, numbers in readings:
         pattern.setFrameRange(numbers)
         if set(pattern.frameSet() or ()) <= set(found[0].frameSet()):
-            return _checked(_only_sequence(found, path), path, wanted=pattern.frameSet())
+            return _check_frames(_only_sequence(found, path), path, wanted=pattern.frameSet())
     sequence = _only_sequence(readings[0][0] if readings else [], path)
     pattern.setFrameRange(readings[0][1])
-    return _checked(sequence, path, wanted=pattern.frameSet())
+    return _check_frames(sequence, path, wanted=pattern.frameSet())
 
 
 def has_frames(path: Path) -> bool:
-    """Whether there are frames that :func:`is_input_pattern` stands for."""
+    """Return whether a path that :func:`is_input_pattern` accepts has any frames."""
     if "*" in path.name:
         return bool(frames_there(path))
-    return path.parent.is_dir() and bool(_readings(path, parse_pattern(path)))
+    return path.parent.is_dir() and bool(_read_pattern(path, parse_pattern(path)))
 
 
-def _readings(path: Path, pattern: Any) -> list[tuple[list[Any], str]]:
-    """Return the sequences that are there for each way to read a pattern, and the range of numbers of that way."""
-    numbered = _numbered(path.parent, pattern)
-    return [(found, numbers) for name, numbers in _splits(path) if (found := _of_name(numbered, name, pattern))]
+def _read_pattern(path: Path, pattern: Any) -> list[tuple[list[Any], str]]:
+    """Return the existing sequences for each way to read a pattern, with that way's range of numbers."""
+    numbered = _numbered_sequences(path.parent, pattern)
+    return [
+        (found, numbers) for name, numbers in _split_pattern(path) if (found := _with_name(numbered, name, pattern))
+    ]
 
 
 def frames_there(pattern: Path) -> list[Path]:
-    """Files that a reader of the pattern would take for its frames: what a writer would replace."""
+    """Return the files that a reader of the pattern would take as its frames: those that a writer would replace."""
     if not pattern.parent.is_dir():
         return []
     if "*" in pattern.name:
         return sorted(one for one in pattern.parent.iterdir() if fnmatchcase(one.name, pattern.name) and one.is_file())
     parsed = parse_pattern(pattern)
-    there = _of_name(_numbered(pattern.parent, parsed), parsed.basename(), parsed)
+    there = _with_name(_numbered_sequences(pattern.parent, parsed), parsed.basename(), parsed)
     return sorted(pattern.with_name(Path(name).name) for sequence in there for name in sequence)
 
 
-def _numbered(folder: Path, pattern: Any) -> list[Any]:
-    """Sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
+def _numbered_sequences(folder: Path, pattern: Any) -> list[Any]:
+    """Return the sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
     found = sequences_in(folder, pattern.extension().lower())
     return [one for one in found if one.extension() == pattern.extension() and one.frameSet()]
 
 
-def _of_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
-    """Those of a name. Where several paddings stand side by side the pattern's own decides; alone, any will do."""
+def _with_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
+    """Return the sequences with this name: of several paddings only the pattern's own, but a single padding always."""
     same_name = [one for one in numbered if one.basename() == name]
     return [one for one in same_name if one.zfill() == pattern.zfill()] or same_name
 
 
 def parse_pattern(path: Path) -> Any:
-    """The pattern as a ``fileseq.FileSequence``: one digit a hash or at sign."""
+    """Return the pattern as a ``fileseq.FileSequence``: each hash or at sign is one digit."""
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.exceptions import FileSeqException
     from fileseq.filesequence import FileSequence
 
-    # fileseq cannot tell a range from a name that has numbers and hyphens: it is given the range behind a plain name.
-    name, numbers = _splits(path)[0]
+    # fileseq confuses a range with a name that has numbers and hyphens: give it the range after a plain name.
+    name, numbers = _split_pattern(path)[0]
     try:
         plain = path.with_name(f"_.{numbers}{path.name[len(name + numbers) :]}")
         pattern = FileSequence(str(plain), pad_style=PAD_STYLE_HASH1)
@@ -149,10 +151,11 @@ def parse_pattern(path: Path) -> Any:
     return pattern
 
 
-def _splits(pattern: Path) -> list[tuple[str, str]]:
-    """Return what may be a pattern's name and its range of numbers, long ranges first: the files there decide.
+def _split_pattern(pattern: Path) -> list[tuple[str, str]]:
+    """Return the ways to split a pattern into name and range of numbers, longest range first: existing files decide.
 
-    In ``name-1-9####`` the first hyphen is of the name or a sign; in ``shot2-9####`` the 2 is of either.
+    In ``name-1-9####`` the first hyphen belongs to the name or is a sign; in ``shot2-9####`` the 2 belongs to
+    either.
     """
     before = pattern.name[: [*FRAME_FIELD.finditer(pattern.name)][-1].start()]
     starts = (at for at in range(len(before)) if not before[at - 1 : at].isdigit() and _RANGE.fullmatch(before, at))
@@ -160,14 +163,14 @@ def _splits(pattern: Path) -> list[tuple[str, str]]:
 
 
 def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str]:
-    """Join the frames of each sequence, as a shell lists them, to its pattern; each path once, in order.
+    """Replace the frames of each sequence, as a shell lists them, by its pattern; each path once, in order.
 
     Parameters
     ----------
     paths : sequence of str
         Files, and anything else, which stays as it is.
     extensions : collection of str
-        Of the formats that keep a frame per file, lower case with the dot.
+        Extensions of the formats that store one file per frame, lower case with the dot.
     """
     frames = [Path(path) for path in paths if Path(path).suffix.lower() in extensions and Path(path).is_file()]
     patterns: dict[Path, str] = {}
@@ -180,7 +183,7 @@ def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str
 
 
 def other_frames(path: Path) -> tuple[str, ...]:
-    """Return a notice where a file is one frame of several that are numbered alike, else nothing."""
+    """Return a notice if a file is one of several frames with the same name but another number, else nothing."""
     wanted = _NUMBERED.fullmatch(path.name)
     if wanted is None or not os.access(path.parent, os.R_OK):
         return ()
@@ -189,20 +192,24 @@ def other_frames(path: Path) -> tuple[str, ...]:
     if len(signs) < 2:
         return ()
     pattern = f"{wanted['name']}{wanted['sign'] if len(set(signs)) == 1 else ''}*{wanted['end']}"
-    return (f"{path.name} is one of {len(signs)} files that are numbered alike; name '{pattern}' to read them all",)
+    return (
+        f"{path.name} is one of {len(signs)} files with the same name and other numbers; "
+        f"name '{pattern}' to read them all",
+    )
 
 
 def _is_file(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_file()
-    except OSError:  # a link that loops: an error of who reads it, not of who lists the folder
+    except OSError:  # a link that loops: reading it fails, listing its folder does not
         return True
 
 
 def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = None) -> list[Any]:
-    """Numbered sequences and single files of a folder that have an extension (``fileseq.FileSequence`` each), in order.
+    """Return the numbered sequences and single files with an extension in a folder (``fileseq.FileSequence``), in
+    order.
 
-    Where `files` are given only they are taken. All files of the folder tell whether a hyphen is a minus sign.
+    With `files`, only those are taken. All files of the folder decide whether a hyphen is a minus sign.
 
     Raises
     ------
@@ -219,24 +226,26 @@ def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = No
         wanted = None if files is None else {file.name for file in files if file.parent == folder}
         marked = [
             str(folder / mark)
-            for name, mark in zip(names, _hyphens_marked(names), strict=True)
+            for name, mark in zip(names, _mark_hyphens(names), strict=True)
             if wanted is None or name in wanted
         ]
         found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
     except (OSError, FileSeqException) as error:
         raise InputError(
-            f"its frames cannot be listed ({error}); check the folder", code="unreadable", path=folder
+            f"the files of this folder cannot be listed ({error}); check its permissions",
+            code="unreadable",
+            path=folder,
         ) from error
     for item in found:
         item.setBasename(item.basename().replace(_NO_SIGN, ""))
     return sorted((item for item in found if item.extension().lower() == extension), key=str)
 
 
-def _hyphens_marked(names: Sequence[str]) -> list[str]:
-    """File names, with a mark between hyphen and number where the hyphen is of the name, not a minus sign.
+def _mark_hyphens(names: Sequence[str]) -> list[str]:
+    """Return file names, with a mark after a hyphen that belongs to the name rather than being a minus sign.
 
-    ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen stands beside it.
-    After a dot or an underscore, which part the number from the name already, a hyphen is a minus sign.
+    ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen exists too. After
+    a dot or an underscore, which already separates the number from the name, a hyphen is a minus sign.
     """
     numbered = [_NUMBERED.fullmatch(name) for name in names]
     unsigned = {(found["name"], found["end"]) for found in numbered if found and not found["sign"]}
@@ -253,11 +262,11 @@ def _only_sequence(found: list[Any], path: Path) -> Any:
         raise InputError("no frame matches; check the name and the folder", code="no-frames", path=path)
     if len(found) > 1:
         names = ", ".join(f"{item.basename()}{item.padding()}{item.extension()}" for item in found)
-        raise InputError(f"several sequences are here ({names}); name one of them", code="ambiguous-input", path=path)
+        raise InputError(f"several sequences match ({names}); name one of them", code="ambiguous-input", path=path)
     return found[0]
 
 
-def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
+def _check_frames(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
     if not sequence.frameSet():
         return FrameFiles((Path(sequence[0]),), None)
     there = np.unique(np.fromiter(sequence.frameSet(), np.int64))

@@ -1,6 +1,6 @@
-"""A sequence that is read in a worker process: whatever its file does to the library that reads it ends only that.
+"""Read a sequence in a worker process: a file that crashes the library that reads it ends only the worker.
 
-It costs the start of a process, and the way of every frame from it.
+It costs the start of a process, and copying every frame from it.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ def call_about_file(
         found: dict[str, NDArray[Any]] = worker.call(function, path.absolute(), *arguments)
         return found
     except WorkerEndedError as error:
-        message = "the library that reads it ended on this file: it is damaged; export it again"
+        message = "the library that reads this file crashed: the file is damaged; export it again"
         raise InputError(message, code="worker-ended", path=path, frame=frame) from error
     except WorkerNotStartedError as error:
-        raise InputError(f"no process could be started to read it ({error})", code="worker-ended", path=path) from error
+        raise InputError(
+            f"no worker process could be started to read it ({error})", code="worker-ended", path=path
+        ) from error
     except PdecodecError as error:
         raise error.placed(path=path) from error
 
@@ -51,9 +53,9 @@ class IsolatedSequence(LaidOutSequence):
     ----------
     path : pathlib.Path
     opened_by : callable
-        :func:`pdecodec.formats.open_sequence`, with its errors.
+        :func:`pdecodec.formats.open_sequence`; its errors pass through.
     options : mapping
-        Of that function.
+        Options of `opened_by`.
 
     Attributes
     ----------
@@ -84,7 +86,7 @@ class IsolatedSequence(LaidOutSequence):
 
 
 class _Points:
-    """Positions as an array that is asked for by blocks of frames."""
+    """Positions as an array that is indexed by blocks of frames."""
 
     dtype = np.dtype(np.float32)
 
@@ -99,13 +101,13 @@ class _Points:
 
 
 _opened: dict[Path, MeshSequence] = {}
-"""The sequence of a worker process, by its path."""
+"""The sequences that this worker process has opened, by path."""
 
 
 def _open(
     path: Path, opened_by: Callable[..., MeshSequence], options: Mapping[str, Any], limits: DecodeLimits
 ) -> dict[str, Any]:
-    """Open a sequence in a worker; everything but positions."""
+    """Open a sequence in a worker; return everything but positions."""
     with usual_limits(limits):
         sequence = _opened[path] = opened_by(path, **options)
     lost = [(one.name, one.feature, one.frame) for one in sequence.unsupported]
@@ -119,7 +121,7 @@ def _open(
 
 def _read(path: Path, start: int, stop: int) -> dict[str, Any]:
     """Read a block of frames in a worker."""
-    if path not in _opened:  # a process that ended was started again
-        raise InputError("the process that had opened it ended; open it again", code="worker-ended")
+    if path not in _opened:  # the process has ended and was started again
+        raise InputError("the worker process that had it open has ended; open it again", code="worker-ended")
     with rounding_noticed() as rounding:
         return {"points": _opened[path].read_frames(start, stop), "rounding": np.array(rounding.largest)}

@@ -34,8 +34,8 @@ from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
 
-_OF_FORMATS = ("mesh", "clip", "displacement")
-"""Options of :func:`open_sequence` that are refused for formats that have no use for them."""
+_FORMAT_OPTIONS = ("mesh", "clip", "displacement")
+"""Options of :func:`open_sequence` that are refused for formats that do not use them."""
 
 
 def open_sequence(
@@ -59,28 +59,28 @@ def open_sequence(
         ``name.10-20####.obj`` for some frames of it, ``name.*.obj``), a folder of numbered frames, or the address of a
         file (``https://``, ``s3://``; extra ``remote``).
     fps : float, optional
-        Frames per second of a source that does not store its times. Where times are stored they are kept,
-        and `fps` is only the nominal rate; a notice says so. Scenes have a value at any time (Alembic, USD, glTF):
-        they are sampled at it, from their first key to their last.
+        Frames per second of a source that does not store its times. Stored times are kept, and `fps` is then only the
+        nominal rate, as a notice says. Scenes have a value at any time (Alembic, USD, glTF): they are sampled at this
+        rate, from their first key to their last.
     mesh : path, optional
-        Where names, faces and attributes are of a point cache that has only positions (MDD, PC2): any file that can
-        be opened here, of as many vertices.
+        File to take names, faces and attributes from for a point cache that has only positions (MDD, PC2): any file
+        that can be opened here and has as many vertices.
     clip : str, optional
-        Name of the animation to take where a file has several (glTF). Default: the first.
+        Name of the animation to take from a file that has several (glTF). Default: the first.
     displacement : str, optional
-        Name of the vectors on nodes that are added to the geometry of a simulation (VTK, XDMF, Exodus), ``none`` for
-        none of them. Default: those that the format itself defines as displacements; a notice lists the others.
+        Name of the vectors on nodes that are added to the geometry of a simulation (VTK, XDMF, Exodus); ``none`` adds
+        none. Default: those that the format itself defines as displacements; a notice lists the others.
     transforms : {"bake", "keep"}
-        Formats with transforms above objects: apply them to the positions, or keep them as the attribute
-        ``transform`` (:mod:`pdecodec.formats.base.scene_space`). Others have none.
+        For formats with transforms above objects: apply them to the positions, or keep them as the attribute
+        ``transform`` (:mod:`pdecodec.formats.base.scene_space`). Other formats have none.
     skip_unsupported : bool
-        Leave out objects that cannot be read, with a notice each, instead of refusing the file.
+        Leave out objects that cannot be read, with a notice for each, instead of refusing the file.
     isolate : bool
-        Read in a process of its own: a file that is damaged on purpose can end the libraries that read Alembic, USD
-        and VTK, and the process with them. Costs half a second, and the way of every frame.
+        Read in a separate process: a malicious file can crash the libraries that read Alembic, USD and VTK, and the
+        process with them. Costs half a second, and copying every frame.
     asset_folders : iterable of path
-        Folders in which the file may name others, and below them, besides its own: buffers, layers, heavy data. The
-        environment variable ``PDECODEC_ASSET_FOLDERS`` lists more.
+        Folders in and below which the file may refer to others (buffers, layers, heavy data), in addition to its own
+        folder. The environment variable ``PDECODEC_ASSET_FOLDERS`` lists more.
 
     Returns
     -------
@@ -90,9 +90,9 @@ def open_sequence(
     Raises
     ------
     InputError
-        If there is nothing there, no format knows it, it is damaged, is no regular file, or names one elsewhere.
+        If the file does not exist, has no known format, is damaged, is no regular file, or refers to a file elsewhere.
     SettingsError
-        If `mesh`, `clip` or `displacement` is given for a format that has no use for it.
+        If `mesh`, `clip` or `displacement` is given for a format that does not use it.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -111,10 +111,10 @@ def open_sequence(
 
 
 def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate: bool) -> MeshSequence:
-    """A sequence at a path, with the options `given` of :func:`open_sequence`."""
+    """Open the sequence at a local path; `given` holds options of :func:`open_sequence`."""
     finish_interrupted(where if where.is_dir() else where.parent)
     entry = format_to_read(where)
-    for name in _OF_FORMATS:
+    for name in _FORMAT_OPTIONS:
         if given[name] is not None and name not in entry.options:
             raise misplaced(name, _users(name), where)
     if isolate:
@@ -133,13 +133,13 @@ def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate
 
 
 def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -> MeshSequence:
-    """A sequence at an address: read there where the format can be, else fetched into a folder that goes with it."""
+    """Open the sequence at an address: in place if the format allows it, else fetched into a temporary folder."""
     entry = format_of_extension(Path(file.name))
     if entry is None or not entry.reads:
         raise unknown_format(file.address)
-    size = file.size()  # tells whether it is there
+    size = file.size()  # fails if there is no such file
     if entry.from_address and not options["isolate"]:
-        for name in _OF_FORMATS:
+        for name in _FORMAT_OPTIONS:
             if options[name] is not None:
                 raise misplaced(name, _users(name), file.address)
         reader: Reader = load(entry, entry.reader, "read", Path(file.name))
@@ -149,7 +149,9 @@ def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -
     try:
         if shutil.disk_usage(folder).free < size:
             raise InputError(
-                f"takes {size} bytes, and {folder} has not as many left", code="too-large", path=file.address
+                f"takes {size} bytes, more than are free in {folder}; free some space",
+                code="too-large",
+                path=file.address,
             )
         file.fetch(folder / file.name)
         sequence = open_sequence(folder / file.name, fps=fps, **options)
@@ -177,16 +179,16 @@ def write_sequence(
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
-    The output appears when it is whole: it is written beside its place, then renamed.
+    The output appears when it is complete: it is written to a temporary path next to it, then renamed.
 
     Parameters
     ----------
     sequence : MeshSequence
     path : path
-        A file, or for a file-a-frame format a pattern or a folder (``name/`` or no extension: OBJ); or the address of a
-        file, which is written here, and put there when it is whole.
+        A file; for a format of one file per frame a pattern or a folder (``name/`` or no extension: OBJ); or the
+        address of a file, which is written locally and uploaded when it is complete.
     overwrite : bool
-        Replace what is there already.
+        Replace an existing output.
     fps : float, optional
         Nominal frame rate to record and to number frames by. Default: the sequence's.
     velocities : MeshSequence, optional
@@ -194,21 +196,22 @@ def write_sequence(
     progress : callable, optional
         Called as ``progress(done, total, what)``.
     quantize : bool
-        glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); how far off that is, is told.
+        glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); a notice says how large the error
+        is.
     meshopt : bool
-        glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
+        glTF: compressed without loss (EXT_meshopt_compression), for viewers that support it.
     web : bool
-        glTF: as small as viewers on the web take it; sets `quantize` and `meshopt`, and `rigid` where it has a bound.
+        glTF: as small as viewers on the web accept; sets `quantize` and `meshopt`, and `rigid` where it has a bound.
     straight : bool
-        glTF: let a decoded animation go in straight lines from frame to frame, as other sequences do, in place of its
-        splines: what the keys of most scenes say.
+        glTF: move a decoded animation in straight lines from frame to frame, as other sequences do, instead of along
+        its splines: the keys of most scenes mean straight lines.
     looks_of : MeshSequence, optional
-        glTF: a glTF file that is open, whose materials, with their textures, are written for those of the same names.
-        Default: the sequence itself, where it is one.
+        glTF: an open glTF file whose materials, with their textures, are written for materials of the same name.
+        Default: the sequence itself, if it is a glTF file.
     rigid : float, optional
-        glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as nodes
-        that move, in glTF objects of several such parts as skins; how far off that is, is told. 0: only those that move
-        rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
+        glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as moving
+        nodes, in glTF objects of several such parts as skins; a notice gives the largest error. 0: only objects that
+        move rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
 
     Returns
     -------
@@ -218,9 +221,9 @@ def write_sequence(
     Raises
     ------
     InputError
-        If the place is taken or cannot be written to, or the format cannot hold the sequence.
+        If the path exists or cannot be written to, or the format cannot hold the sequence.
     SettingsError
-        If an option is not one of the format's.
+        If the format does not have an option.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -243,7 +246,7 @@ def write_sequence(
     check_path(where)
     fps = None if fps is None else as_positive(fps, "fps")
     if not isinstance(sequence, MeshSequence):
-        raise InputError(f"no mesh sequence can be made of {shown(sequence)}; give one, as ArraySequence", path=where)
+        raise InputError(f"{shown(sequence)} is no mesh sequence; give one, such as ArraySequence", path=where)
     if rigid is not None and as_number(rigid, "rigid") < 0:
         raise SettingsError(f"must be a distance, not {shown(rigid)}", setting="rigid")
     entry = format_to_write(os.fsdecode(path))
@@ -253,14 +256,14 @@ def write_sequence(
     if velocities is not None and not entry.holds_velocities:
         users = titles_of(lambda other: other.holds_velocities)
         raise SettingsError(
-            f"velocities are held by {users}; leave them out, or write them apart",
+            f"velocities can be written to {users} only; leave them out, or write a separate file",
             code="setting-unsupported",
             path=where,
         )
     if rigid and (velocities is not None or len(sequence.runs) > 1):
         reason = "velocities" if velocities is not None else "connectivity that changes"
         raise SettingsError(
-            f"moves shapes that stand, which have no {reason}; leave one out",
+            f"writes static shapes under moving nodes, which cannot have {reason}; leave one out",
             code="conflicting-settings",
             path=where,
             setting="rigid",
@@ -269,13 +272,13 @@ def write_sequence(
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
     if asked.pop("web"):
-        # Parts that move rigidly are found unasked.
+        # The writer always looks for rigid parts.
         asked |= {"quantize": True, "meshopt": True}
     if len(sequence.runs) > 1 and not entry.holds_runs:
         able = extensions_of(lambda item: item.holds_runs)
         frame = sequence.runs[0].frame_count
         raise InputError(
-            f"{entry.title} has one connectivity, and that of the sequence changes; write {able}",
+            f"{entry.title} cannot hold connectivity that changes; write {able}",
             code="connectivity-changes",
             path=where,
             frame=frame,
@@ -294,7 +297,7 @@ def write_sequence(
             start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
             rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
         lost = (*rounded, *writer(placed, output))
-    return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
+    return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
 
 
 def _users(name: str) -> str:
@@ -303,7 +306,7 @@ def _users(name: str) -> str:
 
 
 def misplaced(name: str, users: str, path: str | Path) -> SettingsError:
-    """Return the error about an option that is given for a format that has no use for it."""
+    """Return the error about an option that is given for a format that does not use it."""
     return SettingsError(f"is for {users}; leave it out", code="setting-unsupported", path=path, setting=name)
 
 
@@ -324,7 +327,7 @@ def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:
             path=path,
             setting="fps",
         )
-    # Imported when a file is opened: the command line starts without it.
+    # Imported here so that the command line starts without it.
     from pdecodec.codec.opening import open_animation
 
     return open_animation(path.address if isinstance(path, RemoteFile) else path)

@@ -1,4 +1,6 @@
-"""What a format is, and which one reads or writes a path: by extension, by first bytes, by frame pattern or folder."""
+"""Define what a format is, and find the one that reads or writes a path: by extension, first bytes, pattern or
+folder.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ from pdecodec.system.storage import RemoteFile
 from pdecodec.system.whole_output import whole_file
 
 Transforms = Literal["bake", "keep"]
-"""What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
+"""What happens to the transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
 
 
 Reader = Callable[..., MeshSequence]
-"""What a format's ``reader`` names, a sequence's class or a function that gives one.
+"""Type of a format's ``reader``: a sequence's class, or a function that returns a sequence.
 
 It takes a path, ``fps``, and those options of :func:`open_sequence` that the format lists.
 """
@@ -38,19 +40,19 @@ class Output:
     rate : float
         Nominal frame rate to record and to number frames by [1/s].
     overwrite : bool
-        Whether what is there already is replaced.
+        Whether to replace an existing output.
     velocities : MeshSequence or None
         [scene units / s] at the same times; only for formats that hold them.
     progress : callable or None
     quantize, meshopt, straight : bool
-        Smaller files, and straight lines between frames, of formats that list these options.
+        Smaller files, and straight lines between frames, for formats that list these options.
     rigid : float or None
-        Distance [scene units] within which objects that move rigidly become nodes that move; of None and 0 those that
-        do so exactly.
+        Distance [scene units] within which objects count as rigid and become moving nodes; None and 0 take only those
+        that are exactly rigid.
     looks_of : MeshSequence or None
-        An open file of the same format whose materials, with their textures, are written for those of the same names.
+        An open file of the same format: its materials, with their textures, are written for materials of the same name.
     layer : bool
-        Of what goes onto a file: whether it is only a layer over it.
+        When writing onto a file: whether to write only a layer over it.
     """
 
     path: Path
@@ -66,20 +68,22 @@ class Output:
     layer: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
-        """A path to write to, which becomes :attr:`path` when the block ends well."""
+        """Return a context whose path to write to becomes :attr:`path` when the block ends without an error."""
         return whole_file(self.path, overwrite=self.overwrite)
 
     def blocks(
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[int, Float32Array]]:
-        """The sequence's blocks, at most `frames` long; progress is reported as each is done with."""
+        """Yield the sequence's blocks, at most `frames` long, each with its first frame; report progress after each."""
         for _, _, start, block in self.blocks_of_runs(sequence, what, frames):
             yield start, block
 
     def blocks_of_runs(
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[MeshSequence, int, int, Float32Array]]:
-        """The same with the run that a block is of, and its first frame: ``(run, its first, first, positions)``."""
+        """Yield blocks together with their run and its first frame: ``(run, first of run, first of block,
+        positions)``.
+        """
         first = 0
         if self.progress is not None:
             self.progress(0, sequence.frame_count, f"writing {what}")
@@ -92,7 +96,7 @@ class Output:
 
 
 Writer = Callable[[MeshSequence, Output], tuple[str, ...]]
-"""What a format's ``writer`` names: gives a line for each thing that the format cannot hold."""
+"""Type of a format's ``writer``: returns a line for each thing that the format cannot hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,41 +106,43 @@ class Format:
     Parameters
     ----------
     name, title : str
-        Short and unique, ``"obj"``; and what a list of formats shows.
+        A short, unique name, ``"obj"``; and what a list of formats shows.
     extensions : tuple of str
         Lower case, with the dot.
     magic, shared_magic : tuple of bytes
-        What files of this format begin with; and what some of them begin with that is another format's too.
+        First bytes of files of this format; and first bytes of some of its files that are another format's too.
     reader, writer : str or None
         ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
     onto : str or None
-        Likewise, what puts motion onto a file of the format (:data:`pdecodec.formats.base.onto.OntoWriter`).
+        Likewise, the function that writes motion onto a file of the format
+        (:data:`pdecodec.formats.base.onto.OntoWriter`).
     companions, written_beside : str or None
-        Likewise, what gives the files that a file names, paths or names in its folder, and those written with it.
+        Likewise, the function that lists the files that a file names (paths, or names in its folder), and the one that
+        lists the files written together with it.
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
         The optional dependency group that the module needs.
     frame_per_file : bool
-        Whether a sequence is a file a frame, given as a pattern or a folder.
+        Whether a sequence is one file per frame, given as a pattern or a folder.
     options : tuple of str
-        Options of :func:`open_sequence` beside ``fps`` that the reader takes.
+        Options of :func:`open_sequence` that the reader takes in addition to ``fps``.
     write_options : tuple of str
-        Options of :func:`write_sequence` that not every writer takes, but this one.
+        Options of :func:`write_sequence` that this writer takes, but not every writer.
     from_address : bool
-        Whether the reader takes a :class:`pdecodec.system.storage.RemoteFile`, too, and reads what it needs of it; a
+        Whether the reader also takes a :class:`pdecodec.system.storage.RemoteFile` and reads only the parts it needs; a
         remote file of another format is fetched whole.
     holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
-        Whether the writer can put transforms above objects, velocities beside positions, keep objects without
-        vertices, and write a sequence whose connectivity changes.
+        Whether the writer can store transforms above objects, store velocities, keep objects without vertices, and
+        write a sequence whose connectivity changes.
     finds_rigid_parts : bool
-        Whether the writer looks unasked for parts of a decoded animation that move rigidly within its bound.
+        Whether the writer always looks for parts of a decoded animation that move rigidly within its bound.
     starts_at_zero : bool
-        Whether the writer counts times from the first one, which comes back.
+        Whether the writer stores times relative to the first one, which is stored too.
     times : {"exact", "float32", "microseconds", "both"}
-        How the writer's times come back: as they were, rounded to float32, only where they are further apart, or both.
+        How written times are read back: exactly, rounded to float32, merged where closer than microseconds, or both.
     keeps, loses : str
-        What comes back after writing and reading, beside positions; what does not.
+        What is read back after writing, in addition to positions; what is not.
     """
 
     name: str
@@ -175,22 +181,24 @@ class Format:
 
 
 LONGEST_MAGIC = 64
-"""Bytes of a file that are looked at to tell its format."""
+"""Bytes at the start of a file that are compared to tell its format."""
 
 ENTRY_POINTS = "pdecodec.formats"
-"""Group of the entry points by which other packages name formats: each a :class:`Format`, or several."""
+"""Group of the entry points by which other packages register formats: each a :class:`Format`, or several."""
 
 
 class _Formats(dict[str, Format]):
-    """Formats by name; those of other packages are looked up at first use."""
+    """Formats by name; formats of other packages are loaded at first use."""
 
     failed: dict[str, str]
     _is_whole = False
 
-    def whole(self) -> _Formats:
-        """Itself, with what other packages add; a package that fails is left out, and :attr:`failed` says why."""
+    def load_plugins(self) -> _Formats:
+        """Return this registry after loading the formats of other packages; :attr:`failed` says why one did not
+        load.
+        """
         if not self._is_whole:
-            # It loads much, and most runs need no format but ours.
+            # This import is slow, and most runs need only our own formats.
             from importlib.metadata import entry_points
 
             self._is_whole, self.failed = True, {}
@@ -199,7 +207,7 @@ class _Formats(dict[str, Format]):
                     found = entry.load()
                     for one in (found,) if isinstance(found, Format) else tuple(found):
                         register_format(one)
-                except Exception as error:  # what another package raises is not ours to know
+                except Exception as error:  # another package may raise anything
                     self.failed[entry.name] = f"{type(error).__name__}: {error}"
         return self
 
@@ -223,13 +231,13 @@ def register_format(entry: Format) -> None:
 
 
 def list_formats() -> tuple[Format, ...]:
-    """Every registered format, in order of registration."""
-    return tuple(_formats.whole().values())
+    """Return every registered format, in order of registration."""
+    return tuple(_formats.load_plugins().values())
 
 
 @contextmanager
 def read_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterator[None]:
-    """Turn the operating system's refusals into one line that names `path`."""
+    """Turn errors of the operating system into one line that names `path`."""
     try:
         yield
     except OSError as error:
@@ -237,9 +245,9 @@ def read_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterato
 
 
 def format_of_extension(path: Path) -> Format | None:
-    """Return the format that a path's extension names, if there is one."""
+    """Return the format that has a path's extension, if there is one."""
     suffix = path.suffix.lower()
-    return _first(lambda entry: suffix in entry.extensions)
+    return _find_format(lambda entry: suffix in entry.extensions)
 
 
 def _by_magic(path: Path) -> Format | None:
@@ -248,45 +256,51 @@ def _by_magic(path: Path) -> Format | None:
 
 
 def format_of_head(head: bytes) -> Format | None:
-    """Return the format whose files begin with the first :data:`LONGEST_MAGIC` bytes of one, if there is one."""
-    return _first(lambda entry: any(head.startswith(magic) for magic in entry.magic))
+    """Return the format whose magic a file starts with, if there is one; `head` is its first
+    :data:`LONGEST_MAGIC` bytes.
+    """
+    return _find_format(lambda entry: any(head.startswith(magic) for magic in entry.magic))
 
 
-def _first(chosen: Callable[[Format], bool]) -> Format | None:
-    """Return the first format that fits, of ours if there is one."""
+def _find_format(chosen: Callable[[Format], bool]) -> Format | None:
+    """Return the first format that `chosen` accepts, our own formats first."""
     ours = next((entry for entry in _formats.values() if chosen(entry)), None)
-    return ours or next((entry for entry in _formats.whole().values() if chosen(entry)), None)
+    return ours or next((entry for entry in _formats.load_plugins().values() if chosen(entry)), None)
 
 
 def known_extensions(chosen: Callable[[Format], bool]) -> tuple[str, ...]:
-    """Return the extensions of the formats that fit, in order of registration."""
+    """Return the extensions of the formats that `chosen` accepts, in order of registration."""
     return tuple(extension for entry in list_formats() if chosen(entry) for extension in entry.extensions)
 
 
 def extensions_of(chosen: Callable[[Format], bool]) -> str:
-    """Return the extensions of the formats that fit, for a message."""
+    """Return the extensions of the formats that `chosen` accepts, for a message."""
     return ", ".join(known_extensions(chosen))
 
 
 def titles_of(chosen: Callable[[Format], bool]) -> str:
-    """Return the titles of the formats that fit, for a message."""
+    """Return the titles of the formats that `chosen` accepts, for a message."""
     return ", ".join(entry.title for entry in list_formats() if chosen(entry))
 
 
 def _failures() -> str:
-    """What to add where a format is missing: which of other packages could not be loaded."""
-    failed = "; ".join(f"{name} could not be loaded ({reason})" for name, reason in _formats.whole().failed.items())
+    """Return the part of a message that lists the other packages whose formats could not be loaded."""
+    failed = "; ".join(
+        f"{name} could not be loaded ({reason})" for name, reason in _formats.load_plugins().failed.items()
+    )
     return f"; {failed}" if failed else ""
 
 
 def unknown_format(path: str | os.PathLike[str]) -> InputError:
-    """Return the error about an input whose format nobody knows."""
+    """Return the error about an input of an unknown format."""
     known = extensions_of(lambda item: item.reads)
-    return InputError(f"its format is not known; readable are {known}{_failures()}", code="unknown-format", path=path)
+    return InputError(
+        f"unknown file format; the readable ones are {known}{_failures()}", code="unknown-format", path=path
+    )
 
 
 def format_to_read(path: Path) -> Format:
-    """Return the format of an input, a file, a pattern or a folder; InputError where there is none."""
+    """Return the format of an input: a file, a pattern or a folder; InputError if there is none."""
     if path.is_dir():
         return _format_of_folder(path)
     entry = format_of_extension(path)
@@ -295,7 +309,7 @@ def format_to_read(path: Path) -> Format:
         disputed = entry is not None and content is not None and not set(content.magic) <= set(entry.shared_magic)
         if entry is not None and content is not None and content is not entry and disputed:
             raise InputError(
-                f"is of another format than its name says, {content.title} ({content.name}); rename it to end in "
+                f"is a file of {content.title} ({content.name}), unlike its name says; rename it to end in "
                 f"{content.extensions[0]}",
                 code="unknown-format",
                 path=path,
@@ -314,7 +328,9 @@ def _format_of_folder(folder: Path) -> Format:
     found = [entry for entry in list_formats() if entry.frame_per_file and suffixes & set(entry.extensions)]
     if not found:
         wanted = extensions_of(lambda item: item.frame_per_file)
-        raise InputError(f"this folder holds no frames ({wanted}); name the file itself", code="no-frames", path=folder)
+        raise InputError(
+            f"this folder holds no frames ({wanted}); give the path of a file", code="no-frames", path=folder
+        )
     if len(found) > 1:
         names = ", ".join(entry.name for entry in found)
         raise InputError(
@@ -326,7 +342,9 @@ def _format_of_folder(folder: Path) -> Format:
 
 
 def format_to_write(name: str | os.PathLike[str]) -> Format:
-    """Return the format that an output's name asks for, a folder's where it ends in a slash; InputError for none."""
+    """Return the format that an output's name asks for (a name that ends in a slash is a folder); InputError if
+    none.
+    """
     path, is_folder = Path(name), os.fspath(name).endswith(("/", os.sep))
     entry = format_of_extension(path)
     if is_folder or not path.suffix or (entry is None and path.is_dir()):
@@ -334,7 +352,8 @@ def format_to_write(name: str | os.PathLike[str]) -> Format:
     if entry is None:
         known = extensions_of(lambda item: item.writes)
         raise InputError(
-            f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder{_failures()}",
+            f"no format with the extension {path.suffix!r} can be written; use {known}, "
+            f"or name/ for a folder{_failures()}",
             code="unknown-format",
             path=path,
         )
@@ -342,7 +361,7 @@ def format_to_write(name: str | os.PathLike[str]) -> Format:
 
 
 def load(entry: Format, where: str | None, action: str, path: Path) -> Any:
-    """What ``"module:function"`` of a format names; errors where it has none, or needs what is not installed."""
+    """Import the ``"module:function"`` of a format; raise if it has none, or a package it needs is not installed."""
     if where is None:
         instead = f"use {entry.write_with}" if entry.write_with else "choose another format"
         raise InputError(

@@ -1,4 +1,4 @@
-"""Times and frame rates as files store them: rounded, regular, sampled apart, or not at all."""
+"""Handle times and frame rates as files store them: rounded, regular, sampled per object, or not at all."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.times import DEFAULT_FPS, MAX_TIMES, check_times, times_at_rate
 
 SAME_TIME = 1e-6
-"""Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""
+"""Seconds within which two sample times are the same: files round them to six decimals, or to float32."""
 
 RATE_SLACK = 1e-6
-"""Relative distance at which a frame rate is taken for the round one it was meant to be."""
+"""Relative distance within which a stored frame rate stands for a round one."""
 
 FLOAT32_ROUNDING = 2.0**-23
-"""Relative error of a time after float32, with a bit to spare."""
+"""Relative error of a time rounded to float32, with one bit to spare."""
 
 FRAME_SLACK = 1e-3
-"""Share of a frame by which times in files are rounded: that near, a key stands on a frame."""
+"""Fraction of a frame by which files may round times: a key this near to a frame is on it."""
 
 SLOWEST_KEYS = 12.0
-"""Rate [1/s] below which keys that are evenly apart are poses to pass between, not frames."""
+"""Rate [1/s] below which evenly spaced keys are poses to interpolate between, not frames."""
 
 FASTEST_SPARSE_KEYS = 60.0
-"""Rate [1/s] above which most frames must have a key: keys of two rates may stand on frames of a third by chance."""
+"""Rate [1/s] above which most frames must have a key: keys of two rates may fall on frames of a third by chance."""
 
 Timing = tuple[Float64Array, float, tuple[str, ...]]
 """Times [s], nominal frame rate [1/s], and notices about them."""
 
 _ASSUMED = Notice(f"assumed {DEFAULT_FPS:g} frames per second", setting="fps", purpose="to change it")
 
-_KEPT = "the file stores its times, they are kept; {:g} frames per second is only the nominal rate"
+_KEPT = "the times stored in the file are kept; {:g} frames per second is only the nominal rate"
 
 
 def merged_times(groups: Sequence[Float64Array]) -> Float64Array:
-    """Every time of several lists, once, in order; times within :data:`SAME_TIME` are one."""
+    """Return every time of several lists, once and in order; times within :data:`SAME_TIME` are the same."""
     every = np.sort(np.concatenate(groups))
     kept: Float64Array = every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
     return kept
 
 
 def round_rate(rate: float) -> float:
-    """The rate meant by one that was stored as a rounded spacing: 24, 29.97 (30000 / 1001), or itself."""
+    """Return the rate that was stored as a rounded spacing: 24, 29.97 (30000 / 1001), or the given rate itself."""
     for meant in (round(rate), round(rate * 1.001) / 1.001, round(rate, 3)):
         if meant > 0 and abs(rate - meant) <= RATE_SLACK * rate:
             return float(meant)
@@ -54,7 +54,7 @@ def round_rate(rate: float) -> float:
 
 
 def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Float64Array:
-    """Times [s] that are frames of a rate [1/s] but for a slack [s], without that rounding; others as they are."""
+    """Return times [s] without their rounding if all are frames of a rate [1/s] within `slack` [s], else unchanged."""
     stored = np.asarray(times, np.float64)
     frames = np.rint(stored * rate)
     if (np.abs(frames / rate - stored) <= slack).all() and (np.diff(frames) > 0).all():
@@ -63,7 +63,7 @@ def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Fl
 
 
 def regular_rate(times: Float64Array, fps: float) -> float | None:
-    """The rate of times that are a constant step apart; None where they are not, or there is only one."""
+    """Return the rate of times that are a constant step apart; None if they are not, or there is only one."""
     if times.size < 2:
         return None
     spacing = float(times[-1] - times[0]) / (times.size - 1)
@@ -74,12 +74,12 @@ def regular_rate(times: Float64Array, fps: float) -> float | None:
 
 
 def rate_of_keys(keys: Float64Array) -> float | None:
-    """Return the rate [1/s] whose frames, from the first key on, all keys stand on; None where they show none.
+    """Return the rate [1/s] at which every key is on a frame, counted from the first key; None if there is none.
 
     Parameters
     ----------
     keys : (n,) float64 [s]
-        Increasing. The two nearest are one, two or three frames apart.
+        Increasing. The two nearest keys are taken to be one, two or three frames apart.
     """
     span = float(keys[-1] - keys[0])
     for apart in (1, 2, 3) if keys.size > 1 else ():
@@ -96,22 +96,22 @@ def rate_of_keys(keys: Float64Array) -> float | None:
 def times_kept(
     times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str, start: float = 0.0
 ) -> tuple[str, ...]:
-    """A line that says how far the times [s] of a sequence are off in a format that rounds them.
+    """Return a line that says by how much a format that rounds times changes those of a sequence.
 
     Parameters
     ----------
     times : (frames,) float64 [s]
     kept_as : {"float32", "microseconds", "both"}
-        Whether the format keeps float32, programs take times within :data:`SAME_TIME` for one, or both.
+        Whether the format stores float32, programs merge times within :data:`SAME_TIME`, or both.
     title : str
-        Of the format.
+        Title of the format.
     start : float [s]
         The time that the format counts from.
 
     Raises
     ------
     InputError
-        If frames would fall together.
+        If two frames would get the same time.
     """
     # A time beyond float32 is infinite, as is the next one.
     with np.errstate(over="ignore"):
@@ -121,8 +121,8 @@ def times_kept(
     if together.size:
         frame = int(together[0]) + 1
         raise InputError(
-            f"its time {float(times[frame])!r} s and the one before are one in {title}; "
-            "write .npz or .h5, which keep them apart",
+            f"its time {float(times[frame])!r} s is the same as the one before in {title}; "
+            "write .npz or .h5, which keep times exactly",
             code="invalid-times",
             frame=frame,
         )
@@ -134,7 +134,7 @@ def times_kept(
 
 
 def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
-    """Frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
+    """Return the frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
     if asked is not None:
         differs = stored is not None and abs(stored - asked) > RATE_SLACK * stored
         return asked, (_KEPT.format(asked),) if differs else ()
@@ -142,14 +142,15 @@ def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, t
 
 
 def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_TIME) -> Float64Array:
-    """Times [s] from the first key of an animation to its last at a rate [1/s], and the last where it falls between.
+    """Return the times [s] of frames at a rate [1/s] from an animation's first key to its last, which is always
+    included.
 
-    The slack [s] is by how much the last key may be rounded.
+    `slack` [s] is by how much the file may round the last key.
 
     Raises
     ------
     InputError
-        If they are too many: nobody asked for so many frames, the file's own times do.
+        If there are too many frames: the file's own times ask for them, not the caller.
     """
     try:
         times = times_at_rate(first, last + slack, rate)
@@ -159,9 +160,9 @@ def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_T
 
 
 def resampled(stored: Float64Array, rate: float) -> tuple[Float64Array, tuple[str, ...]]:
-    """Frames at a rate [1/s] that was asked for, from the first stored time [s] to the last, and a notice.
+    """Return frames at a requested rate [1/s], from the first stored time [s] to the last, and a notice.
 
-    Frames that fall on stored times are these, exactly; the notice counts stored times that no frame falls on.
+    Frames that fall on stored times have exactly these times; the notice counts stored times that no frame falls on.
     """
     slack = FRAME_SLACK / rate
     times = frames_at_rate(float(stored[0]), float(stored[-1]), rate, slack)
@@ -175,18 +176,19 @@ def resampled(stored: Float64Array, rate: float) -> tuple[Float64Array, tuple[st
 
 
 def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
-    """Times [s] of keys, and as many evenly between two as leave no gap longer than a frame at a rate [1/s].
+    """Return the times [s] of keys, and evenly spaced times between them so that no gap exceeds a frame at `rate`
+    [1/s].
 
     Raises
     ------
     InputError
-        If they are too many.
+        If there are too many frames.
     """
     steps = np.maximum(1, np.ceil(np.diff(keys) * rate - FRAME_SLACK))
     if steps.sum() >= MAX_TIMES:
         raise InputError(
-            f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} a second, more than "
-            f"{MAX_TIMES:,}",
+            f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} per second, "
+            f"more than {MAX_TIMES:,}",
             code="invalid-times",
             setting="fps",
             purpose="to take a lower rate",
@@ -198,14 +200,14 @@ def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
 
 
 def timing_of_stored(times: Float64Array, fps: float | None) -> Timing:
-    """Stored times [s], checked, at the rate asked for, else at that of their mean spacing."""
+    """Return stored times [s], checked, with the requested rate, else the rate of their mean spacing."""
     span = float(times[-1] - times[0]) if times.size > 1 else 0.0
     rate, notices = rate_or_default(round_rate((times.size - 1) / span) if span > 0 else None, fps)
     return *check_times(times.size, times, rate), notices
 
 
 def timing_of_numbers(numbers: Sequence[int] | None, fps: float | None) -> Timing:
-    """Frame numbers over the rate; a single file without a number is at time 0."""
+    """Return frame numbers divided by the rate as times; a single file without a number is at time 0."""
     rate, notices = rate_or_default(None, fps)
     if numbers is None:
         return np.zeros(1), rate, ()
@@ -213,9 +215,9 @@ def timing_of_numbers(numbers: Sequence[int] | None, fps: float | None) -> Timin
 
 
 def timing_of_arrays(arrays: Mapping[str, NDArray[Any]], frames: int, fps: float | None) -> Timing:
-    """Times of a file that may hold ``times`` (frames,), a rate ``fps`` (), both or neither.
+    """Return the timing of a file that may hold ``times`` (frames,), a rate ``fps`` (), both or neither.
 
-    Stored times win over the rate asked for, a stored rate does not.
+    Stored times take precedence over the requested rate, a stored rate does not.
 
     Raises
     ------
@@ -244,7 +246,7 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | No
 
 
 def codes_of(times: Float64Array, rate: float) -> Float64Array:
-    """Time codes of times, whole where they are whole but for rounding."""
+    """Return the time codes of times, rounded to whole numbers where they differ by rounding alone."""
     codes = times * rate
     whole = np.rint(codes)
     found: Float64Array = np.where(np.abs(codes - whole) <= 1e-9 * np.maximum(1.0, np.abs(whole)), whole, codes)

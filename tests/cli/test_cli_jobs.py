@@ -121,11 +121,11 @@ def test_hyphens_before_unpadded_numbers_are_of_the_name(clip: ArraySequence, na
 def test_one_frame_of_several_says_that_there_are_others(clip: ArraySequence, capsys: Capture) -> None:
     write_sequence(clip, "walk.####.obj")
     assert run(["convert", "walk.0003.obj", "one.npz"]) == 0
-    others = "walk.0003.obj is one of 20 files that are numbered alike; name 'walk.*.obj' to read them all"
+    others = "walk.0003.obj is one of 20 files with the same name and other numbers; name 'walk.*.obj' to read them all"
     assert f"note: {others}\n" in capsys.readouterr().err
     assert run(["convert", "walk.*.obj", "-o", "out/", "--to", "npz"]) == 0
     assert os.listdir("out") == ["walk.npz"]
-    assert "numbered alike" not in capsys.readouterr().err
+    assert "other numbers" not in capsys.readouterr().err
     assert run(["convert", "walk.*.obj", "copy.*.ply"]) == 0
     assert len(list(Path().glob("copy.00[0-9][0-9].ply"))) == 20
     assert run(["convert", "walk.*.obj", "copy.*.ply"]) == 3
@@ -167,7 +167,7 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
         (["convert", "a.npz", "-"], 2, b"-o -: name the format for standard output, as in --to glb"),
         (["convert", "a.npz", "-o", "-", "--to", "xdmf"], 2, b"-o -: 2 files cannot go to standard output"),
         (["convert", "a.npz", "-o", "-", "--to", "npz", "--json"], 2, b"-o - and --json both need standard output"),
-        (["convert", "-", "x.npz"], 3, b"error: standard input: its format is not known"),
+        (["convert", "-", "x.npz"], 3, b"error: standard input: unknown file format"),
     ):
         done = piped(arguments, b"nonsense")
         assert (done.returncode, done.stdout) == (code, b"")
@@ -179,7 +179,7 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
     ("arguments", "message"),
     [
         (["--to", "obj"], "error: standard output: 20 frames do not fit one OBJ file; name it stdout.####.obj"),
-        (["--to", "zzz"], "error: standard output: no format is written as '.zzz'; use .obj, "),
+        (["--to", "zzz"], "error: standard output: no format with the extension '.zzz' can be written; use .obj, "),
         (["--to", "pdeanim"], "error: standard output: only pdecodec encode writes .pdeanim files; "),
         (["--to", "glb", "--velocities"], "error: -o -: this format puts velocities in a second file; name a file"),
     ],
@@ -204,7 +204,7 @@ def test_info_and_check_read_standard_input(clip: ArraySequence) -> None:
     assert (sound.returncode, sound.stderr.startswith(b"-: sound, ")) == (0, True)
     cut = piped(["check", "-"], data[:-7])
     assert (cut.returncode, cut.stdout.startswith(b"-: truncated: ")) == (4, True)
-    assert piped(["info", "-"], b"nonsense").stderr.startswith(b"error: standard input: its format is not known")
+    assert piped(["info", "-"], b"nonsense").stderr.startswith(b"error: standard input: unknown file format")
     assert piped(["check", "-", "-"], data).returncode == 2
 
 

@@ -145,7 +145,7 @@ def test_what_cannot_be_read_is_one_line(server: Server, folder: Path, monkeypat
     for name in ("nothing.pdeanim", "nothing.npz"):
         with pytest.raises(InputError, match="there is no such file, or no answer"):
             open_sequence(f"{server.address}/{name}")
-    with pytest.raises(InputError, match="its format is not known"):
+    with pytest.raises(InputError, match="unknown file format"):
         open_sequence(f"{server.address}/walk.xyz")
     with pytest.raises(InputError, match="there is no such file, or no answer"):
         pdecodec.open("http://127.0.0.1:9/a.pdeanim")

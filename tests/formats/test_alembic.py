@@ -163,7 +163,7 @@ def test_a_file_that_ends_the_library_is_one_line_where_it_is_isolated(shared_da
     for _ in range(random.randint(1, 8)):
         damaged[random.randrange(len(damaged))] = random.randrange(256)
     (tmp_path / "x.abc").write_bytes(damaged)
-    with pytest.raises(InputError, match=r"x\.abc: the library that reads it ended on this file: it is damaged"):
+    with pytest.raises(InputError, match=r"x\.abc: the library that reads this file crashed: the file is damaged"):
         open_sequence(tmp_path / "x.abc", isolate=True)
 
 

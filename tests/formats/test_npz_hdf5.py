@@ -88,7 +88,7 @@ def test_a_plain_file_is_understood(tmp_path: Path, name: str) -> None:
         assert sequence.notices == (f"{KIND[name]}s not kept: mass",)
 
 
-KEPT = "the file stores its times, they are kept; 30 frames per second is only the nominal rate"
+KEPT = "the times stored in the file are kept; 30 frames per second is only the nominal rate"
 
 
 @each_format

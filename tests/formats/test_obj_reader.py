@@ -365,7 +365,7 @@ def test_a_range_in_the_pattern_takes_those_frames_and_a_missing_one_is_named(tm
 def test_several_sequences_in_a_folder_are_named_and_told_apart_by_a_pattern(tmp_path: Path):
     for name, numbers in (("walk.{:04d}.obj", [1, 2]), ("run_{}.obj", [1, 2]), ("walk.{}.obj", [1, 2, 3])):
         make_frames(tmp_path, numbers, name)
-    with pytest.raises(InputError, match=r"several sequences are here \(run_#\.obj, walk\.####\.obj, walk\.#\.obj\)"):
+    with pytest.raises(InputError, match=r"several sequences match \(run_#\.obj, walk\.####\.obj, walk\.#\.obj\)"):
         open_sequence(tmp_path)
     for name, numbers in (("run_#.obj", [1, 2]), ("walk.####.obj", [1, 2]), ("walk.#.obj", [1, 2, 3])):
         assert first_coordinates(tmp_path / name) == numbers
@@ -387,7 +387,7 @@ def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_a
     assert (given_rate.times.tolist(), given_rate.fps, given_rate.notices) == ([1001 / 25, 1002 / 25], 25.0, ())
     assert assumed.times.tolist() == [1001 / 24, 1002 / 24]
     assert assumed.notices == ("assumed 24 frames per second; set fps to change it",)
-    others = "walk.1002.obj is one of 2 files that are numbered alike; name 'walk.*.obj' to read them all"
+    others = "walk.1002.obj is one of 2 files with the same name and other numbers; name 'walk.*.obj' to read them all"
     assert (one.times.tolist(), one.notices, one.read_frames(0, 1)[0, 0, 0]) == ([0.0], (others,), 1002)
 
 

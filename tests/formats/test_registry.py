@@ -58,7 +58,7 @@ def test_magic_bytes_choose_the_format_where_the_extension_says_nothing(tmp_path
         ("x.npz", b"\x89HDF\r\n\x1a\n", InputError, r"HDF5 .* \.h5"),
         ("x", IDENTIFIER, CorruptFileError, "ends inside its header"),
         *(
-            ("x.dat", content, InputError, r"readable are .*\.pdeanim, \.obj, \.npz, \.h5, \.hdf5")
+            ("x.dat", content, InputError, r"the readable ones are .*\.pdeanim, \.obj, \.npz, \.h5, \.hdf5")
             for content in (b"", b"PK", b"garbage" * 9)
         ),
         *(
@@ -79,7 +79,7 @@ def test_a_file_of_another_format_or_of_none_is_refused(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("x.xyz", r"no format is written as '\.xyz'; use \.obj, \.npz, \.h5, \.hdf5"),
+        ("x.xyz", r"no format with the extension '\.xyz' can be written; use \.obj, \.npz, \.h5, \.hdf5"),
         ("x.pdeanim", r"cannot be written here; use pdecodec\.encode"),
         ("folder.npz", "is a folder; name a file in it"),
         ("folder.h5", "is a folder; name a file in it"),

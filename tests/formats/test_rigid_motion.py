@@ -126,7 +126,7 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
         decoded, bound = animation.read_frames(0, 30), bound_of(animation)
         write_sequence(animation, tmp_path / f"plain.{extension}", rigid=0)
         told = write_sequence(animation, tmp_path / f"x.{extension}", rigid=bound)
-        with pytest.raises(SettingsError, match="rigid moves shapes that stand"):
+        with pytest.raises(SettingsError, match="rigid writes static shapes"):
             write_sequence(animation, tmp_path / "v.abc", rigid=bound, velocities=velocities_of(animation))
     (line,) = [one for one in told if "moved as rigid" in one]
     most = float(line.partition("up to ")[2].split()[0])

@@ -247,7 +247,7 @@ def test_times_that_vtu_files_tell_of_themselves_are_theirs(
             (tmp_path / f"x{frame}.vtu").write_text(text.replace(grid, grid + TIME_VALUE.format(time)))
     with open_sequence(tmp_path / "x#.vtu", fps=10) as read:
         assert np.allclose(read.times, expected)
-        kept = "the file stores its times, they are kept; 10 frames per second is only the nominal rate"
+        kept = "the times stored in the file are kept; 10 frames per second is only the nominal rate"
         assert (kept in read.notices) == (expected[0] == 0.5)
 
 

@@ -119,7 +119,7 @@ def test_keys_that_are_an_age_apart_are_refused_not_filled(tmp_path: Path) -> No
         turn.Set(code, code)
     stage.Save()
     with pytest.raises(
-        InputError, match=r"1e\+09 frames at 24 a second, more than 16,777,216; set fps to take a lower rate"
+        InputError, match=r"1e\+09 frames at 24 per second, more than 16,777,216; set fps to take a lower rate"
     ):
         open_sequence(tmp_path / "x.usda")
 
