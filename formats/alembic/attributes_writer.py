@@ -34,7 +34,7 @@ from pdecodec.formats.base.attribute_roles import (
     source_name,
     uv_sets,
 )
-from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
+from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unique_name, write_parameters
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 
@@ -130,7 +130,7 @@ class ExtrasWriter:
         for role, label, name, members in named_face_sets(item, lambda label: label.replace("/", "_"), self._sets):
             self._members[role, label] = members
             if (role, label) not in self._face_sets:
-                self._face_sets[role, label] = self._new_face_set(role, label, unlike(name, taken))
+                self._face_sets[role, label] = self._new_face_set(role, label, unique_name(name, taken))
         self._set_members()
 
     def _new_face_set(self, role: str, label: str, name: str) -> Any:

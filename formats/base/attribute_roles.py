@@ -1,25 +1,18 @@
-"""What attributes are for, by their names: what lets UVs, colours and groups pass from one format to another.
+"""Give attributes roles by their names, so that UVs, colours and groups pass from one format to another.
 
-=====================  ===================  ==================================================================
-``uv``, ``uv:NAME``    corner               texture coordinates (n, 2 or 3); `indices` keep seams as they were
-``color``,             vertex, face,        colours (n, 3 or 4), 0 to 1
-``color:NAME``         corner, object
-``group``,             face                 int32, a row of `labels` each, -1 for none
-``material``,
-``object``
-``group:NAME``         face                 uint8, 1 where a face is in a set that shares faces with others
-``smoothing``          face                 int32, OBJ's smoothing groups
-``point``              vertex               uint8, 1 where a vertex of an object with faces or lines is drawn as a point
-``normal_group``       corner               see :mod:`pdecodec.formats.base.normals`
-``shared_normal``      vertex               see :mod:`pdecodec.formats.base.normals`
-``subdivision``        object               one of `labels`: the scheme of a subdivision surface
-``curve_basis``        object               one of `labels`: what the points of its lines control, ``cubic bspline``
-``curve_wrap``         object               one of `labels`: ``periodic`` where lines close
-``transform``          object               see :mod:`pdecodec.formats.base.scene_space`
-=====================  ===================  ==================================================================
+===================== =================== ================================================================== ``uv``,
+``uv:NAME`` corner texture coordinates (n, 2 or 3); `indices` preserve seams ``color``, vertex, face, colours (n, 3
+or 4), 0 to 1 ``color:NAME`` corner, object ``group``, face int32, for each face an index of `labels`, -1 for none
+``material``, ``object`` ``group:NAME`` face uint8, 1 for faces in a set that shares faces with other sets
+``smoothing`` face int32, OBJ's smoothing groups ``point`` vertex uint8, 1 for a vertex drawn as a point in an object
+with faces or lines ``normal_group`` corner see :mod:`pdecodec.formats.base.normals` ``shared_normal`` vertex see
+:mod:`pdecodec.formats.base.normals` ``subdivision`` object one of `labels`: the scheme of a subdivision surface
+``curve_basis`` object one of `labels`: what the points of its lines control, ``cubic bspline`` ``curve_wrap`` object
+one of `labels`: ``periodic`` if lines close ``transform`` object see :mod:`pdecodec.formats.base.scene_space`
+===================== =================== ==================================================================
 
-Where a format has one main UV set, it is called ``uv``; its other sets keep their names behind a colon. So with
-colours.
+If a format has one main UV set, it is called ``uv``; its other sets keep their names after a colon. The same holds
+for colours.
 """
 
 from __future__ import annotations
@@ -38,40 +31,40 @@ SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap
 
 
 def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
-    """Which vertices of a sequence are each object's."""
+    """Return the slice of the sequence's vertices that each object has."""
     ends = np.cumsum([item.vertex_count for item in objects], dtype=np.int64).tolist()
     return [slice(end - item.vertex_count, end) for item, end in zip(objects, ends, strict=True)]
 
 
 def is_role(attribute: Attribute, role: str) -> bool:
-    """Whether an attribute's name is a role's, or begins with it and a colon."""
+    """Return whether an attribute's name is a role, or begins with it and a colon."""
     return attribute.name == role or attribute.name.startswith(f"{role}:")
 
 
 def uv_sets(item: MeshObject) -> list[Attribute]:
-    """UV sets of an object, the main one first."""
+    """Return the UV sets of an object, the main one first."""
     found = [one for one in item.attributes if one.domain == "corner" and is_role(one, UV) and _width(one) in (2, 3)]
     return sorted(found, key=lambda one: one.name != UV)
 
 
 def colors(item: MeshObject) -> list[Attribute]:
-    """Colours of an object, the main ones first."""
+    """Return the colours of an object, the main ones first."""
     found = [one for one in item.attributes if is_role(one, COLOR) and _width(one) in (3, 4)]
     return sorted(found, key=lambda one: one.name != COLOR)
 
 
 def role_name(role: str, name: str, main: Sequence[str]) -> str:
-    """Name of an attribute that a format calls `name`: the role's where that is one of its main names."""
+    """Return the attribute name for what a format calls `name`: the role itself if that is one of its main names."""
     return role if name in (role, *main) else f"{role}:{name}"
 
 
 def source_name(attribute: Attribute, role: str, main: str) -> str:
-    """Undo :func:`role_name`: what a format calls the attribute."""
+    """Undo :func:`role_name`: return what a format calls the attribute."""
     return main if attribute.name == role else attribute.name.removeprefix(f"{role}:")
 
 
 def label_of(item: MeshObject, name: str) -> str | None:
-    """The label that an object attribute holds."""
+    """Return the label that an object attribute holds."""
     found = next((one for one in item.attributes if one.name == name and one.domain == "object"), None)
     if found is None or found.values.size != 1 or not 0 <= int(found.values.reshape(-1)[0]) < len(found.labels):
         return None
@@ -79,14 +72,14 @@ def label_of(item: MeshObject, name: str) -> str | None:
 
 
 def label_attribute(name: str, label: str) -> Attribute:
-    """An object attribute that holds one label."""
+    """Return an object attribute that holds one label."""
     return Attribute(name, "object", np.zeros(1, np.int32), labels=(label,))
 
 
 def face_groups(name: str, sets: Sequence[tuple[str, NDArray[np.integer]]], faces: int) -> list[Attribute]:
-    """Attributes of named sets of faces, each a name and its faces (n,), of an object of so many faces.
+    """Return attributes for named sets of faces, each a name and its faces (n,), of an object with `faces` faces.
 
-    One, with a label for each set, where no face is in two of them; else one of ones and zeros for each.
+    If no face is in two sets, one attribute with a label per set; else an attribute of ones and zeros per set.
     """
     if not sets:
         return []
@@ -104,7 +97,7 @@ def face_groups(name: str, sets: Sequence[tuple[str, NDArray[np.integer]]], face
 
 
 def face_sets(item: MeshObject, name: str) -> list[tuple[str, Int32Array]]:
-    """Undo :func:`face_groups`: named sets of faces, empty ones too."""
+    """Undo :func:`face_groups`: return named sets of faces, empty ones included."""
     found = []
     for one in item.attributes:
         if one.domain != "face" or one.values.ndim != 1:
@@ -120,7 +113,7 @@ def face_sets(item: MeshObject, name: str) -> list[tuple[str, Int32Array]]:
 
 
 def expanded(attribute: Attribute) -> NDArray[Any]:
-    """Values with one row for each element of the domain; zeros where an element has none."""
+    """Return values with one row for each element of the domain; zeros for an element without a value."""
     if attribute.indices is None:
         return attribute.values
     padded = np.concatenate([attribute.values, np.zeros_like(attribute.values, shape=(1, *attribute.values.shape[1:]))])
@@ -128,15 +121,16 @@ def expanded(attribute: Attribute) -> NDArray[Any]:
 
 
 def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None, bool]:
-    """Values as float32 rows and their indices, for formats whose indices cannot say "none".
+    """Return values as float32 rows and their indices, for formats whose indices cannot say "none".
 
     Returns
     -------
     values : (n, k) float32
-        Of an integer colour, over 255. With a row at the end where an element has none: white, of others zeros.
+        Integer colours are divided by 255. If an element has no value, a last row stands for it: white for colours,
+        else zeros.
     indices : (rows of the domain,) int32 or None
     filled : bool
-        Whether that row was needed.
+        Whether that last row was needed.
     """
     values = attribute.values.astype(np.float32)
     if attribute.values.dtype.kind in "iu" and is_role(attribute, COLOR):
@@ -149,7 +143,7 @@ def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None,
 
 
 def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
-    """Whether a UV set has a row for each vertex, which all corners there share."""
+    """Return whether a UV set has one row per vertex, which all corners of the vertex share."""
     return (
         uv.indices is not None
         and len(uv.values) == connectivity.vertex_count
@@ -158,19 +152,23 @@ def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
 
 
 def reversed_corners(counts: Int32Array) -> Int64Array:
-    """Order of corners that turns every face around: ``rows[reversed_corners(counts)]``, twice as it was."""
+    """Return the order of corners that reverses every face: ``rows[reversed_corners(counts)]``; twice, it
+    undoes itself.
+    """
     ends = np.cumsum(counts, dtype=np.int64)
     starts = ends - counts
     return np.repeat(starts + ends - 1, counts) - np.arange(int(ends[-1]) if ends.size else 0)
 
 
 def main_color(item: MeshObject, domain: AttributeDomain = "vertex") -> Attribute | None:
-    """The main colours of an object's vertices, faces or corners."""
+    """Return the main colours of an object's vertices, faces or corners."""
     return next((one for one in colors(item) if one.domain == domain), None)
 
 
 def joined_colors(sequence: MeshSequence, domain: Literal["vertex", "face"] = "vertex") -> Float32Array | None:
-    """(vertices or faces, 3 or 4) float32: colours of all objects, white for none; None without any colours."""
+    """Return the colours of all objects, (vertices or faces, 3 or 4) float32, white for none; None if there are
+    no colours.
+    """
     found = [main_color(item, domain) for item in sequence.objects]
     width = max((color.values.shape[1] for color in found if color is not None), default=0)
     parts = []
@@ -185,7 +183,7 @@ def joined_colors(sequence: MeshSequence, domain: Literal["vertex", "face"] = "v
 
 
 def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
-    """A line where colours that are written as white stand for none."""
+    """Return a line if white is written for vertices without a colour."""
     found = [color.indices for item in sequence.objects if (color := main_color(item)) is not None]
     has_gaps = any(indices is not None and (indices < 0).any() for indices in found)
     return ("vertices without a colour are white",) if has_gaps else ()
@@ -194,9 +192,9 @@ def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
 def left_out(
     sequence: MeshSequence, title: str, held: Callable[[MeshObject, Attribute], bool], metadata: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """A line that names the attributes, and one that names the metadata, which a format does not hold.
+    """Return a line that names the attributes, and one that names the metadata, that a format does not hold.
 
-    `held` says whether an attribute is written, `metadata` are the keys that are.
+    `held` tells whether an attribute is written, `metadata` are the keys that are.
     """
     names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
     keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
@@ -214,10 +212,12 @@ def lost_by_joining(
     colors: Float32Array | None = None,
     held: Callable[[MeshObject, Attribute], bool] = lambda item, one: False,
 ) -> tuple[str, ...]:
-    """Lines for a format that joins objects to one thing, and holds :func:`joined_colors` and what `held` says."""
+    """Return lines about losses in a format that joins all objects, and holds :func:`joined_colors` and what
+    `held` says.
+    """
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
-        notices = (f"{title} has no names: objects are one {joined}",)
+        notices = (f"{title} has no names: objects are joined to one {joined}",)
     if colors is not None and any(main_color(item) is None for item in sequence.objects):
         notices += ("objects without colours are white",)
     if colors is not None:

@@ -1,4 +1,4 @@
-"""Meshes of one file a frame: read one by one, with runs where connectivity changes, and written all or none."""
+"""Read meshes of one file per frame, in runs if connectivity changes, and write all of them or none."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, Connectivity, MeshObj
 from pdecodec.system.whole_output import partial_folder, publish, write_errors
 
 Positions = NDArray[Any]
-"""Of a frame, of the type of number that its file has."""
+"""Positions of a frame, of the number type that its file has."""
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """What one file holds: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
+    """The content of one file: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
 
     points: Positions
     connectivity: Connectivity
@@ -37,7 +37,7 @@ class MeshFile:
     notices: tuple[str, ...] = ()
 
     def continues(self, other: MeshFile) -> bool:
-        """Whether another mesh has the same faces and lines, and the same vertices where they have ids."""
+        """Return whether another mesh has the same faces and lines, and the same vertices if they have ids."""
         mine, theirs = (next((one.values for one in mesh.attributes if one.name == ID), None) for mesh in (self, other))
         if (mine is None) != (theirs is None):
             return False
@@ -46,13 +46,13 @@ class MeshFile:
 
 
 def not_kept(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the line that names what of a file is not kept; none where that is nothing."""
+    """Return the line that names data of a file that is not kept; nothing if there is none."""
     listed = ", ".join(dict.fromkeys(names))
     return (f"not kept: {listed}",) if listed else ()
 
 
 def joined_meshes(parts: list[MeshFile]) -> MeshFile:
-    """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
+    """Join several meshes, their points one after the other; attributes, which belong to single parts, are dropped."""
     if len(parts) == 1:
         return parts[0]
     firsts = np.cumsum([0, *(len(part.points) for part in parts)])
@@ -66,7 +66,7 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
     )
     names = dict.fromkeys(one.name for part in parts for one in part.attributes)
     notices = dict.fromkeys(notice for part in parts for notice in part.notices)
-    lost = (f"not kept, for it has several parts: {', '.join(names)}",) if names else ()
+    lost = (f"not kept, because the file has several parts: {', '.join(names)}",) if names else ()
     return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
 
 
@@ -91,7 +91,7 @@ def kind_of(attribute: Attribute) -> str:
 
 
 def is_same_attribute(mine: Attribute | None, other: Attribute | None) -> bool:
-    """Whether two attributes of one name and domain hold the same values, or there is neither."""
+    """Return whether two attributes of the same name and domain hold the same values, or both are missing."""
     if mine is None or other is None:
         return mine is other
     if mine.labels != other.labels or (mine.indices is None) != (other.indices is None):
@@ -102,7 +102,7 @@ def is_same_attribute(mine: Attribute | None, other: Attribute | None) -> bool:
 
 
 class FrameChanges:
-    """What frames have otherwise than the first frame of their run, and all lines about their files."""
+    """Differences of frames from the first frame of their run, and all notices about their files."""
 
     def __init__(self) -> None:
         self._frames: dict[str, int] = {}
@@ -117,7 +117,7 @@ class FrameChanges:
                 self._absent.add(kind)
 
     def note_lines(self, notices: Iterable[str]) -> None:
-        """Note lines about a file; of lines that differ in numbers alone the first one is kept."""
+        """Note lines about a file; of lines that differ only in numbers the first one is kept."""
         for notice in notices:
             self._notices.setdefault(re.sub(r"\d+", "#", notice), notice)
 
@@ -129,7 +129,7 @@ class FrameChanges:
                 self.note(frame, kind, is_in_first=kind in mine)
 
     def notices(self, runs: int) -> tuple[str, ...]:
-        """Lines about the files and about what changes from frame to frame, of so many runs."""
+        """Return notices about the files, and about what changes from frame to frame; `runs` is the number of runs."""
         kept = "the first frame's are kept" if runs < 2 else "those of the first frame of each run are kept"
         changes = [
             f"{kind} are not in the first frame (first at frame {frame}): they are not kept"
@@ -141,14 +141,14 @@ class FrameChanges:
 
 
 class FrameMeshes:
-    """The meshes of the files of frames.
+    """The meshes of the files of all frames.
 
     Parameters
     ----------
     files : sequence of sequences of pathlib.Path
-        Of each frame, mostly one.
+        The files of each frame, mostly one.
     read : callable
-        Gives the mesh of a file, or raises InputError.
+        Returns the mesh of a file, or raises InputError.
     """
 
     def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
@@ -159,7 +159,7 @@ class FrameMeshes:
         return joined_meshes([self._read(path) for path in self.files[frame]])
 
     def points(self, frame: int, connectivity: Connectivity) -> Positions:
-        """Positions of a frame; InputError where it has another connectivity."""
+        """Return the positions of a frame; raise InputError if it has another connectivity."""
         found = self._kept.get(frame)
         if found is None or len(found) != connectivity.vertex_count:
             mesh = self.mesh(frame)
@@ -174,9 +174,9 @@ class FrameMeshes:
         return found
 
     def run_starts(self) -> list[tuple[int, int]]:
-        """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
+        """Return the first frame and vertex count of each run of frames that have the same faces, lines and ids.
 
-        A frame that cannot be read is told of when it is asked for; the first one here.
+        Only a first frame that cannot be read fails here; other frames fail when they are asked for.
         """
         starts: list[tuple[int, int]] = []
         before: MeshFile | None = None
@@ -209,7 +209,7 @@ class KeptPositions(dict[int, Positions]):
 
 
 class FrameSequence(MeshSequence):
-    """Frames of one connectivity, from one on, that are read when they are asked for."""
+    """Frames of one connectivity, beginning at `first`, that are read when they are asked for."""
 
     def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
         self._meshes, self._first = meshes, first
@@ -228,7 +228,9 @@ class FrameSequence(MeshSequence):
 
 
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
-    """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
+    """Open a file, a frame pattern or a folder; errors are those of :func:`find_frames` and of reading the
+    first frame.
+    """
     files = find_frames(path, extension)
     return sequence_of_files([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
 
@@ -236,10 +238,10 @@ def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fp
 def sequence_of_files(
     files: Sequence[Sequence[Path]], timing: Timing | Callable[[], Timing], read: Callable[[Path], MeshFile]
 ) -> MeshSequence:
-    """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
+    """Return the sequence of the files of frames, in runs if connectivity changes; see :class:`FrameMeshes`.
 
-    Every file is read once to learn whether it does, and what else changes; positions are kept while they fit in a
-    block. A function gives the timing when all files were read.
+    Every file is read once to find out whether it and other data change; positions are kept while they fit in a
+    block. If `timing` is a function, it is called after all files were read.
     """
     meshes = FrameMeshes(files, read)
     starts = meshes.run_starts()
@@ -251,9 +253,10 @@ def sequence_of_files(
 def runs_of_frames(
     starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
 ) -> MeshSequence:
-    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame.
+    """Return one run, or a sequence of several: `starts` has first frame and vertex count; `open_run` opens by first
+    frame.
 
-    Those without vertices are left out, with a notice: no sequence has frames without any.
+    Runs without vertices are left out, with a notice: a sequence cannot have frames without vertices.
     """
     times, fps, notices = timing
     ends = [*(first for first, _ in starts[1:]), times.size]
@@ -263,7 +266,7 @@ def runs_of_frames(
         raise InputError("there are no vertices in any frame; check the file", code="no-vertices")
     if sum(frames) < times.size:
         lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
-        notices = (*notices, f"{lost}: what came before stands still there")
+        notices = (*notices, f"{lost}: until the next frame the previous one stays")
     first = open_run(kept[0][0], (times[kept[0][0] : kept[0][1]], fps, notices))
     if len(kept) == 1:
         return first
@@ -287,16 +290,16 @@ def runs_of_frames(
 
 def _difference(mine: Connectivity, first: Connectivity) -> str:
     if mine.vertex_count != first.vertex_count:
-        return f"there are {mine.vertex_count} vertices, the first frame has {first.vertex_count}"
+        return f"there are {mine.vertex_count} vertices, but the first frame has {first.vertex_count}"
     if mine.face_count != first.face_count or mine.line_count != first.line_count:
-        return f"there are {mine.face_count} faces and {mine.line_count} lines, the first frame has others"
+        return f"there are {mine.face_count} faces and {mine.line_count} lines, but the first frame has others"
     return "faces or lines join other vertices than in the first frame"
 
 
 def join_cells(
     vertices: int, faces: Sequence[NDArray[np.integer]], lines: Sequence[NDArray[np.integer]]
 ) -> Connectivity:
-    """The connectivity of blocks of cells of one size, (cells, corners), or of single ones, (corners,)."""
+    """Return the connectivity of cells: blocks of cells of one size, (cells, corners), or single cells, (corners,)."""
     joined = []
     for blocks in (faces, lines):
         rows = [np.atleast_2d(block) for block in blocks]
@@ -306,7 +309,7 @@ def join_cells(
 
 
 def strip_triangles(strip: NDArray[np.integer]) -> Int64Array:
-    """(triangles, 3) int64: the triangles of a strip of vertices, every second one turned round."""
+    """Return the triangles (triangles, 3) int64 of a strip of vertices, every second one reversed."""
     steps = np.arange(max(0, strip.size - 2))
     odd = steps % 2
     corners: Int64Array = strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)].astype(np.int64)
@@ -314,7 +317,7 @@ def strip_triangles(strip: NDArray[np.integer]) -> Int64Array:
 
 
 FrameBytes = Callable[[Float32Array, int], bytes]
-"""The bytes of a file: of positions (vertices, 3), and the index of the frame in its run."""
+"""Returns the bytes of a file from positions (vertices, 3) and the index of the frame in its run."""
 
 
 def write_frames(
@@ -326,37 +329,37 @@ def write_frames(
     new_folder: bool = False,
     index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
 ) -> list[Path]:
-    """Write a file for each frame, all of them or none; the paths.
+    """Write a file for each frame, all of them or none; return their paths.
 
-    The frames are written to a hidden folder beside their place, and moved after the last one was written; a run that
-    is killed while it moves them is finished by the next. Of frames that are replaced, those that the new sequence does
-    not have are removed.
+    The frames are written to a hidden folder next to their place, and moved after the last one is written; a run
+    that is killed while it moves them is finished by the next. When frames are replaced, those without a new frame
+    are removed.
 
     Parameters
     ----------
     sequence : MeshSequence
     output : Output
-        A pattern, ``name.####.ply``; for one frame also a plain name.
+        A pattern, ``name.####.ply``; for a single frame also a plain name.
     what : str
         The format.
     frame_bytes : callable
-        Gives, of a run of the sequence and its first frame, what gives the bytes of its files.
+        Takes a run of the sequence and its first frame, and returns the function that makes the bytes of its files.
     new_folder : bool
-        Whether the pattern's folder is new, and appears at once when all is written.
+        Whether the pattern's folder is new, and appears at once when everything is written.
     index : tuple of a path and a callable, optional
-        A file beside the frames that appears with them, and its bytes by their paths.
+        A file that is published together with the frames, and the function that makes its bytes from their paths.
 
     Raises
     ------
     InputError
-        If the place is taken or not writable, or several frames are to go to one file.
+        If the output exists or is not writable, or several frames are to go to one file.
     """
     pattern = output.path
     if not is_frame_pattern(pattern):
         if sequence.frame_count > 1:
             name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
             raise InputError(
-                f"{sequence.frame_count} frames do not fit one {what} file; name it {name}",
+                f"{sequence.frame_count} frames do not fit in one {what} file; name it {name}",
                 code="too-large",
                 path=pattern,
             )
@@ -366,14 +369,14 @@ def write_frames(
     old = frames_there(pattern)
     if old and not output.overwrite:
         raise InputError(
-            f"frames are there already ({old[0].name})",
+            f"frames exist already ({old[0].name})",
             code="output-exists",
             path=pattern,
             setting="overwrite",
             purpose="to replace them",
         )
     parsed = parse_pattern(pattern)
-    # Frames carry the numbers of their times where those follow each other, else they count up from the first.
+    # Number frames by their times if these are consecutive, else count up from the first.
     numbers = np.rint(sequence.times * output.rate)
     if not (np.diff(numbers) == 1).all():
         numbers = numbers[0] + np.arange(sequence.frame_count)

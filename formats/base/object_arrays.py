@@ -1,22 +1,16 @@
 """Objects, attributes and metadata as named arrays: the layout that NPZ and HDF5 share.
 
-========================================  ==========================================================
-``objects/0/name``                        text
-``objects/0/vertex_count``                int64; vertices of all objects stand one after the other
-``objects/0/face_counts``                 (faces,) int32
-``objects/0/face_indices``                (corners,) int32, from 0 within the object
-``objects/0/line_counts``                 (lines,) int32
-``objects/0/line_indices``                (line points,) int32
-``objects/0/attributes/0/name``           text
-``objects/0/attributes/0/domain``         text: vertex, face, corner or object
-``objects/0/attributes/0/values``         (n,) or (n, k) numbers
-``objects/0/attributes/0/indices``        int32, where there are any
-``objects/0/attributes/0/labels``         (labels,) text, where there are any
-``metadata``                              (entries, 2) text, where there are any
-========================================  ==========================================================
+======================================== ==========================================================
+``objects/0/name`` text ``objects/0/vertex_count`` int64; objects' vertices follow each other in the positions
+``objects/0/face_counts`` (faces,) int32 ``objects/0/face_indices`` (corners,) int32, from 0 within the object
+``objects/0/line_counts`` (lines,) int32 ``objects/0/line_indices`` (line points,) int32
+``objects/0/attributes/0/name`` text ``objects/0/attributes/0/domain`` text: vertex, face, corner or object
+``objects/0/attributes/0/values`` (n,) or (n, k) numbers ``objects/0/attributes/0/indices`` int32, if there are any
+``objects/0/attributes/0/labels`` (labels,) text, if there are any ``metadata`` (entries, 2) text, if there are any
+======================================== ==========================================================
 
-Beside them a file holds ``points`` (frames, vertices, 3), ``times`` (frames,) [s] and ``fps``, and for programs
-that know no more than that ``faces`` (rows, widest) int32 padded with -1, where it can say the same.
+A file also holds ``points`` (frames, vertices, 3), ``times`` (frames,) [s] and ``fps``; and, for programs that know
+only these, ``faces`` (rows, widest) int32 padded with -1, if they can represent the connectivity.
 """
 
 from __future__ import annotations
@@ -34,8 +28,9 @@ from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence, check_frame_range
 
 PADDING_FACTOR = 4
-"""``faces`` is left out where padding would make it this many times as large as the indices: one n-gon of a
-thousand corners among a million triangles would make it gigabytes."""
+"""``faces`` is left out if padding would make it this many times as large as the indices: one n-gon of a
+thousand corners among a million triangles would take gigabytes.
+"""
 
 _CONNECTIVITY = ("face_counts", "face_indices", "line_counts", "line_indices")
 
@@ -43,12 +38,12 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class LaidOutSequence(MeshSequence):
-    """A sequence out of arrays of this layout, wherever they are stored."""
+    """A sequence read from arrays of this layout, wherever they are stored."""
 
     _points: Any
 
     def _take(self, names: Sequence[str], read: Callable[[str], NDArray[Any]], fps: float | None, what: str) -> None:
-        """Check the points, and take everything else; `read` gives an array by its name, `what` is its kind."""
+        """Check the points, and read everything else; `read` returns an array by its name, `what` is its kind."""
         shape, dtype = self._points.shape, self._points.dtype
         if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
             raise InputError(
@@ -71,12 +66,12 @@ class LaidOutSequence(MeshSequence):
 def check_has_points(names: Sequence[str], what: str) -> None:
     """Raise InputError unless one of the names is ``points``."""
     if "points" not in names:
-        there = f"it has {', '.join(names)}: give that of the positions this name" if names else "it is empty"
+        there = f"it has {', '.join(names)}: give this name to that of the positions" if names else "it is empty"
         raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}", code="damaged-input")
 
 
 def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
-    """Everything but points as arrays by name; text as ``<U`` arrays."""
+    """Return everything but points as arrays by name; text as ``<U`` arrays."""
     arrays: dict[str, NDArray[Any]] = {"times": sequence.times, "fps": np.asarray(fps, np.float64)}
     faces = _padded_faces(sequence.connectivity)
     if faces is not None:
@@ -102,7 +97,7 @@ def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
 
 
 def _padded_faces(whole: Connectivity) -> Int32Array | None:
-    """Faces, then lines of two and points, as rows padded with -1; None where rows cannot say it or grow too large.
+    """Return faces, lines of two points and points as rows padded with -1; None if they do not fit or grow too large.
 
     A line of three points or more would be read as a face.
     """
@@ -119,12 +114,12 @@ def _padded_faces(whole: Connectivity) -> Int32Array | None:
 
 
 def _is_ours(name: str) -> bool:
-    """Whether an array of this name is part of the layout."""
+    """Return whether an array of this name is part of the layout."""
     return name in ("points", "faces", "times", "fps", "metadata") or name.startswith("objects/")
 
 
 def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
-    """The objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone."""
+    """Return the objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone."""
     if "objects/0/name" not in arrays:
         faces = arrays.get("faces")
         connectivity = Connectivity(vertex_count) if faces is None else Connectivity.from_padded(vertex_count, faces)
@@ -134,7 +129,7 @@ def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
         objects.append(_object_of(arrays, f"objects/{len(objects)}"))
     total = sum(item.vertex_count for item in objects)
     if total != vertex_count:
-        raise damaged(f"objects have {total} vertices, points have {vertex_count}; write the file again")
+        raise damaged(f"objects have {total} vertices, but points have {vertex_count}; write the file again")
     return tuple(objects)
 
 

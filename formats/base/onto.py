@@ -1,8 +1,8 @@
-"""Motion put onto a file that is there: everything of the original stays, its objects move as a sequence says.
+"""Write motion onto an existing file: everything of the original stays, its objects move as a sequence says.
 
-Objects are found by their names, those of one name in order, or all in order where no name is shared. Their faces,
-lines and vertices must be those of the original. What lies in the space of the scene is brought into the space of the
-original's shapes.
+Objects are matched by name (objects of the same name in order), or all in order if no name is shared. Their faces,
+lines and vertices must be those of the original. Positions in the space of the scene are transformed into the space
+of the original's shapes.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 from pdecodec.system.reading import asset_folders_allowed
 
-LOST = 1e-5
-"""Largest error over the largest coordinate of what a transform that flattens may leave of positions."""
+FLATTENED_TOLERANCE = 1e-5
+"""Largest error that inverting a flattening transform may leave in positions, relative to the largest coordinate."""
 
-SOON = 1e-4
-"""Half the time [s] over which the motion of a transform is measured."""
+SLOPE_HALF_SECONDS = 1e-4
+"""Half the time [s] over which the velocity of a transform is measured."""
 
 OntoWriter = Callable[..., tuple[str, ...]]
-"""What a format's ``onto`` names: puts a sequence onto an original that is open, which it fits; lines of what is lost.
+"""Type of a format's ``onto``: writes a sequence onto an open original that it fits; returns lines about what is lost.
 
 It takes the sequence, the original, the :class:`Fitted` objects, the original's path and the :class:`Output`.
 """
@@ -45,7 +45,9 @@ It takes the sequence, the original, the :class:`Fitted` objects, the original's
 
 @dataclass(frozen=True)
 class Fitted:
-    """An object of a sequence, which of its vertices are the object's, and which object of the original it moves."""
+    """An object of a sequence, the slice of its vertices in the sequence, and the index of the original's
+    object it moves.
+    """
 
     item: MeshObject
     own: slice
@@ -67,7 +69,7 @@ def write_onto(
     straight: bool = False,
     asset_folders: Iterable[str | os.PathLike[str]] = (),
 ) -> tuple[str, ...]:
-    """Write a file with everything that another of its format has, and a sequence's motion in the place of its own.
+    """Write a file with everything that another of its format has, and a sequence's motion instead of its own.
 
     Parameters
     ----------
@@ -78,13 +80,13 @@ def write_onto(
     path : path
         Another file of that format, or for OBJ a pattern or a folder.
     clip : str, optional
-        Which animation of the original the motion replaces, where it has several (glTF). Default: the first.
+        The animation of the original that the motion replaces, if it has several (glTF). Default: the first.
     layer : bool
-        USD: only a layer over the original, which it names: points, normals and velocities.
+        USD: write only a layer over the original, which it refers to: points, normals and velocities.
     overwrite, fps, velocities, progress, meshopt, straight
-        As of :func:`pdecodec.formats.write_sequence`.
+        See :func:`pdecodec.formats.write_sequence`.
     asset_folders : iterable of path
-        As of :func:`pdecodec.open_sequence`; packages take files of theirs alone, too.
+        See :func:`pdecodec.open_sequence`; packages may refer only to files inside them.
 
     Returns
     -------
@@ -94,9 +96,9 @@ def write_onto(
     Raises
     ------
     InputError
-        If the original cannot be read, objects do not fit it, or the place is taken or cannot be written to.
+        If the original cannot be read, objects do not fit it, or the output exists or cannot be written.
     SettingsError
-        If the two are of different formats, or one file, or an option is not one of the format's.
+        If the two are of different formats or the same file, or the format does not have an option.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -104,7 +106,7 @@ def write_onto(
     entry, wanted = format_to_read(source), format_to_write(path)
     if entry is not wanted or entry.onto is None:
         kinds = ", ".join(one.title.partition(",")[0] for one in list_formats() if one.onto)
-        message = f"takes one format for both, {kinds}; {entry.title} does not go onto {wanted.title}"
+        message = f"needs two files of the same format ({kinds}), not {entry.title} and {wanted.title}"
         if entry is wanted:
             message = f"is for {kinds}, not for {entry.title}; leave it out"
         raise SettingsError(message, code="setting-unsupported", path=where, setting="onto")
@@ -117,7 +119,7 @@ def write_onto(
         raise misplaced("clip", "glTF", where)
     if velocities is not None and not entry.holds_velocities:
         raise SettingsError(
-            f"{entry.title} holds no velocities; leave them out, or write them apart",
+            f"{entry.title} holds no velocities; leave them out, or write a separate file",
             code="setting-unsupported",
             path=where,
         )
@@ -125,7 +127,7 @@ def write_onto(
     shared = set(map(os.path.realpath, read)) & set(map(os.path.realpath, written))
     if shared:
         raise SettingsError(
-            f"would replace {os.path.basename(shared.pop())}, which the original is made of",
+            f"would replace {os.path.basename(shared.pop())}, which the original consists of",
             code="overwrites-input",
             path=where,
         )
@@ -142,14 +144,14 @@ def write_onto(
         naming_file(where),
     ):
         _check_space(placed, there, source)
-        fits, notices = fitted(placed, there, source)
+        matches, notices = match_objects(placed, there, source)
         if entry.times != "exact":
             notices += times_kept(sequence.times, entry.times, title=entry.title)
-        return (*notices, *writer(placed, there, fits, source, output))
+        return (*notices, *writer(placed, there, matches, source, output))
 
 
 def _check_space(sequence: MeshSequence, original: MeshSequence, source: Path) -> None:
-    """Refuse a sequence that is known to be turned or scaled otherwise than the original."""
+    """Raise InputError if a sequence is known to have another up axis or unit than the original."""
     ours, theirs = up_axis_of(sequence), up_axis_of(original)
     if ours and theirs and ours != theirs:
         raise InputError(
@@ -166,54 +168,56 @@ def _check_space(sequence: MeshSequence, original: MeshSequence, source: Path) -
             code="object-mismatch",
             setting="scale",
             value=f"{mine / its:g}",
-            purpose="to make it so",
+            purpose="to convert it",
         )
 
 
-def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tuple[tuple[Fitted, ...], tuple[str, ...]]:
-    """Which object of the original each object of a sequence moves; lines about what else there is.
+def match_objects(
+    sequence: MeshSequence, original: MeshSequence, source: Path
+) -> tuple[tuple[Fitted, ...], tuple[str, ...]]:
+    """Match each object of a sequence with the original's object that it moves; return notices about the rest.
 
     Raises
     ------
     InputError
         If an object is not there, or has other vertices, faces or lines.
     """
-    places = _places(original)
+    theirs_by_name = _indices_by_name(original)
     notices: tuple[str, ...] = ()
-    ours = _places(sequence)
-    if not places.keys() & ours.keys() and len(sequence.objects) == len(original.objects):
-        places = ours
-        notices = (f"no object has a name of {source.name}: they are taken in order",)
-    for name, alike in ours.items():
-        if name in places and len(alike) != len(places[name]):
+    ours_by_name = _indices_by_name(sequence)
+    if not theirs_by_name.keys() & ours_by_name.keys() and len(sequence.objects) == len(original.objects):
+        theirs_by_name = ours_by_name
+        notices = (f"no object has the name of one in {source.name}: objects are matched in order",)
+    for name, alike in ours_by_name.items():
+        if name in theirs_by_name and len(alike) != len(theirs_by_name[name]):
             raise InputError(
-                f"is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
-                "encode the file that it is to go onto",
+                f"is ambiguous: {len(alike)} have this name, and {len(theirs_by_name[name])} in {source.name}; "
+                "encode a clip of that file",
                 code="ambiguous-input",
                 object=name,
                 setting="objects",
                 purpose="to leave them out",
             )
     found = []
-    next_of = {name: iter(alike) for name, alike in places.items()}
+    next_of = {name: iter(alike) for name, alike in theirs_by_name.items()}
     for item, own in zip(sequence.objects, vertex_slices(sequence.objects), strict=True):
-        if item.name not in places:
+        if item.name not in theirs_by_name:
             known = listed([one.name for one in original.objects])
-            message = f"is not in {source.name}, which has {known}; name it alike"
+            message = f"is not in {source.name}, which has {known}; give it the same name"
             raise InputError(message, code="object-missing", object=item.name)
         index = next(next_of[item.name])
         theirs = original.objects[index]
         if item.vertex_count != theirs.vertex_count:
             raise InputError(
                 f"has {item.vertex_count} vertices, and {theirs.vertex_count} in {source.name}; "
-                "encode the file that it is to go onto",
+                "encode a clip of that file",
                 code="object-mismatch",
                 object=item.name,
             )
         if not item.connectivity.same_as(theirs.connectivity):
             raise InputError(
-                f"has other faces or lines than in {source.name}, or its vertices in a free order; "
-                "encode the file that it is to go onto",
+                f"has other faces or lines than in {source.name}, or vertices in another order (a free vertex order); "
+                "encode a clip of that file",
                 code="object-mismatch",
                 object=item.name,
             )
@@ -221,68 +225,69 @@ def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tupl
     moved = {one.index for one in found}
     left = [item.name for index, item in enumerate(original.objects) if index not in moved]
     if left:
-        notices = (*notices, f"left as they are in {source.name}: {listed(left)}")
+        notices = (*notices, f"unchanged from {source.name}: {listed(left)}")
     return tuple(found), notices
 
 
-def _places(sequence: MeshSequence) -> dict[str, list[int]]:
-    """Which objects of a sequence have each name, in order; siblings of glTF may have one and the same."""
-    places: dict[str, list[int]] = {}
+def _indices_by_name(sequence: MeshSequence) -> dict[str, list[int]]:
+    """Return the indices of a sequence's objects by name, in order; siblings in glTF may share a name."""
+    by_name: dict[str, list[int]] = {}
     for index, item in enumerate(sequence.objects):
-        places.setdefault(item.name, []).append(index)
-    return places
+        by_name.setdefault(item.name, []).append(index)
+    return by_name
 
 
 def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> Int64Array:
-    """(corners,) int64: which corner of an object each corner of its file's faces is, which may be turned around."""
+    """Return the corner of an object for each corner of its file's faces, which may be reversed: (corners,) int64."""
     if np.array_equal(stored, connectivity.face_indices):
         return np.arange(stored.size)
     return reversed_corners(connectivity.face_counts)
 
 
 class Placed:
-    """Where a shape of the original is, and what lies there in its own space.
+    """Placement of a shape of the original in the scene, to bring data of the scene into the shape's own space.
 
     Parameters
     ----------
     at : callable
-        (n, 4, 4) float64 from the shape's space to the scene's at times (n,) [s], for points that are rows.
+        Returns (n, 4, 4) float64 matrices from the shape's space to the scene's at times (n,) [s], for points as rows.
     times : (frames,) float64 [s]
     name : str
-        Of the object.
+        Name of the object.
     """
 
     def __init__(self, at: Callable[[Float64Array], Float64Array], times: Float64Array, name: str) -> None:
         self._at, self._times, self._name = at, times, name
         self.matrices = at(times)
-        self._is_here = np.array_equal(self.matrices, np.broadcast_to(np.eye(4), self.matrices.shape))
+        self._is_identity = np.array_equal(self.matrices, np.broadcast_to(np.eye(4), self.matrices.shape))
         self._slopes: Float64Array | None = None
 
     @property
     def stands(self) -> bool:
-        """Whether it is where it was at every frame."""
+        """Whether its transform is the same at every frame."""
         return bool((self.matrices == self.matrices[:1]).all())
 
     def points(self, scene: Float32Array, start: int) -> Float32Array:
-        """Positions (frames, vertices, 3) of frames from `start` on, in the shape's space.
+        """Transform positions (frames, vertices, 3) of frames from `start` on into the shape's space.
 
-        A transform that flattens has no inverse: of the points that it brings there, those nearest its origin count.
+        A transform that flattens has no inverse: of the points that it maps to a position, the one nearest its
+        origin is taken.
 
         Raises
         ------
         InputError
-            If it flattens what is not flat.
+            If the transform flattens an object that is not flat.
         """
-        if self._is_here:
+        if self._is_identity:
             return scene
         matrices = self.matrices[:1] if self.stands else self.matrices[start : start + len(scene)]
         turns, moves = matrices[:, :3, :3], matrices[:, None, 3, :3]
         own: Float32Array = ((scene - moves) @ np.linalg.pinv(turns)).astype(np.float32)
         off = np.abs(own @ turns + moves - scene).max(axis=(1, 2), initial=0)
-        bad = np.flatnonzero(~(off <= LOST * np.abs(scene).max(initial=0)))
+        bad = np.flatnonzero(~(off <= FLATTENED_TOLERANCE * np.abs(scene).max(initial=0)))
         if bad.size:
             raise InputError(
-                "is under a transform that flattens it; its motion has no place there",
+                "is under a transform that flattens it, which no motion of its own can reproduce; leave it out",
                 code="unsupported-feature",
                 object=self._name,
                 frame=start + int(bad[0]),
@@ -290,20 +295,23 @@ class Placed:
         return own
 
     def normals(self, scene: Float32Array, frame: int) -> Float32Array:
-        """Unit normals (rows, 3) of a frame in the shape's space."""
-        if self._is_here:
+        """Transform unit normals (rows, 3) of a frame into the shape's space."""
+        if self._is_identity:
             return scene
         turned = scene @ self.matrices[frame, :3, :3].T
         lengths = np.linalg.norm(turned, axis=1, keepdims=True)
         return np.where(lengths > 0, turned / np.where(lengths > 0, lengths, 1), scene).astype(np.float32)
 
     def velocities(self, scene: Float32Array, own: Float32Array, start: int) -> Float32Array:
-        """Velocities (frames, vertices, 3) beside the shape's own motion, of positions `own` in its space."""
-        if self._is_here:
+        """Return velocities (frames, vertices, 3) without the shape's own motion; `own` are positions in its space."""
+        if self._is_identity:
             return scene
         if self._slopes is None:
-            before, after = (np.clip(self._times + step, self._times[0], self._times[-1]) for step in (-SOON, SOON))
-            steps = np.maximum(after - before, SOON)[:, None, None]
+            before, after = (
+                np.clip(self._times + step, self._times[0], self._times[-1])
+                for step in (-SLOPE_HALF_SECONDS, SLOPE_HALF_SECONDS)
+            )
+            steps = np.maximum(after - before, SLOPE_HALF_SECONDS)[:, None, None]
             self._slopes = (self._at(after) - self._at(before)) / steps
         slopes = self._slopes[start : start + len(scene)]
         carried = own @ slopes[:, :3, :3] + slopes[:, None, 3, :3]
@@ -313,24 +321,26 @@ class Placed:
 
 
 class ShapeOver(ABC):
-    """Samples that a shape of the original gets in the place of its own.
+    """Writer that replaces the samples of one shape of the original.
 
     Parameters
     ----------
     own : slice
-        Which vertices of the sequence are the shape's.
+        The shape's vertices in the sequence.
     placed : Placed
     rows : NormalRows or None
-        Of the normals that it has.
+        Rows of its normals, if it has any.
     gather : (points,) int32 or None
-        Vertex of each point of its curves, where that is not all of them in order.
+        Vertex of each point of its curves, unless these are all vertices in order.
     """
 
     def __init__(self, own: slice, placed: Placed, rows: NormalRows | None, gather: Int32Array | None) -> None:
         self._own, self._placed, self._rows, self._gather = own, placed, rows, gather
 
     def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
-        """Write samples of positions of all objects, and of velocities, from a frame on."""
+        """Write samples from frame `start` on: positions and velocities of all objects, from which the shape's
+        are taken.
+        """
         scene = block[:, self._own]
         points = self._placed.points(scene, start)
         moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
@@ -356,7 +366,7 @@ def write_over(
     title: str,
     before: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[None]:
-    """Write samples of all shapes, block by block; `before` is called with the frames of a block that comes next."""
+    """Write samples of all shapes block by block; `before` is called with the frame count of the next block."""
     for start, block in output.blocks(sequence, title):
         before(len(block))
         speeds = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))

@@ -309,7 +309,7 @@ def format_to_read(path: Path) -> Format:
         disputed = entry is not None and content is not None and not set(content.magic) <= set(entry.shared_magic)
         if entry is not None and content is not None and content is not entry and disputed:
             raise InputError(
-                f"is a file of {content.title} ({content.name}), unlike its name says; rename it to end in "
+                f"is of another format than its name says: {content.title} ({content.name}); rename it to end in "
                 f"{content.extensions[0]}",
                 code="unknown-format",
                 path=path,

@@ -1,7 +1,7 @@
-"""Objects that move rigidly, found by their positions: as one shape and the transforms that move it.
+"""Find objects that move rigidly by their positions: represent them by one shape and the transforms that move it.
 
-A file then holds a matrix a frame where it held every vertex. What comes back is what was there, to the last bits of
-float32; or, where that is asked for, within a bound.
+A file then holds one matrix per frame instead of every vertex. Positions are reproduced to the last bits of float32;
+or, if requested, within a bound.
 """
 
 from __future__ import annotations
@@ -16,34 +16,36 @@ from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribu
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
-RIGID = 2.0**-22
-"""Largest error over the largest coordinate of what moves rigidly: two units in the last place of float32."""
+RIGID_TOLERANCE = 2.0**-22
+"""Largest error of rigid motion relative to the largest coordinate: two units in the last place of float32."""
 
-FLAT = 1e-6
-"""Width over length below which a shape is a line, whose turns about itself are not known."""
+LINE_WIDTH_RATIO = 1e-6
+"""Ratio of width to length below which a shape is a line, whose rotation about itself is undefined."""
 
 
-FIRST_GUESS = 4.0
-"""How many bounds from the first frame, moved, what moves rigidly may be: both are off, and so is how it is moved."""
+FIRST_GUESS_BOUNDS = 4.0
+"""Distance in bounds from the moved first frame that a rigid object may have: both frames and the motion have
+errors.
+"""
 
 REWEIGHTINGS = 8
-"""Times that vertices are weighted by how far off they are: with 20 no more parts come within a bound."""
+"""Rounds of weighting vertices by their distances: with 20 no more parts come within a bound."""
 
-CENTRINGS = 20
-"""Steps towards the centre of a ball: after so many it is within a few hundredths of the radius."""
+CENTRE_STEPS = 20
+"""Steps towards the centre of a ball: they bring it within a few hundredths of the radius."""
 
-ENCLOSINGS = 4
-"""Times that the place furthest from the centre of some is added to them."""
+ENCLOSING_ROUNDS = 4
+"""Times that the position furthest from the centre of some positions is added to them."""
 
-LEAST_WEIGHT = 1e-3
-"""What is added to a distance over the largest one: the vertex that is hit exactly counts again later."""
+WEIGHT_OFFSET = 1e-3
+"""Added to relative distances as weights, so that a vertex that is hit exactly counts again later."""
 
-FEW_VERTICES = 16
-"""Vertices that are looked at before all are."""
+PROBED_VERTICES = 16
+"""Vertices that are checked before all are."""
 
 
 def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | None:
-    """The transforms of a shape to where it is, if they are all translations and rotations.
+    """Return the transforms from a shape to where it is at each frame, if they are all rigid.
 
     Parameters
     ----------
@@ -55,14 +57,16 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
     (frames, 4, 4) float64 or None
         For points that are rows. The rotations are those of least squares (Kabsch 1976).
     """
-    bound = RIGID * float(np.max([abs(end(one, initial=0)) for one in (points, rest) for end in (np.max, np.min)]))
+    bound = RIGID_TOLERANCE * float(
+        np.max([abs(end(one, initial=0)) for one in (points, rest) for end in (np.max, np.min)])
+    )
     if not np.isfinite(bound):
         return None
     shape = rest.astype(np.float64)
     moved = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
     moved[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
-    # Of what turns, some vertices rule out a translation.
-    few = slice(None, None, max(1, len(shape) // FEW_VERTICES))
+    # A few vertices suffice to show that an object rotates.
+    few = slice(None, None, max(1, len(shape) // PROBED_VERTICES))
     if largest_error(points[:, few], shape[few], moved) <= bound and largest_error(points, shape, moved) <= bound:
         return moved
     found = least_squares_motion(points, shape)
@@ -70,18 +74,18 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
 
 
 def is_line(centred: Float64Array) -> bool:
-    """Whether a shape (vertices, 3) about the origin is a line or a point, whose turns are not known."""
-    # Sums of products: of the numbers themselves there are many.
+    """Return whether a shape (vertices, 3) about the origin is a line or a point, whose rotation is undefined."""
+    # Decompose the 3 by 3 matrix of sums of products: there are many vertices.
     lengths = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0))
-    return not lengths[1] > FLAT * lengths[2]
+    return not lengths[1] > LINE_WIDTH_RATIO * lengths[2]
 
 
 def least_squares_motion(
     points: Float32Array, shape: Float64Array, weights: Float64Array | None = None
 ) -> Float64Array | None:
-    """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line.
+    """Return the rigid matrices (frames, 4, 4) that bring a shape nearest to points; None for a line.
 
-    Squares are weighted by `weights` (frames, vertices), or count alike.
+    Squares are weighted by `weights` (frames, vertices); by default all count the same.
     """
     if is_line(shape - shape.mean(axis=0)):
         return None
@@ -99,24 +103,24 @@ def least_squares_motion(
 
 
 def motion_within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, float] | None:
-    """The rotations and translations that bring a shape within a bound of points, and the largest distance; or None."""
+    """Return the rigid matrices that bring a shape within a bound of points, and the largest distance; or None."""
     fit = nearest_motion(points, shape, bound)
     return None if fit is None or fit[1].max() > bound else (fit[0], float(fit[1].max()))
 
 
 def nearest_motion(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, Float64Array] | None:
-    """The rotations and translations that bring a shape near points, and the largest distance at each frame.
+    """Return the rigid matrices that bring a shape near points, and the largest distance at each frame.
 
-    Least squares leave some vertices outside a bound though all can be within: where they do, each vertex is weighted
-    by how far off it was, again and again, which makes the largest distance small (Lawson 1961). None where none can be
-    within.
+    Least squares leave some vertices outside a bound though all could be within it: then vertices are weighted by
+    their distances, round after round, which makes the largest distance small (Lawson 1961). None if no motion can
+    be within the bound.
     """
     best = least_squares_motion(points, shape)
     if best is None:
         return None
     distances = distances_of(points, shape, best)
     if (np.square(distances).mean(axis=1) > bound**2).any():
-        return None  # The largest distance is never below the least root of mean squares.
+        return None  # The largest distance is never below the smallest root of mean squares.
     most = distances.max(axis=1)
     weights = np.ones_like(distances)
     for _ in range(REWEIGHTINGS):
@@ -124,7 +128,7 @@ def nearest_motion(points: Float32Array, shape: Float64Array, bound: float) -> t
         if not left.size:
             break
         off = distances[left]
-        weights[left] *= off / off.max(axis=1, keepdims=True) + LEAST_WEIGHT
+        weights[left] *= off / off.max(axis=1, keepdims=True) + WEIGHT_OFFSET
         weights[left] /= weights[left].max(axis=1, keepdims=True)
         found = least_squares_motion(points[left], shape, weights[left])
         assert found is not None
@@ -141,40 +145,41 @@ def largest_error(points: Float32Array, shape: Float64Array, matrices: Float64Ar
     off += matrices[:, 3:, :3]
     off -= points
     largest = float(np.abs(off, out=off).max(initial=0))
-    # Numbers that are not finite are no rigid motion either.
+    # Positions that are not finite do not move rigidly.
     return np.inf if np.isnan(largest) else largest
 
 
-def _extremes(points: Float64Array) -> Float64Array:
-    """Of the places of each vertex (frames, vertices, 3), those furthest along the axes: (6, vertices, 3)."""
+def _extreme_positions(points: Float64Array) -> Float64Array:
+    """Return the positions of each vertex in (frames, vertices, 3) that are extreme along an axis: (6, vertices, 3)."""
     frames = np.concatenate([points.argmin(axis=0).T, points.argmax(axis=0).T])
     return np.take_along_axis(points, frames[:, :, None], axis=0)
 
 
-def _centres(points: Float64Array) -> Float64Array:
-    """Centres (vertices, 3) of the smallest balls around places of each vertex (places, vertices, 3).
+def _ball_centres(points: Float64Array) -> Float64Array:
+    """Return the centres (vertices, 3) of the smallest balls around the positions of each vertex (positions, vertices,
+    3).
 
-    Steps towards the place that is furthest, each shorter than the one before (Badoiu and Clarkson 2003).
+    It steps towards the furthest position, each step shorter than the one before (Badoiu and Clarkson 2003).
     """
     centres: Float64Array = (points.min(axis=0) + points.max(axis=0)) / 2
-    for step in range(CENTRINGS):
+    for step in range(CENTRE_STEPS):
         furthest = np.linalg.norm(points - centres, axis=2).argmax(axis=0)
         centres += (np.take_along_axis(points, furthest[None, :, None], axis=0)[0] - centres) / (step + 2)
     return centres
 
 
 def smallest_centres(points: Float64Array) -> Float64Array:
-    """As :func:`_centres` of many places of each vertex, of which the furthest are enough."""
-    few = _extremes(points)
-    for _ in range(ENCLOSINGS):
-        centres = _centres(few)
+    """Return the centres as :func:`_ball_centres` does for many positions per vertex, using only the furthest ones."""
+    few = _extreme_positions(points)
+    for _ in range(ENCLOSING_ROUNDS):
+        centres = _ball_centres(few)
         furthest = np.square(points - centres).sum(axis=2).argmax(axis=0)
         few = np.concatenate([few, np.take_along_axis(points, furthest[None, :, None], axis=0)])
-    return _centres(few)
+    return _ball_centres(few)
 
 
 def middle_of(points: Float32Array) -> Float32Array:
-    """(3,) float32: the middle of the box of points (vertices, 3)."""
+    """Return the middle of the bounding box of points (vertices, 3): (3,) float32."""
     found: Float32Array = ((points.min(axis=0) + points.max(axis=0)) / 2).astype(np.float32)
     return found
 
@@ -187,7 +192,9 @@ def distances_of(points: Float32Array, shape: Float64Array, matrices: Float64Arr
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A shape (vertices, 3) float32, the matrices (frames, 4, 4) that move it, and how far off at most they are."""
+    """A shape (vertices, 3) float32, the matrices (frames, 4, 4) that move it, and its largest distance from
+    the input.
+    """
 
     shape: Float32Array
     matrices: Float64Array
@@ -197,22 +204,22 @@ class RigidFit:
 def rigid_within(
     blocks: Callable[[], Iterable[Float32Array]], places: Mapping[int, slice], bound: float
 ) -> dict[int, RigidFit]:
-    """Of objects, those that move rigidly within a bound.
+    """Find the objects that move rigidly within a bound.
 
     Parameters
     ----------
     blocks : callable
-        Gives every frame in order, as (frames, vertices, 3) float32; called twice.
+        Returns every frame in order, as (frames, vertices, 3) float32; called twice.
     places : mapping
         Vertices of each object.
     bound : float [scene units]
-        Largest distance of a vertex from where it is.
+        Largest distance of a vertex from its position.
 
     Returns
     -------
     dict of RigidFit
-        Each vertex of a shape is the centre of the smallest ball around its places of all frames, moved back: of those
-        places, the ones furthest along the axes are kept.
+        By object. Each vertex of a shape is the centre of the smallest ball around its positions of all frames, moved
+        back; only those extreme along an axis are kept.
     """
     first: dict[int, Float64Array] = {}
     extremes: dict[int, Float64Array] = {}
@@ -222,13 +229,13 @@ def rigid_within(
             own = points[:, places[index]]
             shape = first.setdefault(index, own[0].astype(np.float64))
             found = least_squares_motion(own, shape) if np.isfinite(own).all() else None
-            if found is None or distances_of(own, shape, found).max() > FIRST_GUESS * bound:
+            if found is None or distances_of(own, shape, found).max() > FIRST_GUESS_BOUNDS * bound:
                 extremes.pop(index, None)
                 continue
             back = (own - found[:, 3:, :3]) @ found[:, :3, :3].transpose(0, 2, 1)
-            extremes[index] = _extremes(np.concatenate([extremes[index], back]) if index in extremes else back)
+            extremes[index] = _extreme_positions(np.concatenate([extremes[index], back]) if index in extremes else back)
         frames += len(points)
-    shapes = {index: _centres(found).astype(np.float32) for index, found in extremes.items()}
+    shapes = {index: _ball_centres(found).astype(np.float32) for index, found in extremes.items()}
     parts: dict[int, list[tuple[Float64Array, float]]] = {index: [] for index in shapes}
     for points in blocks() if parts else ():
         for index in tuple(parts):
@@ -245,21 +252,23 @@ def rigid_within(
 
 
 def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[str, ...]:
-    """A line about objects that move rigidly within a bound: how far off each is at frames, and any between them."""
+    """Return a line about objects that move rigidly within a bound: the largest error at frames, and between them."""
     found = list(deviations)
     if not found:
         return ()
     count = f"{len(found)} object{'s' * (len(found) > 1)}"
-    more = f"; between frames, where parts turn evenly and go straight, {between:.2g}" if between else ""
-    return (f"{count} moved as rigid: vertices are up to {max(found):.2g} off what is decoded{more}",)
+    more = f"; between frames, where parts rotate evenly and move straight, {between:.2g}" if between else ""
+    return (f"{count} written as rigid: vertices are up to {max(found):.2g} off the decoded ones{more}",)
 
 
 def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[MeshSequence, tuple[str, ...]]:
-    """The sequence with meshes that move rigidly still, under a transform (:mod:`pdecodec.formats.base.scene_space`).
+    """Return the sequence with rigidly moving meshes static under a transform
+    (:mod:`pdecodec.formats.base.scene_space`).
 
-    Itself where there is none; else positions are read once more than they are written. A mesh that turns stands with
-    the middle of its box at the origin, so that programs, between frames, turn it about that. With a bound, and read
-    twice more, meshes that move rigidly within it too; a line then says how far off they are.
+    If there is none, that is the sequence itself; else positions are read once more than they are written. A mesh
+    that rotates has the middle of its bounding box at the origin, so that programs rotate it about that between
+    frames. With a bound, and two more readings, meshes that move rigidly within it are included; a line then gives
+    their largest error.
     """
     exact = _exact_parts(sequence)
     if bound is None or sequence.frame_count < 2:
@@ -276,7 +285,7 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
 
 
 def _places(sequence: MeshSequence) -> dict[int, slice]:
-    """Vertices of each mesh that is not under a transform yet."""
+    """Return the vertices of each mesh that is not under a transform yet."""
     return {
         index: own
         for index, (item, own) in enumerate(zip(sequence.objects, vertex_slices(sequence.objects), strict=True))
@@ -285,13 +294,13 @@ def _places(sequence: MeshSequence) -> dict[int, slice]:
 
 
 def _exact_parts(sequence: MeshSequence) -> MeshSequence:
-    """As :func:`rigid_parts`, without a bound."""
+    """Return the sequence as :func:`rigid_parts` does without a bound."""
     if sequence.frame_count < 2:
         return sequence
     rest = np.array(sequence.read_frames(0, 1)[0])
     places = _places(sequence)
     parts: dict[int, list[Float64Array]] = {index: [] for index in places}
-    # Where the last frame rules an object out, the others need not be read for it.
+    # The last frame rules out most objects before the others are read.
     last = sequence.read_frames(sequence.frame_count - 1, sequence.frame_count)
     for block in (block for blocks in ([last], (one for _, one in sequence.blocks())) for block in blocks):
         for index in tuple(parts):
@@ -308,7 +317,7 @@ def _exact_parts(sequence: MeshSequence) -> MeshSequence:
 
 
 def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> MeshSequence:
-    """The sequence with objects still, under transforms; those that turn with their middle at the origin."""
+    """Return the sequence with objects static under transforms; those that rotate have their middle at the origin."""
     places = _places(sequence)
     for index, matrices in moves.items():
         if (matrices[:, :3, :3] != np.eye(3)).any():
@@ -319,7 +328,7 @@ def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: F
 
 
 class RigidParts(DerivedSequence):
-    """Another sequence, some of whose objects are still under transforms; made by :func:`rigid_parts`."""
+    """Another sequence, some of whose objects are static under transforms; made by :func:`rigid_parts`."""
 
     def __init__(self, source: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> None:
         super().__init__(source)

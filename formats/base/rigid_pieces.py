@@ -1,8 +1,8 @@
-"""Pieces of a scene that move rigidly within a bound, each of connected faces, whichever objects they belong to.
+"""Find pieces of a scene that move rigidly within a bound: connected faces, whichever objects they belong to.
 
-Pieces are found on a few frames: what moves with the largest one that is left, is of the same rigid part. Each part is
-then compared with every frame, block by block. Connected faces that are off go alone once more; objects that have some
-that are off even then are no rigid parts.
+Pieces are grouped on a few frames: those that move with the largest remaining piece form one rigid part with it.
+Each part is then compared with every frame, block by block. Connected faces outside the bound are tried once more
+alone; objects with faces that still are outside it are not rigid.
 """
 
 from __future__ import annotations
@@ -18,47 +18,47 @@ from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Arr
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 SHAPE_FRAMES = 64
-"""Frames whose mean is the shape of a part: of what coding moves vertices by an eighth is left then."""
+"""Frames whose mean is the shape of a part: an eighth of the coding error is left in it."""
 
 COMPARED_FRAMES = 16
-"""Frames among these on which pieces are told apart; all frames are compared later."""
+"""Frames among these on which pieces are grouped; all frames are compared later."""
 
-MOST_PARTS = 1024
+MAX_PARTS = 1024
 """Rigid parts that are looked for: a soft mesh of loose triangles has as many pieces as triangles."""
 
-SETTLINGS = 8
-"""Times that a shape and what moves it are brought nearer to each other: the last of 600 pieces took 5."""
+FITTING_ROUNDS = 8
+"""Rounds of fitting a shape and its motion to each other: the slowest of 600 pieces took 5."""
 
-SETTLED = 0.97
-"""Bounds to which distances of frames are brought on the way, so that the shape has some room to move."""
+FITTING_BOUND_RATIO = 0.97
+"""Fraction of the bound that distances are fitted to on the way, so that the shape has some room to move."""
 
-MOST_HELD = 2**28
-"""Bytes of positions of pieces that are looked at once more alone."""
+MAX_HELD_BYTES = 2**28
+"""Bytes of positions of the pieces that are tried once more alone."""
 
-CHUNK, FRAMES = 256, 28
-"""Vertices and frames that are multiplied at once: products that small stay in the cache and in one thread."""
+CHUNK_VERTICES, CHUNK_FRAMES = 256, 28
+"""Vertices and frames that are multiplied at once: products this small stay in the cache and in one thread."""
 
-LOOSE = 1.5
-"""How many bounds the vertices of a piece may be off while its shape is that of few frames."""
+LOOSE_BOUND_RATIO = 1.5
+"""Distance in bounds that vertices of a piece may have while its shape comes from a few frames."""
 
-SINGLE_PRECISION = 2.0**-16
-"""Bound over the largest coordinate from which on float32 sums are exact enough."""
+FLOAT32_MIN_BOUND_RATIO = 2.0**-16
+"""Ratio of the bound to the largest coordinate from which on float32 sums are exact enough."""
 
 
 @dataclass(eq=False)
 class RigidPart:
-    """Vertices of a scene that move as one.
+    """Vertices of a scene that move rigidly together.
 
     Attributes
     ----------
     vertices : (n,) int64
         In the order of the scene.
     shape : (n, 3) float32
-        Where they are in the first frame, but for what coding moved them by.
+        Their positions in the first frame, without coding errors.
     matrices : (frames, 4, 4) float64
-        What moves the shape, for points that are rows.
+        The motion of the shape, for points that are rows.
     off : (n,) float64 [scene units]
-        Largest distance of each vertex from where it is at a frame.
+        Largest distance of each vertex from its positions at all frames.
     """
 
     vertices: Int64Array
@@ -67,11 +67,13 @@ class RigidPart:
     off: Float64Array
 
     def some(self, kept: BoolArray) -> RigidPart:
-        """Return the part with some of its vertices, (n,)."""
+        """Return the part with the vertices of a mask (n,) only."""
         return RigidPart(self.vertices[kept], self.shape[kept], self.matrices, self.off[kept])
 
     def distances(self, points: Float32Array, matrices: Float64Array, some: Int64Array) -> Float64Array:
-        """(frames,): largest distances of some vertices of the part, moved, from points (frames, vertices, 3)."""
+        """Return the largest distance of some moved vertices of the part from points (frames, vertices, 3):
+        (frames,).
+        """
         moved = self.shape[some].astype(np.float64) @ matrices[:, :3, :3] + matrices[:, 3:, :3]
         found: Float64Array = np.linalg.norm(points[:, self.vertices[some]] - moved, axis=2).max(axis=1)
         return found
@@ -80,16 +82,16 @@ class RigidPart:
 def rigid_parts_within(
     sequence: MeshSequence, bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]
 ) -> list[RigidPart]:
-    """Return the rigid parts that make up objects with faces; objects that are not of such parts alone are left out.
+    """Return the rigid parts that objects with faces consist of; objects that have other parts are left out.
 
     Parameters
     ----------
     sequence : MeshSequence
         Of one connectivity.
     bound : float [scene units]
-        Largest distance of a vertex from where it is at a frame.
+        Largest distance of a vertex from its position at a frame.
     blocks : callable
-        Gives all frames in order, with the number of the first frame of each block; called once or twice.
+        Returns all frames in order, with the index of the first frame of each block; called once or twice.
     """
     if sequence.frame_count < 2 or not sequence.connectivity.face_count:
         return []
@@ -99,14 +101,14 @@ def rigid_parts_within(
     if not np.isfinite(samples).all():
         return []
     pieces = _Pieces(sequence)
-    groups = _grouped(samples[:: max(1, frames.size // COMPARED_FRAMES)], pieces, bound)
-    parts = [_shaped(samples, pieces.vertices_of(group)) for group in groups]
-    _move(parts, bound, blocks)
+    groups = _group_pieces(samples[:: max(1, frames.size // COMPARED_FRAMES)], pieces, bound)
+    parts = [_mean_part(samples, pieces.vertices_of(group)) for group in groups]
+    _fit_matrices(parts, bound, blocks)
     failed = [np.unique(pieces.ids[part.vertices[part.off > bound]]) for part in parts]
     kept = [part.some(~np.isin(pieces.ids[part.vertices], own)) for part, own in zip(parts, failed, strict=True)]
     waiting = [(number, one) for number, own in enumerate(failed) for one in own.tolist()]
     size = np.cumsum([12 * sequence.frame_count * pieces.sizes[one] for _, one in waiting])
-    pieces.leave_out([one for (_, one), end in zip(waiting, size, strict=True) if end > MOST_HELD])
+    pieces.leave_out([one for (_, one), end in zip(waiting, size, strict=True) if end > MAX_HELD_BYTES])
     waiting = [(number, one) for number, one in waiting if not pieces.is_left_out[one]]
     vertices = [pieces.vertices_of([one]) for _, one in waiting]
     held = _positions_of(np.concatenate([np.zeros(0, np.int64), *vertices]), blocks)
@@ -115,17 +117,17 @@ def rigid_parts_within(
         points = held[:, start : start + own.size]
         part = parts[number]
         shape = part.shape[np.searchsorted(part.vertices, own)].astype(np.float64)
-        found = _settled(points, shape, part.matrices, bound)
+        found = _fit_alternately(points, shape, part.matrices, bound)
         if found is None:
             pieces.leave_out([one])
         else:
             kept.append(RigidPart(own, found[0].astype(np.float32), *found[1:]))
     kept = [part.some(~pieces.is_left_out[pieces.ids[part.vertices]]) for part in kept]
-    return _joined([part for part in kept if part.vertices.size])
+    return _join_parts([part for part in kept if part.vertices.size])
 
 
-def _joined(parts: Sequence[RigidPart]) -> list[RigidPart]:
-    """Return parts with those joined that have the same matrices."""
+def _join_parts(parts: Sequence[RigidPart]) -> list[RigidPart]:
+    """Join the parts that have the same matrices."""
     found: dict[int, list[RigidPart]] = {}
     for part in parts:
         found.setdefault(id(part.matrices), []).append(part)
@@ -140,27 +142,27 @@ def _joined(parts: Sequence[RigidPart]) -> list[RigidPart]:
 
 
 def _positions_of(vertices: Int64Array, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]) -> Float32Array:
-    """(frames, n, 3): some vertices of all frames."""
+    """Return the positions of some vertices at all frames: (frames, n, 3)."""
     if not vertices.size:
         return np.zeros((0, 0, 3), np.float32)
     return np.concatenate([points[:, vertices] for _, points in blocks()])
 
 
-def _settled(
+def _fit_alternately(
     points: Float32Array, shape: Float64Array, matrices: Float64Array, bound: float
 ) -> tuple[Float64Array, Float64Array, Float64Array] | None:
-    """Return a shape, its matrices and largest distances (n,) from points (frames, n, 3), which are within the bound.
+    """Return a shape, its matrices and largest distances (n,) from points (frames, n, 3), if they are within the bound.
 
-    By turns, each vertex of the shape goes to the centre of its places, moved back, and matrices to where the largest
-    distance is small. The matrices that are given are returned as they are where they do.
+    It alternates: each vertex of the shape moves to the centre of its positions, moved back; then matrices are
+    fitted for a small largest distance. The given matrices are returned unchanged if they suffice.
     """
-    for _ in range(SETTLINGS):
+    for _ in range(FITTING_ROUNDS):
         back = _moved_back(points, matrices)
         shape = smallest_centres(back)
         off = np.linalg.norm(back - shape, axis=2).max(axis=0)
         if off.max() <= bound:
             return shape, matrices, off
-        fit = nearest_motion(points, shape, SETTLED * bound)
+        fit = nearest_motion(points, shape, FITTING_BOUND_RATIO * bound)
         if fit is None:
             return None
         matrices, most = fit
@@ -170,7 +172,7 @@ def _settled(
 
 
 class _Pieces:
-    """Connected faces of a scene, numbered; -1 for vertices of objects without faces."""
+    """Connected faces of a scene, numbered; vertices of objects without faces have number -1."""
 
     def __init__(self, sequence: MeshSequence) -> None:
         count, self.ids = _connected(sequence.connectivity)
@@ -183,21 +185,21 @@ class _Pieces:
         self._starts = np.searchsorted(self.ids[self.order], np.arange(count + 1))
         self.sizes = np.diff(self._starts)
         self._owners = owners
-        # The last entry is of vertices of objects without faces.
+        # The last entry is for vertices of objects without faces.
         self.is_left_out = np.append(self.sizes == 0, True)
 
     def vertices_of(self, pieces: Sequence[int]) -> Int64Array:
-        """Vertices of pieces, in the order of the scene."""
+        """Return the vertices of pieces, in the order of the scene."""
         parts = [self.order[self._starts[one] : self._starts[one + 1]] for one in pieces]
         return np.sort(np.concatenate(parts))
 
     def leave_out(self, pieces: Sequence[int]) -> None:
-        """Leave out pieces, with all others of their objects."""
+        """Leave out pieces, with all other pieces of their objects."""
         self.is_left_out[:-1] |= np.isin(self._owners, self._owners[np.array(pieces, np.int64)])
 
 
 def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
-    """Return how many connected sets of vertices there are, and which one each vertex is in."""
+    """Return the number of connected sets of vertices, and the set that each vertex is in."""
     pairs = []
     for counts, indices in (
         (connectivity.face_counts, connectivity.face_indices),
@@ -211,7 +213,7 @@ def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
     roots = np.arange(connectivity.vertex_count)
     while True:
         before = roots.copy()
-        # Each root goes with the lower one that it is connected to, then all vertices with their root's root.
+        # Join each root with the lower one that it is connected to, then all vertices with the root of their root.
         lower = np.minimum(roots[first], roots[second])
         np.minimum.at(roots, roots[first], lower)
         np.minimum.at(roots, roots[second], lower)
@@ -222,8 +224,8 @@ def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
     return numbers.size, ids.reshape(-1).astype(np.int64)
 
 
-def _grouped(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[int]]:
-    """Return groups of pieces that move alike in all samples; objects with other pieces are left out."""
+def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[int]]:
+    """Return groups of pieces that move together in all samples; objects with other pieces are left out."""
     groups: list[list[int]] = []
     waiting = [int(one) for one in np.argsort(-pieces.sizes, kind="stable") if pieces.sizes[one]]
     while waiting:
@@ -233,19 +235,19 @@ def _grouped(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[
         own = samples[:, pieces.vertices_of(waiting[:1])]
         moved = motion_of_shape(own, own[0].astype(np.float64))
         moved = motion_of_shape(own, _moved_back(own, moved).mean(axis=0))
-        if len(groups) == MOST_PARTS or _spread(own, moved).max() > LOOSE * bound:
+        if len(groups) == MAX_PARTS or _deviations(own, moved).max() > LOOSE_BOUND_RATIO * bound:
             pieces.leave_out(waiting[:1])
             continue
         group, others = waiting[:1], np.array(waiting[1:], np.int64)
         while others.size:
             vertices = np.concatenate([pieces.vertices_of([one]) for one in others.tolist()])
             sizes = pieces.sizes[others]
-            most = np.maximum.reduceat(_spread(samples[:, vertices], moved), np.cumsum(sizes) - sizes)
-            more = others[most <= LOOSE * bound].tolist()
-            group, others = group + more, others[most > LOOSE * bound]
+            most = np.maximum.reduceat(_deviations(samples[:, vertices], moved), np.cumsum(sizes) - sizes)
+            more = others[most <= LOOSE_BOUND_RATIO * bound].tolist()
+            group, others = group + more, others[most > LOOSE_BOUND_RATIO * bound]
             if not more:
                 break
-            # More vertices tell better how all of them move, and what else does.
+            # The more vertices a group has, the better its motion is known, and the pieces that share it.
             own = samples[:, pieces.vertices_of(group)]
             moved = motion_of_shape(own, _moved_back(own, motion_of_shape(own, own[0].astype(np.float64))).mean(axis=0))
         groups.append(group)
@@ -255,7 +257,7 @@ def _grouped(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[
 
 
 def motion_of_shape(points: Float32Array, shape: Float64Array) -> Float64Array:
-    """Return matrices (frames, 4, 4) that bring a shape nearest to points; translations of what is a line."""
+    """Return matrices (frames, 4, 4) that bring a shape nearest to points; for a line, translations."""
     found = least_squares_motion(points, shape)
     if found is None:
         found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
@@ -264,31 +266,33 @@ def motion_of_shape(points: Float32Array, shape: Float64Array) -> Float64Array:
 
 
 def _moved_back(points: Float32Array, matrices: Float64Array) -> Float64Array:
-    """Where points (frames, n, 3) were before they were moved."""
+    """Return where points (frames, n, 3) were before matrices moved them."""
     back: Float64Array = (points - matrices[:, 3:, :3]) @ matrices[:, :3, :3].transpose(0, 2, 1)
     return back
 
 
-def _spread(points: Float32Array, matrices: Float64Array) -> Float64Array:
-    """(n,): how far points (frames, n, 3), moved back, are at most from their means."""
+def _deviations(points: Float32Array, matrices: Float64Array) -> Float64Array:
+    """Return the largest distance of each of points (frames, n, 3), moved back, from its mean: (n,)."""
     back = _moved_back(points, matrices)
     found: Float64Array = np.sqrt(np.square(back - back.mean(axis=0)).sum(axis=2).max(axis=0))
     return found
 
 
-def _shaped(samples: Float32Array, vertices: Int64Array) -> RigidPart:
-    """Return a part with the shape that its samples have in the mean, placed as in the first."""
+def _mean_part(samples: Float32Array, vertices: Int64Array) -> RigidPart:
+    """Return a part whose shape is the mean of its samples, moved back to the first one."""
     own = samples[:, vertices]
     moved = motion_of_shape(own, own[0].astype(np.float64))
     return RigidPart(vertices, _moved_back(own, moved).mean(axis=0).astype(np.float32), moved, np.zeros(len(vertices)))
 
 
-def _move(parts: Sequence[RigidPart], bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]) -> None:
-    """Set the matrices of parts at all frames, and how far off their vertices are."""
+def _fit_matrices(
+    parts: Sequence[RigidPart], bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]
+) -> None:
+    """Set the matrices of parts at all frames, and the distances of their vertices."""
     movers = [_Mover(part) for part in parts]
     moves: list[list[Float64Array]] = [[] for _ in parts]
     for _, points in blocks():
-        single = bound > SINGLE_PRECISION * float(np.abs(points).max(initial=0))
+        single = bound > FLOAT32_MIN_BOUND_RATIO * float(np.abs(points).max(initial=0))
         for mover, found in zip(movers, moves, strict=True):
             found.append(mover.move(points, np.float32 if single else np.float64))
     for part, mover, found in zip(parts, movers, moves, strict=True):
@@ -296,19 +300,19 @@ def _move(parts: Sequence[RigidPart], bound: float, blocks: Callable[[], Iterabl
 
 
 class _Mover:
-    """Finds what moves a part's shape to points, by products of small matrices: some vertices at some frames."""
+    """Fits the motion of a part's shape to points, by products of small matrices: some vertices at some frames."""
 
     def __init__(self, part: RigidPart) -> None:
         shape = part.shape.astype(np.float64)
         self._centre = shape.mean(axis=0)
         self._count, centred = len(shape), shape - self._centre
         self._chunks = [
-            (part.vertices[start : start + CHUNK], _columns_of(centred[start : start + CHUNK]))
-            for start in range(0, len(shape), CHUNK)
+            (part.vertices[start : start + CHUNK_VERTICES], _columns_of(centred[start : start + CHUNK_VERTICES]))
+            for start in range(0, len(shape), CHUNK_VERTICES)
         ]
         self._is_line = is_line(centred)
         self.squares = np.zeros(len(shape))
-        """Of the largest distance of each vertex so far."""
+        """Square of the largest distance of each vertex so far."""
 
     def move(self, points: Float32Array, dtype: type[np.floating]) -> Float64Array:
         """Return matrices (frames, 4, 4) for points (frames, vertices, 3) of the scene."""
@@ -319,8 +323,8 @@ class _Mover:
             for vertices, rows in self._chunks
         ]
         for own, rows in chunks:
-            for start in range(0, count, FRAMES):
-                sums[start : start + FRAMES] += own[start : start + FRAMES] @ rows.T
+            for start in range(0, count, CHUNK_FRAMES):
+                sums[start : start + CHUNK_FRAMES] += own[start : start + CHUNK_FRAMES] @ rows.T
         centres, turns = sums[:, 9:] / self._count, np.broadcast_to(np.eye(3), (count, 3, 3))
         if not self._is_line:
             left, _, right = np.linalg.svd(sums[:, :9].reshape(-1, 3, 3))
@@ -328,10 +332,10 @@ class _Mover:
             turns = left @ right
         moves = np.concatenate([turns.reshape(-1, 9), centres], axis=1).astype(dtype)
         for number, (own, rows) in enumerate(chunks):
-            largest = self.squares[number * CHUNK : (number + 1) * CHUNK]
-            for start in range(0, count, FRAMES):
-                squares = moves[start : start + FRAMES] @ rows
-                squares -= own[start : start + FRAMES]
+            largest = self.squares[number * CHUNK_VERTICES : (number + 1) * CHUNK_VERTICES]
+            for start in range(0, count, CHUNK_FRAMES):
+                squares = moves[start : start + CHUNK_FRAMES] @ rows
+                squares -= own[start : start + CHUNK_FRAMES]
                 squares *= squares
                 found = squares[:, 0::3] + squares[:, 1::3] + squares[:, 2::3]
                 np.maximum(largest, found.max(axis=0), out=largest)
@@ -342,6 +346,6 @@ class _Mover:
 
 
 def _columns_of(centred: Float64Array) -> Float64Array:
-    """(12, 3 n): in row 3 k + i and column 3 v + i coordinate k of vertex v; in row 9 + i a one."""
+    """Return (12, 3 n): row 3 k + i, column 3 v + i holds coordinate k of vertex v; row 9 + i holds ones."""
     rows = np.einsum("vk,ij->kivj", centred, np.eye(3)).reshape(9, -1)
     return np.concatenate([rows, np.tile(np.eye(3), len(centred))])

@@ -1,4 +1,4 @@
-"""What readers of scenes share: shapes under transforms, what they carry, and objects that cannot be read."""
+"""Shared by readers of scenes: shapes under transforms, the data they carry, and objects that cannot be read."""
 
 from __future__ import annotations
 
@@ -31,35 +31,35 @@ from pdecodec.mesh.sequence import (
 )
 from pdecodec.mesh.times import check_times
 
-MOST_NAMES = 8
-"""Objects that a notice names; it counts the others."""
+MAX_LISTED_NAMES = 8
+"""Names that a notice lists; it only counts the others."""
 
-FEWEST_CORNERS = 3
-"""Of a face."""
+MIN_FACE_CORNERS = 3
+"""Fewest corners of a face."""
 
-MOST_INSTANCED = 2**25
-"""Vertices that instances may become: 400 MB a frame."""
+MAX_INSTANCED_VERTICES = 2**25
+"""Largest number of vertices that instances may expand to: 400 MB per frame."""
 
 
 class Refusals:
-    """What a reader does about objects that it cannot read: refuse the file, or leave them out.
+    """Policy of a reader for objects that it cannot read: refuse the file, or leave them out.
 
     Parameters
     ----------
     skip : bool
-        Whether they are left out.
+        Whether to leave them out.
     """
 
     def __init__(self, *, skip: bool) -> None:
         self._skip = skip
         self.found: list[Unsupported] = []
         self.others: Counter[str] = Counter()
-        """What there is that is no geometry, by kind."""
+        """Things in the file that are not geometry, by kind."""
         self.tessellated: Counter[str] = Counter()
         """Shapes without vertices that became polygons, by kind."""
 
     def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
-        """Note an object that cannot be read; raises InputError unless such objects are left out."""
+        """Note an object that cannot be read; raise InputError unless such objects are left out."""
         if not self._skip:
             raise InputError(
                 f"has {feature}",
@@ -91,9 +91,10 @@ class Refusals:
         return ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
 
     def notices(self, shapes: Sequence[Shape], left_out: Iterable[str] = ()) -> tuple[str, ...]:
-        """A line for each object that was left out, one for what is no geometry, one for what is not kept.
+        """Return a line for each object left out, one for things that are not geometry, and one for data that is not
+        kept.
 
-        That is what shapes lose, and other things of the file that are `left_out`, by name.
+        The last names what shapes lose, and other things of the file, which `left_out` names.
 
         Raises
         ------
@@ -114,36 +115,36 @@ class Refusals:
 
 
 def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:
-    """What is wrong with faces, for :meth:`Refusals.refuse`; None where nothing is.
+    """Return what is wrong with faces, for :meth:`Refusals.refuse`; None if nothing is.
 
     Parameters
     ----------
     counts : (faces,) integers
-        Corners of each.
+        Number of corners of each face.
     indices : (corners,) integers
         Their vertices, face after face.
     """
-    if (counts < FEWEST_CORNERS).any():
-        face = int(np.argmax(counts < FEWEST_CORNERS))
+    if (counts < MIN_FACE_CORNERS).any():
+        face = int(np.argmax(counts < MIN_FACE_CORNERS))
         corners = int(counts[face])
         of = f"{corners} corner{'s' * (corners != 1)}"
-        return f"a face of {of} (number {face}, from 0), and {FEWEST_CORNERS} are the fewest"
+        return f"a face of {of} (number {face}, from 0), and a face needs {MIN_FACE_CORNERS} or more"
     total = int(counts.sum(dtype=np.int64))
     if total != indices.size:
-        return f"faces of {total} corners together, and vertices for {indices.size} corners"
+        return f"faces with {total} corners in all, and vertices for {indices.size} corners"
     return None
 
 
 class SceneWalk:
-    """A walk through a scene: the shapes that can be read, at a time or as they are first.
+    """State of a walk through a scene that collects the shapes that can be read, as they are at a time or initially.
 
     Parameters
     ----------
     refusals : Refusals
     at : float, optional
-        When connectivity that changes is looked at, in the time that the format counts. Default: at first.
+        The time at which connectivity that changes is read, in the time unit of the format. Default: the first.
     changes : dict of str to sequence of float, optional
-        When that of each shape changes, by its path, as an earlier walk found it.
+        When the connectivity of each shape changes, by its path, as found by an earlier walk.
     """
 
     def __init__(
@@ -155,24 +156,24 @@ class SceneWalk:
 
 
 def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
-    """A line that names shapes that the file hides: there is no place for it here."""
+    """Return a line that names the shapes that the file hides: here, they are always visible."""
     names = [shape.name for shape in shapes if shape.hidden]
-    return (f"hidden in the file, always or at times, and there all the time here: {listed(names)}",) if names else ()
+    return (f"hidden in the file, always or at times, but always visible here: {listed(names)}",) if names else ()
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for a line: the first few, and how many more there are."""
-    more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
-    return ", ".join([*map(repr, names[:MOST_NAMES]), *more])
+    """Return the first few names for a line, and how many more there are."""
+    more = [f"{len(names) - MAX_LISTED_NAMES} more"] if len(names) > MAX_LISTED_NAMES else []
+    return ", ".join([*map(repr, names[:MAX_LISTED_NAMES]), *more])
 
 
 def lost_textures(count: int, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the line that names textures, or images, that are not kept; none where there are none."""
+    """Return the line that names textures, or images, that are not kept; nothing if there are none."""
     if not names and not count:
         return ()
     textures = f"{count} texture{'s' * (count != 1)}" if count else "images"
     named = f" of {listed(names)}" if names else ""
-    return (f"not kept: {textures}{named}; the motion written onto this file keeps them",)
+    return (f"not kept: {textures}{named}; writing the motion onto this file keeps them",)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -186,9 +187,9 @@ class Shape:
     connectivity : Connectivity
     attributes : list of Attribute
     gather : (vertices,) int64 or None
-        Which of the file's points its vertices are, where that is not all of them in order.
+        The file's points that are its vertices, unless these are all points in order.
     left_out : list of str
-        Names of what is not kept.
+        Names of data that is not kept.
     hidden : bool
         Whether the file hides it, always or at times.
     """
@@ -201,12 +202,12 @@ class Shape:
     hidden: bool = False
 
     def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
-        """(vertices, 3) float32 of the points that the file has at a frame."""
+        """Return the vertices (vertices, 3) float32 from the points that the file has at a frame."""
         if self.gather is not None and len(points) > int(self.gather.max(initial=-1)):
             points = points[self.gather]
         if len(points) != self.connectivity.vertex_count:
             raise InputError(
-                f"has {len(points)} points, its first frame has {self.connectivity.vertex_count}; every frame must "
+                f"has {len(points)} points, but the first frame has {self.connectivity.vertex_count}; every frame must "
                 "have the connectivity of the first",
                 code="connectivity-changes",
                 object=self.name,
@@ -223,7 +224,7 @@ def runs_of_scene(
     open_run: Callable[[int, Timing], MeshSequence],
     vertices_from: Callable[[int], int] | None = None,
 ) -> MeshSequence:
-    """A scene whose frames stand at times [s]; of several runs where connectivity changes between two of them.
+    """Open a scene whose frames are at times [s]; as several runs if connectivity changes between two of them.
 
     Parameters
     ----------
@@ -231,11 +232,11 @@ def runs_of_scene(
     changes : sequence of array of float [s]
         When the connectivity of each object changes.
     timing : Timing
-        Of all frames.
+        Timing of all frames.
     open_run : callable
-        Gives the run from a frame on, given its timing.
+        Returns the run that begins at a frame, given its timing.
     vertices_from : callable, optional
-        Gives how many vertices the run from a frame on has. Default: the run is opened.
+        Returns the vertex count of the run that begins at a frame. Default: open the run.
 
     Raises
     ------
@@ -262,7 +263,7 @@ def runs_of_scene(
 
 @dataclass(frozen=True, kw_only=True)
 class SceneFacts:
-    """What is the same in all runs of frames of a scene.
+    """What all runs of frames of a scene share.
 
     Attributes
     ----------
@@ -285,7 +286,7 @@ class SceneSequence(MeshSequence):
     _keep: bool
     _path: Path
     _first_frame = 0
-    """Of its frames, where they are a run of others: errors name frames of the whole."""
+    """Index of its first frame in the whole sequence, if it is one of several runs: errors name frames of the whole."""
 
     @abstractmethod
     def _read(self, shape: Any, start: int, stop: int, out: Float32Array) -> None:
@@ -293,22 +294,24 @@ class SceneSequence(MeshSequence):
 
     @abstractmethod
     def _matrices(self, shape: Any, start: int, stop: int) -> Float64Array | None:
-        """(stop - start, 4, 4) from the shape's space to the scene's, for points that are rows; None for none."""
+        """Return the matrices (stop - start, 4, 4) from the shape's space to the scene's, for points as rows;
+        None for none.
+        """
 
     @property
     def shapes(self) -> Sequence[Any]:
-        """What each object is in the file."""
+        """The file's shape of each object."""
         return self._shapes
 
     def _begin(self, facts: SceneFacts, shapes: Sequence[Any], timing: Timing, first_frame: int) -> None:
-        """Take shapes as the objects of a run of frames from one on."""
+        """Take shapes as the objects of a run of frames that begins at `first_frame`."""
         self._path, self._first_frame = facts.path, first_frame
         self.times, self.fps, self.notices = timing
         self.metadata, self.unsupported = facts.metadata, facts.unsupported
         self._take(shapes, facts.transforms)
 
     def _take(self, shapes: Sequence[Any], transforms: str) -> None:
-        """Take shapes as objects, when times are known; `transforms` is ``bake`` or ``keep``."""
+        """Take shapes as objects, once times are known; `transforms` is ``bake`` or ``keep``."""
         self._shapes, self._keep = shapes, transforms == "keep"
         self.objects = tuple(self._object(shape) for shape in shapes)
 
@@ -320,7 +323,7 @@ class SceneSequence(MeshSequence):
                 transform = transform_attribute(self.times, matrices)
                 item = dataclasses.replace(item, attributes=(*item.attributes, transform))
         elif shape.connectivity.face_count:
-            # The last frame is looked at where all is flat in the first.
+            # The last frame decides if the transform flattens at the first.
             ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
             if mirrors(one[0] for one in ends if one is not None):
                 item = turned_around(item)
@@ -340,19 +343,19 @@ class SceneSequence(MeshSequence):
 
 @dataclass
 class Extras:
-    """What a shape carries beside positions, as it is read.
+    """Data that a shape carries in addition to positions, while it is read.
 
     Attributes
     ----------
     connectivity : Connectivity
         Faces as they are kept.
     order : (corners,) int64
-        Corner of the file that each corner of `connectivity` was.
+        Corner of the file for each corner of `connectivity`.
     attributes : list of Attribute
     own : dict
-        Arrays that only our writers leave.
+        Arrays that only pdecodec's writers store.
     left_out : list of str
-        Names of what is not kept.
+        Names of data that is not kept.
     """
 
     connectivity: Connectivity
@@ -362,7 +365,7 @@ class Extras:
     left_out: list[str] = field(default_factory=list)
 
     def fits(self, domain: AttributeDomain, values: NDArray[Any], indices: Int32Array | None) -> bool:
-        """Whether rows of a file are as many as the domain has elements, and their indices are within them."""
+        """Return whether a file has as many rows as the domain has elements, and their indices are in range."""
         rows = {
             "vertex": self.connectivity.vertex_count,
             "face": self.connectivity.face_count,
@@ -380,14 +383,14 @@ class Extras:
         indices: Int32Array | None,
         labels: tuple[str, ...] = (),
     ) -> None:
-        """Add an attribute, its rows in the order of the file; left out where it does not fit the shape."""
+        """Add an attribute with its rows in the order of the file; leave it out if it does not fit the shape."""
         if not self.fits(domain, values, indices):
             self.left_out.append(name)
             return
         if domain == "corner":
             values, indices = (values[self.order], None) if indices is None else (values, indices[self.order])
         if indices is not None and (labels or domain == "object"):
-            # Labels are told apart by the values themselves.
+            # Labels are numbered by the values themselves.
             values, indices = values[indices], None
         if domain == "vertex" and name.partition(":")[0] == UV and self.connectivity.face_count:
             rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
@@ -395,26 +398,28 @@ class Extras:
         self.attributes.append(Attribute(name, domain, values, indices, labels))
 
     def add_normals(self, domain: AttributeDomain, normals: NDArray[Any], indices: Int32Array | None) -> None:
-        """Add which corners share a normal; left out where normals do not fit the shape."""
+        """Add which corners share a normal; leave normals out if they do not fit the shape."""
         if normals.ndim != 2 or normals.shape[1] != 3 or not self.fits(domain, normals, indices):
             self.left_out.append("normals")
         elif self.connectivity.face_count:
             self.attributes.append(read_normal_group(self.connectivity, domain, normals, indices, self.order))
 
     def add_face_sets(self, found: Sequence[tuple[str, str, NDArray[np.integer]]]) -> None:
-        """Add named sets of faces: role (group or material), label, and members."""
+        """Add named sets of faces: role (group or material), label, and member faces."""
         for role in (GROUP, MATERIAL):
             sets = [(label, members) for kind, label, members in found if kind == role]
             self.attributes += face_groups(role, sets, self.connectivity.face_count)
 
     def own_lines(self, counts: str, indices: str) -> Connectivity:
-        """The connectivity with lines that our writer left beside faces or points under these names."""
+        """Return the connectivity with the lines that our writer stored under these names next to faces or points."""
         whole, none = self.connectivity, np.zeros(0, np.int32)
         lines = self.own.get(counts, none), self.own.get(indices, none)
         return Connectivity(whole.vertex_count, whole.face_counts, whole.face_indices, *lines)
 
     def curves(self, counts: Int32Array) -> tuple[Connectivity, Int64Array | None]:
-        """The connectivity of curves of so many points, and which points are vertices where curves share some."""
+        """Return the connectivity of curves with these point counts, and which points are vertices if curves
+        share some.
+        """
         points = self.connectivity.vertex_count
         indices = self.own.get("vertex", np.zeros(0, np.int32)).astype(np.int32)
         if indices.size != points:

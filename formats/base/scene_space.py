@@ -1,13 +1,13 @@
-"""The space positions are in: transforms above objects, which axis is up, how long a unit is; and velocities.
+"""Handle the space of positions: transforms above objects, the up axis, the length of a unit; and velocities.
 
 The metadata ``up_axis`` is ``X``, ``Y`` or ``Z``; ``unit`` is ``mm``, ``cm``, ``dm``, ``m``, ``km``, ``in``, ``ft``,
-``yd`` or a number of metres, as ``2.5 m``. Neither is there where the source did not say it.
+``yd`` or a number of metres, such as ``2.5 m``. They are absent if the source did not state them.
 
 An object whose transform was kept has positions in its own space, and the attribute ``transform`` of domain
-``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row:
-``world = [x y z 1] M``, so the translation stands in the last row. Between its times a matrix is the straight line
-of its numbers, as Alembic and USD have it; before the first and after the last it stands still. A matrix that mirrors
-turns faces inside out; where it is applied, they are turned around too.
+``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row: ``world = [x
+y z 1] M``, so the translation is in the last row. Between its times a matrix is interpolated linearly number by
+number, as in Alembic and USD; before the first and after the last it is constant. A matrix that mirrors turns faces
+inside out; where it is applied, the faces are reversed too.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequ
 UP_AXIS, UNIT = "up_axis", "unit"
 
 UNITS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048, "yd": 0.9144}
-"""Metres in each unit that has a name."""
+"""Metres in each named unit."""
 
 SAME_UNIT = 1e-9
-"""Relative difference at which a unit is the named one."""
+"""Relative difference within which a unit is a named one."""
 
 TRANSFORM, TRANSFORM_COLUMNS = "transform", 17
-"""Name of the attribute; a time and a matrix."""
+"""Name of the attribute; its columns: a time and a matrix."""
 
 _TO_Y: Mapping[str, Int64Array] = {
     "X": np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
@@ -46,7 +46,7 @@ _TO_Y: Mapping[str, Int64Array] = {
 
 
 class DerivedSequence(MeshSequence):
-    """Another sequence, changed."""
+    """Base of sequences that change another one."""
 
     def __init__(self, source: MeshSequence) -> None:
         self._source = source
@@ -59,13 +59,13 @@ class DerivedSequence(MeshSequence):
 
 
 def up_axis_of(sequence: MeshSequence) -> str | None:
-    """``X``, ``Y`` or ``Z``, or None where nobody said."""
+    """Return ``X``, ``Y`` or ``Z``, or None if the source did not state it."""
     axis = sequence.metadata.get(UP_AXIS, "").strip().upper()
     return axis if axis in _TO_Y else None
 
 
 def metres_per_unit(sequence: MeshSequence) -> float | None:
-    """Length of a unit [m], or None where nobody said."""
+    """Return the length of a unit [m], or None if the source did not state it."""
     return _metres(sequence.metadata.get(UNIT, ""))
 
 
@@ -82,7 +82,7 @@ def _metres(text: str) -> float | None:
 
 
 def unit_text(metres: float) -> str:
-    """What the metadata says of a unit of so many metres."""
+    """Return the metadata entry for a unit of a length [m]."""
     for name, length in UNITS.items():
         if abs(metres - length) <= SAME_UNIT * length:
             return name
@@ -92,18 +92,19 @@ def unit_text(metres: float) -> str:
 def place(
     sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0, unit: str | None = None
 ) -> MeshSequence:
-    """A sequence turned and scaled.
+    """Turn and scale a sequence.
 
     Parameters
     ----------
     sequence : MeshSequence
     up_axis : {"X", "Y", "Z"}, optional
-        The axis that is to be up. Where the sequence does not say which one is, nothing is turned: it is taken to
-        be this one, and a notice says so.
+        The axis that is to be up. If the sequence does not state its up axis, nothing is turned: it is taken to be this
+        one, and a notice says so.
     scale : float
-        Positions are multiplied by it; the unit, where it is known, is divided by it.
+        Factor of positions; the unit, if it is known, is divided by it.
     unit : str, optional
-        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, where it does not say it, or says it wrongly.
+        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, if the sequence does not state it, or states a wrong
+        one.
 
     Raises
     ------
@@ -123,7 +124,7 @@ def place(
 
 
 class PlacedSequence(DerivedSequence):
-    """Another sequence, turned by quarters and scaled; made by :func:`place`."""
+    """Another sequence, turned by quarter turns and scaled; made by :func:`place`."""
 
     def __init__(self, source: MeshSequence, up_axis: str | None, scale: float, unit: str | None) -> None:
         super().__init__(source)
@@ -137,7 +138,7 @@ class PlacedSequence(DerivedSequence):
             if known is not None:
                 turn = _TO_Y[known] @ _TO_Y[up_axis].T
             else:
-                unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, nothing is turned"
+                unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, and nothing is turned"
                 self.notices = (*source.notices, unsaid)
         if metres is not None and scale != 1.0:
             metadata[UNIT] = unit_text(metres / scale)
@@ -147,7 +148,7 @@ class PlacedSequence(DerivedSequence):
         self.objects = tuple(self._placed(item) for item in source.objects)
 
     def _placed(self, item: MeshObject) -> MeshObject:
-        """An object whose kept transform does the turning."""
+        """Return an object with the turn and scale applied to its kept transform, if it has one."""
         transform = transform_of(item)
         if transform is None:
             return item
@@ -162,7 +163,7 @@ class PlacedSequence(DerivedSequence):
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with rounding_noticed(float(np.abs(self._turn).max())):
             points = self._source.read_frames(start, stop)
-        # Each new coordinate is one old one times a number, so nothing is rounded but by the scale.
+        # Each new coordinate is one old coordinate times a factor, so only the scale rounds.
         axes = np.abs(self._turn).argmax(axis=0)
         factors = self._turn[axes, np.arange(3)].astype(np.float32)
         with np.errstate(over="ignore"):
@@ -174,7 +175,7 @@ class PlacedSequence(DerivedSequence):
 
 
 def transform_attribute(times: ArrayLike, matrices: ArrayLike) -> Attribute:
-    """The attribute of matrices (samples, 4, 4) at times [s]; repeated matrices at its ends are kept once."""
+    """Return the attribute of matrices (samples, 4, 4) at times [s], without those repeated at either end."""
     flat = np.asarray(matrices, np.float64).reshape(-1, 16)
     rows = np.column_stack([np.asarray(times, np.float64), flat])
     moving = np.flatnonzero((np.diff(flat, axis=0) != 0).any(axis=1))
@@ -183,7 +184,7 @@ def transform_attribute(times: ArrayLike, matrices: ArrayLike) -> Attribute:
 
 
 def transform_of(item: MeshObject) -> Attribute | None:
-    """The object's transform, if it was kept.
+    """Return the object's transform, if it was kept.
 
     Raises
     ------
@@ -196,14 +197,14 @@ def transform_of(item: MeshObject) -> Attribute | None:
     rows = found.values
     if rows.ndim != 2 or rows.shape[1] != TRANSFORM_COLUMNS or not len(rows) or (np.diff(rows[:, 0]) <= 0).any():
         raise InputError(
-            f"attribute {TRANSFORM!r} of object {item.name!r} is no list of times and matrices; remove or rename it",
+            f"attribute {TRANSFORM!r} of object {item.name!r} is not a list of times and matrices; remove or rename it",
             code="invalid-attribute",
         )
     return found
 
 
 def matrices_at(transform: Attribute, times: ArrayLike) -> Float64Array:
-    """(times, 4, 4) float64: the matrices at given times [s]."""
+    """Return the matrices (times, 4, 4) float64 at given times [s]."""
     rows = transform.values.astype(np.float64)
     wanted = np.atleast_1d(np.asarray(times, np.float64))
     columns = [np.interp(wanted, rows[:, 0], rows[:, column]) for column in range(1, TRANSFORM_COLUMNS)]
@@ -211,7 +212,7 @@ def matrices_at(transform: Attribute, times: ArrayLike) -> Float64Array:
 
 
 def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array:
-    """Points moved by matrices, in float64 and rounded once.
+    """Transform points by matrices, in float64 and rounded once.
 
     Parameters
     ----------
@@ -230,14 +231,14 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
 
 
 def mirrors(matrices: Iterable[Float64Array]) -> bool:
-    """Whether the first of some matrices (4, 4) that does not flatten mirrors."""
+    """Return whether the first of some matrices (4, 4) that does not flatten mirrors."""
     signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
     with np.errstate(invalid="ignore"):
         return next((sign for sign in signs if sign), 1.0) < 0
 
 
 def turned_around(item: MeshObject) -> MeshObject:
-    """An object with its faces the other way round, and what belongs to their corners with them."""
+    """Return an object with its faces reversed, and the data of their corners with them."""
     old = item.connectivity
     order = reversed_corners(old.face_counts)
     connectivity = Connectivity(
@@ -254,7 +255,7 @@ def _reordered(attribute: Attribute, order: Int64Array) -> Attribute:
 
 
 def bake_transforms(sequence: MeshSequence) -> MeshSequence:
-    """The sequence with every kept transform applied to its positions; itself where there is none."""
+    """Return the sequence with every kept transform applied to its positions; the sequence itself if there is none."""
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
 
 
@@ -285,7 +286,7 @@ class BakedTransforms(DerivedSequence):
 
 
 def velocities_of(sequence: MeshSequence) -> MeshSequence:
-    """Velocities at a sequence's frames [scene units / s]: an animation's own, else differences of its positions."""
+    """Return velocities at a sequence's frames [scene units / s]: an animation's own, else differences of positions."""
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.resampling import sampled
 
@@ -295,14 +296,14 @@ def velocities_of(sequence: MeshSequence) -> MeshSequence:
 
 
 class DifferencedVelocities(DerivedSequence):
-    """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
+    """Velocities of another sequence at its frames, exact for vertices that move quadratically in time.
 
-    Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next
-    frame; zero where there is one frame alone.
+    At an inner frame the slope of the parabola through it and its neighbours; at either end that of the line to the
+    next frame; zero for a single frame.
     """
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """(stop - start, vertices, 3) float32 [scene units / s]."""
+        """Return the velocities (stop - start, vertices, 3) float32 [scene units / s]."""
         check_frame_range(self, start, stop)
         if start == stop or self.frame_count == 1:
             return np.zeros((stop - start, self.vertex_count, 3), np.float32)

@@ -1,6 +1,6 @@
-"""What writers of scenes share: names as paths of a tree, shapes and their samples, attributes as parameters.
+"""Shared by writers of scenes: names as paths of a tree, shapes and their samples, attributes as parameters.
 
-A file has one shape for an object in all runs of frames. In runs that do not have the object the shape is empty.
+A file has one shape for an object in all runs of frames. In runs without the object the shape is empty.
 """
 
 from __future__ import annotations
@@ -40,29 +40,29 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 DEFAULT_NAME = "mesh"
-"""Name of an object, or of a step of its path, that has none."""
+"""Name of an object that has none, or of an unnamed step of its path."""
 
 _WRITTEN_ELSEWHERE = frozenset({SUBDIVISION, CURVE_BASIS, CURVE_WRAP, TRANSFORM})
-"""Attributes that say what a shape is, or where."""
+"""Attributes that say what kind of shape an object is, or where it is."""
 
 
-def steps_of(name: str) -> tuple[str, ...]:
-    """Steps of an object's path."""
+def path_steps(name: str) -> tuple[str, ...]:
+    """Return the steps of an object's path."""
     return tuple(step for step in name.split("/") if step)
 
 
 def tree_paths(
     names: Sequence[str], valid: Callable[[str], str] = lambda name: name
 ) -> tuple[list[tuple[str, ...]], tuple[str, ...]]:
-    """Paths of objects from their names, and a line about those that had to change.
+    """Return paths of objects from their names, and a line about names that had to change.
 
-    Each path is unlike all others and at least one step long; none is the branch of another. `valid` is what a format
-    makes of a step that it cannot hold; itself where it can.
+    Each path is unique and has at least one step; none is a parent of another. `valid` turns a step that the format
+    cannot hold into one that it can.
     """
     taken: set[tuple[str, ...]] = set()
     branches: set[tuple[str, ...]] = set()
     paths: list[tuple[str, ...]] = []
-    wanted = [steps_of(name) or (DEFAULT_NAME,) for name in names]
+    wanted = [path_steps(name) or (DEFAULT_NAME,) for name in names]
     for steps in wanted:
         branches.update(tuple(map(valid, steps[:length])) for length in range(1, len(steps)))
     for steps in wanted:
@@ -77,7 +77,7 @@ def tree_paths(
 
 
 def renamed(pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return the line about names that had to change, of pairs of a name and what it became; none where none had to."""
+    """Return a line about names that had to change, from pairs of the old and the new name; nothing if none did."""
     changes = ", ".join(dict.fromkeys(f"{name!r} as {found!r}" for name, found in pairs if name != found))
     return (f"names that had to change: {changes}",) if changes else ()
 
@@ -89,15 +89,15 @@ FACE_SETS = (GROUP, MATERIAL)
 def named_face_sets(
     item: MeshObject, valid: Callable[[str], str], roles: Sequence[str] = FACE_SETS
 ) -> Iterator[tuple[str, str, str, Int32Array]]:
-    """Role, label, name that no other set of the object has, and members of each set of faces of some roles."""
+    """Yield role, label, name (unique in the object) and member faces of each set of faces with some roles."""
     taken: set[str] = set()
     for role in roles:
         for label, members in face_sets(item, role):
-            yield role, label, unlike(valid(label or role), taken), members
+            yield role, label, unique_name(valid(label or role), taken), members
 
 
-def unlike(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, which then is: itself, or with a number behind it."""
+def unique_name(name: str, taken: set[str]) -> str:
+    """Return a name that is not in `taken`, the given one or that with a number, and add it to `taken`."""
     found, number = name, 1
     while found in taken:
         number += 1
@@ -111,16 +111,16 @@ Kind = Literal["mesh", "curves", "points"]
 
 @dataclass(frozen=True)
 class Drawn:
-    """What an object is in formats where meshes, curves and points are things apart.
+    """What an object is in formats where meshes, curves and points are separate.
 
     Attributes
     ----------
     kind : {"mesh", "curves", "points"}
-        Faces; lines alone, every vertex in one; else points.
+        A mesh if it has faces; curves if it has only lines and every vertex is in one; else points.
     gather : (line points,) int32 or None
-        Vertex of each point of its curves, where that is not all of them in order.
+        Vertex of each point of its curves, unless these are all vertices in order.
     hidden_lines : bool
-        Whether it has lines that do not show: beside faces, or beside vertices that no line has.
+        Whether it has lines that do not show, because it also has faces, or vertices that are in no line.
     """
 
     kind: Kind
@@ -129,7 +129,7 @@ class Drawn:
 
 
 def drawn_as(connectivity: Connectivity) -> Drawn:
-    """What an object of this connectivity is drawn as."""
+    """Return what an object of this connectivity is drawn as."""
     if connectivity.face_count:
         return Drawn("mesh", hidden_lines=connectivity.line_count > 0)
     if not connectivity.line_count:
@@ -143,16 +143,16 @@ def drawn_as(connectivity: Connectivity) -> Drawn:
 
 @dataclass(frozen=True)
 class ShapeKey:
-    """What objects of several runs of frames have alike that are one shape.
+    """What objects of several runs of frames have in common if they are the same shape.
 
     Attributes
     ----------
     name : str
     number : int
-        From 0, of objects of one run that have the rest alike.
+        From 0, among objects of one run that agree in everything else.
     kind : {"mesh", "curves", "points"}
     subdivision, curve_basis, curve_wrap : str or None
-        Labels that formats have once for a shape.
+        Labels that formats store once per shape.
     """
 
     name: str
@@ -175,34 +175,34 @@ def _keys_of(objects: Sequence[MeshObject]) -> list[ShapeKey]:
 
 
 def shape_keys(sequence: MeshSequence) -> list[ShapeKey]:
-    """The shapes of a file of the sequence, in the order of its objects.
+    """Return the shapes of the sequence's file, in the order of its objects.
 
-    Of several runs each is looked at; objects without vertices are no shapes there.
+    With several runs, objects of every run count; those without vertices are no shapes there.
     """
     if len(sequence.runs) == 1:
         return _keys_of(sequence.objects)
-    return [*dict.fromkeys(key for run in sequence.runs for key in _keys_of(_there(run)))]
+    return [*dict.fromkeys(key for run in sequence.runs for key in _keys_of(_with_vertices(run)))]
 
 
-def _there(run: MeshSequence) -> list[MeshObject]:
+def _with_vertices(run: MeshSequence) -> list[MeshObject]:
     return [item for item in run.objects if item.vertex_count]
 
 
 class ShapeWriter(ABC):
-    """Writes one shape.
+    """Writer of one shape.
 
     Parameters
     ----------
     key : ShapeKey
     title : str
-        Of the format.
+        Title of the format.
     changes : bool
         Whether there are several runs of frames.
 
     Attributes
     ----------
     item : MeshObject
-        The object of this run; one without vertices where the run has none.
+        The object in this run; one without vertices if the run does not have it.
     drawn : Drawn
     normals : NormalRows or None
     in_samples : list of str
@@ -215,22 +215,23 @@ class ShapeWriter(ABC):
         self.notices: list[str] = []
 
     def begin(self, item: MeshObject, times: Float64Array) -> None:
-        """Go on to a run of frames at times [s], in which the object is this one."""
+        """Begin a run of frames at times [s], in which the shape is this object."""
         self.item = item
         self.drawn = drawn_as(item.connectivity) if item.vertex_count else Drawn(self.key.kind)
-        # A subdivision surface has no normals but its own.
+        # A subdivision surface has only the normals that follow from it.
         self.normals = None if self.key.subdivision else normal_rows(item)
         self.in_samples = [] if self.normals is None else [NORMAL_GROUP]
         if self.drawn.hidden_lines:
             self.notices.append(
-                f"lines of object {item.name!r} show in pdecodec alone: {self.title}'s curves are apart"
+                f"lines of object {item.name!r} show only in pdecodec: {self.title} keeps curves separate"
             )
 
     def numbered_points(self, most: int) -> Int64Array | None:
-        """Where there are several runs, (vertices,) ids of points, which tell those of one run from those of the next.
+        """Return ids of points (vertices,) if there are several runs; they tell whether points of two runs are the
+        same.
 
-        They are those of the object, unless they are larger than the format can hold; else they count up from 0. None
-        where this is no set of points, or there is one run.
+        They are the object's own ids, unless these are larger than the format can hold (`most`); else they count up
+        from 0. None if the shape is no set of points, or there is one run.
         """
         if not self.changes or self.key.kind != "points":
             return None
@@ -243,12 +244,12 @@ class ShapeWriter(ABC):
         return ids.values.astype(np.int64)
 
     def normals_at(self, points: Float32Array) -> Iterator[Float32Array | None]:
-        """Rows of normals (rows, 3) at each of some positions (frames, vertices, 3); None where there are none."""
+        """Yield the normals (rows, 3) at each frame of positions (frames, vertices, 3); None if the shape has none."""
         return iter([None] * len(points)) if self.normals is None else self.normals.of_each(points)
 
     @abstractmethod
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        """Write samples of positions, and of velocities, at times [s], for the points that the object is drawn with."""
+        """Write samples of positions and velocities at times [s], for the points that the object is drawn with."""
 
 
 def write_shapes(
@@ -258,9 +259,9 @@ def write_shapes(
     shapes: Mapping[ShapeKey, ShapeWriter],
     before: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[Float64Array]:
-    """Write samples of all shapes block by block; the times [s] of each block, when it is written.
+    """Write samples of all shapes block by block; yield the times [s] of each block after it is written.
 
-    `before` is called with the number of frames of a block that is about to be written.
+    `before` is called with the number of frames of each block before it is written.
     """
     places: dict[ShapeKey, Any] = {}
     for run, begin, start, block in output.blocks_of_runs(sequence, title):
@@ -279,8 +280,8 @@ def write_shapes(
 def _begin_run(
     shapes: Mapping[ShapeKey, ShapeWriter], run: MeshSequence, times: Float64Array, *, every: bool
 ) -> dict[ShapeKey, Any]:
-    """Let shapes go on to a run; which of its vertices each of them is drawn with."""
-    objects = run.objects if every else _there(run)
+    """Let all shapes begin a run; return the run's vertices that each of them is drawn with."""
+    objects = run.objects if every else _with_vertices(run)
     found = dict(zip(_keys_of(objects), zip(objects, vertex_slices(objects), strict=True), strict=True))
     places: dict[ShapeKey, Any] = {}
     for key, shape in shapes.items():
@@ -301,7 +302,7 @@ class Parameter:
     values : (n,) or (n, k) array
     indices : (rows of the domain,) int32 or None
     width : int
-        Numbers in a row.
+        Numbers per row.
     """
 
     attribute: Attribute
@@ -315,7 +316,7 @@ class Parameter:
 
     @property
     def kind(self) -> tuple[str, int, int]:
-        """NumPy's kind of number, its bytes, and the numbers in a row."""
+        """NumPy's kind of number, its size [bytes], and the numbers per row."""
         return self.values.dtype.kind, self.values.dtype.itemsize, self.width
 
 
@@ -327,20 +328,21 @@ def write_parameters(
     written: Sequence[str],
     sets: Sequence[str] = FACE_SETS,
 ) -> list[str]:
-    """Put what has no place of its own in a format; a line that names what it has no place for.
+    """Write the attributes that the format stores as parameters; return a line that names those it cannot store.
 
     Parameters
     ----------
     item : MeshObject
     drawn : Drawn
     title : str
-        Of the format.
+        Title of the format.
     put : callable
-        Writes a parameter; whether there was a type for it. Labels are values of their own, and rows their indices.
+        Writes a parameter and returns whether there was a type for it. Labels are passed as values, rows as their
+        indices.
     written : sequence of str
-        Names of attributes that have a place of their own.
+        Names of attributes that the format stores in a way of its own.
     sets : sequence of str
-        Roles of attributes that are sets of faces there.
+        Roles of attributes that the format stores as sets of faces.
     """
     lost = []
     for one in item.attributes:
@@ -361,7 +363,7 @@ def write_parameters(
 
 
 def _label_rows(attribute: Attribute) -> Int32Array | None:
-    """The label of each element; None unless every element has one."""
+    """Return the label index of each element; None unless every element has one."""
     has_all = attribute.indices is None or (attribute.indices >= 0).all()
     rows = expanded(attribute)
     if not attribute.labels or not has_all or rows.ndim != 1 or not rows.size or rows.min() < 0:
@@ -370,6 +372,6 @@ def _label_rows(attribute: Attribute) -> Int32Array | None:
 
 
 def _float_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None]:
-    """Rows as float32, of integer colours over 255; indices keep -1 for none."""
+    """Return rows as float32, integer colours divided by 255; in indices -1 stays for none."""
     values, indices, filled = indexed_rows(attribute)
     return (values[:-1], attribute.indices) if filled else (values, indices)

@@ -18,7 +18,7 @@ import numpy as np
 from pdecodec.errors import InputError, Notice, damaged
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.registry import Transforms
-from pdecodec.formats.base.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
+from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS
 from pdecodec.formats.base.times import (
     FLOAT32_ROUNDING,
@@ -283,9 +283,9 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
             more = [part] if instances is None else _instances_of(file, part, instances)
             parts += more
             vertices += sum(one.connectivity.vertex_count for one in more)
-            if vertices > MOST_INSTANCED:
+            if vertices > MAX_INSTANCED_VERTICES:
                 raise InputError(
-                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out",
+                    f"its instances have {vertices:,} vertices, more than {MAX_INSTANCED_VERTICES:,}; thin them out",
                     code="too-large",
                 )
     return parts
@@ -301,9 +301,9 @@ def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list
     """Return one numbered part per instance."""
     stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
     count = max((len(values) for values in stored.values()), default=0)
-    if count * part.connectivity.vertex_count > MOST_INSTANCED:
+    if count * part.connectivity.vertex_count > MAX_INSTANCED_VERTICES:
         raise InputError(
-            f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out",
+            f"{part.name!r} has {count:,} instances, more vertices than {MAX_INSTANCED_VERTICES:,}; thin them out",
             code="too-large",
         )
     defaults = {"TRANSLATION": (0.0,) * 3, "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0,) * 3}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdecodec.formats.base.rigid_motion import (
-    RIGID,
+    RIGID_TOLERANCE,
     distances_of,
     largest_error,
     middle_of,
@@ -115,7 +115,7 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float 
     keys = keys_of_motion(shape, matrices, deviation)
     if between is not None:
         found = keys.matrices_between(matrices)
-        if largest_error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
+        if largest_error(between, shape.astype(np.float64), found) > RIGID_TOLERANCE * float(np.abs(between).max()):
             if bound is None:
                 return None
             off_between = float(distances_of(between, shape.astype(np.float64), found).max())

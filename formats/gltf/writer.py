@@ -27,7 +27,7 @@ from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_notices
 from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
-from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
+from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, renamed
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.materials import Materials
@@ -231,7 +231,7 @@ class GltfScene:
 
 def _steps(name: str) -> tuple[str, ...]:
     """Return the names of an object's node and its ancestors, from the root."""
-    return steps_of(name) or (DEFAULT_NAME,)
+    return path_steps(name) or (DEFAULT_NAME,)
 
 
 class _Scene(GltfScene):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade, Vt
 
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_sets, is_by_vertex, source_name
-from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unlike, write_parameters
+from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unique_name, write_parameters
 from pdecodec.formats.usd.metadata import NAME, OWN, valid_name
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
@@ -123,7 +123,7 @@ class ExtrasWriter:
         for role, label, name, members in named_face_sets(item, valid_name):
             members_of[role, label] = members
             if (role, label) not in self._subsets:
-                self._subsets[role, label] = subset = self._new_subset(role, label, unlike(name, taken))
+                self._subsets[role, label] = subset = self._new_subset(role, label, unique_name(name, taken))
                 if self._first != at:
                     subset.GetIndicesAttr().Set(Vt.IntArray(), self._first)
         for key, subset in self._subsets.items():
@@ -171,7 +171,7 @@ def _material(stage: Any, label: str) -> Any:
         others[prim.GetName()] = str(prim.GetCustomDataByKey(NAME) or prim.GetName())
         if others[prim.GetName()] == label:
             return UsdShade.Material(prim)
-    name = unlike(valid_name(label), set(others))
+    name = unique_name(valid_name(label), set(others))
     found = UsdShade.Material.Define(stage, above.GetPath().AppendChild(name))
     if name != label:
         found.GetPrim().SetCustomDataByKey(NAME, label)

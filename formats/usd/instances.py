@@ -10,7 +10,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pdecodec.errors import damaged
-from pdecodec.formats.base.scene_reading import MOST_INSTANCED
+from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES
 from pdecodec.mesh.arrays import BoolArray, Float64Array, Int64Array
 
 MOST_KEPT = 2**28
@@ -96,8 +96,8 @@ def open_instancer(prim: Any) -> Instancer | str:
     prototypes = np.array(stored if stored is not None else [], np.int64)
     if not all(roots) or (prototypes.size and not 0 <= prototypes.min() <= prototypes.max() < len(roots)):
         return "instances of prototypes that are not there"
-    if prototypes.size > MOST_INSTANCED:
-        return f"{prototypes.size:,} instances, more than {MOST_INSTANCED:,}; thin them out"
+    if prototypes.size > MAX_INSTANCED_VERTICES:
+        return f"{prototypes.size:,} instances, more than {MAX_INSTANCED_VERTICES:,}; thin them out"
     codes = [Usd.TimeCode(code) for code in arrays.GetInvisibleIdsAttr().GetTimeSamples()]
     masks = [list(arrays.ComputeMaskAtTime(code)) for code in codes or [Usd.TimeCode.EarliestTime()]]
     there = np.array([mask or [True] * prototypes.size for mask in masks], bool).reshape(len(masks), prototypes.size)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pdecodec.formats.base.scene_reading import MOST_INSTANCED
+from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES
 from pdecodec.formats.usd.implicit import IMPLICIT_TYPES, Implicit
 from pdecodec.formats.usd.instances import open_instancer
 from pdecodec.formats.usd.metadata import object_name
@@ -128,8 +128,10 @@ def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: Shap
             return []
     numbers = np.flatnonzero(instancer.shown).tolist()
     vertices = sum(one.connectivity.vertex_count for k in numbers for one in found[int(instancer.prototypes[k])])
-    if vertices > MOST_INSTANCED:
-        refusals.refuse(name, f"instances of {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out")
+    if vertices > MAX_INSTANCED_VERTICES:
+        refusals.refuse(
+            name, f"instances of {vertices:,} vertices, more than {MAX_INSTANCED_VERTICES:,}; thin them out"
+        )
         return []
     shapes = []
     for number in numbers:

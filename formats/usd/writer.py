@@ -23,9 +23,9 @@ from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres
 from pdecodec.formats.base.scene_writing import (
     ShapeKey,
     ShapeWriter,
+    path_steps,
     renamed,
     shape_keys,
-    steps_of,
     tree_paths,
     write_shapes,
 )
@@ -193,7 +193,7 @@ class _Stage:
     def _make_path(self, key: ShapeKey, steps: tuple[str, ...]) -> Any:
         """The path of a shape's prim, those above it made where they are not there yet."""
         path = self._root
-        names = steps_of(key.name)
+        names = path_steps(key.name)
         for index, step in enumerate(steps):
             path = path.AppendChild(step)
             last = index == len(steps) - 1

@@ -170,8 +170,8 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("counts", "said"),
     [
-        ([3, 2], "a face of 2 corners (number 1, from 0), and 3 are the fewest"),
-        ([3, 3], "faces of 6 corners together, and vertices for 5 corners"),
+        ([3, 2], "a face of 2 corners (number 1, from 0), and a face needs 3 or more"),
+        ([3, 3], "faces with 6 corners in all, and vertices for 5 corners"),
     ],
 )
 def test_what_is_wrong_with_faces_is_said(counts: list[int], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -178,7 +178,7 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--to", "obj"], "error: standard output: 20 frames do not fit one OBJ file; name it stdout.####.obj"),
+        (["--to", "obj"], "error: standard output: 20 frames do not fit in one OBJ file; name it stdout.####.obj"),
         (["--to", "zzz"], "error: standard output: no format with the extension '.zzz' can be written; use .obj, "),
         (["--to", "pdeanim"], "error: standard output: only pdecodec encode writes .pdeanim files; "),
         (["--to", "glb", "--velocities"], "error: -o -: this format puts velocities in a second file; name a file"),

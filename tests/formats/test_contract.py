@@ -139,7 +139,7 @@ def test_times_that_would_fall_together_are_refused_and_rounding_is_told(held: H
     # glTF counts from the first time.
     far, close = np.append(0, 1e6 + np.arange(23) / 24), np.arange(24) * 1e-15
     for fine in [far] * is_float32 + [close] * (not path.endswith("mdd")):
-        with pytest.raises(InputError, match=r"frame \d: its time .* is the same as the one before in .*;  write \.npz"):
+        with pytest.raises(InputError, match=r"frame \d: its time .* is the same as the one before in .*; write \.npz"):
             write_sequence(clip(24, fine), path)
     if is_float32:
         told = [
@@ -316,7 +316,7 @@ def test_what_is_there_is_replaced_only_on_request(held: Holds, tmp_path: Path) 
     first, second = clip(), clip(2)
     held.write(first, path)
     before = sorted(tmp_path.rglob("*"))
-    with held.open(path), pytest.raises(InputError, match=r"exists already|frames are there already"):
+    with held.open(path), pytest.raises(InputError, match=r"exists already|frames exist already"):
         held.write(second, path)
     assert sorted(tmp_path.rglob("*")) == before
     told: list[int] = []

@@ -596,7 +596,7 @@ def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
         assert found["color"].values.tolist() == [[0.5, 0, 0, 1]] * 3 + [[0, 0, 0.5, 0.5]] * 4
         # The two triangles without normals are flat: where they meet, corners have normals of their own.
         assert found["normal_group"].values.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 0]
-        hidden = "hidden in the file, always or at times, and there all the time here: 'node_0'"
+        hidden = "hidden in the file, always or at times, but always visible here: 'node_0'"
         assert read.notices == ("not kept: _HEAT", hidden)
 
 

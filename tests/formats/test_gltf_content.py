@@ -297,9 +297,9 @@ PICTURE = "data:image/png;base64,iVBORw0KGgo="
     [
         (
             {"images": [{"uri": "a/skin.png"}, {"name": "eye", "uri": PICTURE}], "textures": [{"source": 0}] * 3},
-            ["3 textures of 'skin.png', 'eye'; the motion written onto this file keeps them"],
+            ["3 textures of 'skin.png', 'eye'; writing the motion onto this file keeps them"],
         ),
-        ({"images": [{"uri": PICTURE}]}, ["images of 'image_0'; the motion written onto this file keeps them"]),
+        ({"images": [{"uri": PICTURE}]}, ["images of 'image_0'; writing the motion onto this file keeps them"]),
         (
             {"materials": [{"name": "a", "alphaMode": "MASK"}, {"extensions": {"KHR_materials_unlit": {}}}]},
             [

@@ -142,7 +142,7 @@ RICH = {"points": rich_sequence().points, **arrays_of(rich_sequence(), 24.0)}
         ({"points": POINTS, "objects/0/name": 7, "objects/0/vertex_count": 4}, "objects/0/face_counts is missing"),
         ({"points": POINTS, "objects/0/name": "a", "objects/0/vertex_count": -4}, "whole number, 0 or more"),
         ({**RICH, "objects/0/name": 3}, "objects/0/name must be text"),
-        ({**RICH, "objects/1/vertex_count": 3}, "objects have 8 vertices, points have 7"),
+        ({**RICH, "objects/1/vertex_count": 3}, "objects have 8 vertices, but points have 7"),
         ({**RICH, "objects/0/face_indices": [0, 1, 2, 3, 2, 1, 5]}, "face 1 refers to vertex 5"),
         ({**RICH, "objects/0/line_counts": [3, 2]}, "line counts add up to 5, indices are 4"),
         ({**RICH, "objects/0/attributes/0/domain": "edge"}, "is 'edge', not one of vertex, face, corner, object"),

@@ -127,7 +127,7 @@ def test_frames_that_are_there_are_replaced_only_on_request_and_other_files_stay
     write_sequence(moving(5), tmp_path / "walk")
     (tmp_path / "walk" / "notes.txt").write_text("keep")
     before = (tmp_path / "walk" / "walk.0000.obj").read_bytes()
-    with pytest.raises(InputError, match="frames are there already"):
+    with pytest.raises(InputError, match="frames exist already"):
         write_sequence(moving(2, first_frame=1), f"{tmp_path}/{target}")
     assert (tmp_path / "walk" / "walk.0000.obj").read_bytes() == before
     write_sequence(moving(2, first_frame=1), f"{tmp_path}/{target}", overwrite=True)
@@ -152,14 +152,14 @@ def test_frames_of_another_name_stay_where_frames_are_replaced(tmp_path: Path, t
     write_sequence(moving(2, first_frame=1), tmp_path / "wolf####.obj", overwrite=True)
     assert names_in(tmp_path) == sorted([*stay, "wolf0001.obj", "wolf0002.obj"])
     assert open_sequence(tmp_path / "wolf####.obj").frame_count == 2
-    with pytest.raises(InputError, match="frames are there already"):
+    with pytest.raises(InputError, match="frames exist already"):
         write_sequence(moving(2, first_frame=5), tmp_path / "wolf####.obj")
 
 
 @pytest.mark.parametrize(
     ("there", "target", "message"),
     [
-        ([], "walk.obj", r"3 frames do not fit one OBJ file; name it walk\.####\.obj"),
+        ([], "walk.obj", r"3 frames do not fit in one OBJ file; name it walk\.####\.obj"),
         (["head.obj"], ".", r"holds other OBJ files \(head\.obj\)"),
         (["walk"], "walk", "this folder does not exist; make it first"),
     ],

@@ -194,7 +194,7 @@ def test_objects_of_one_name_are_ambiguous_where_their_number_differs(tmp_path: 
     with open_sequence(namesakes(tmp_path / "mine.glb", *[TRIANGLE] * mine), fps=24) as read:
         clip = others(read)
     source = namesakes(tmp_path / "its.glb", *[TRIANGLE] * its)
-    with pytest.raises(InputError, match=f"object 'a': is ambiguous: {mine} of this name, and {its} in its.glb"):
+    with pytest.raises(InputError, match=f"object 'a': is ambiguous: {mine} have this name, and {its} in its.glb"):
         write_onto(clip, source, tmp_path / "b.glb")
     assert not (tmp_path / "b.glb").exists()
 
@@ -453,7 +453,7 @@ def test_objects_that_are_not_moved_stay_and_are_named(tmp_path: Path) -> None:
     with open_sequence(tmp_path / "a.glb") as read:
         whole, clip = read.read_frames(0, 5), others(ObjectSelection(read, ["root/arm/nail"]))
     notices = write_onto(clip, tmp_path / "a.glb", tmp_path / "b.glb")
-    assert "left as they are in a.glb: 'root/arm/hand'" in notices
+    assert "unchanged from a.glb: 'root/arm/hand'" in notices
     with open_sequence(tmp_path / "b.glb") as read:
         assert np.abs(read.read_frames(0, 4)[:, :5] - whole[:4, :5]).max() < 1e-6
 
@@ -488,9 +488,9 @@ def test_other_formats_one_file_for_both_and_options_of_others_are_refused(tmp_p
     for name in ("a.glb", "a.obj", "a.ply"):
         write_sequence(clip, tmp_path / name)
     cases: list[tuple[str, str, dict[str, Any], str]] = [
-        ("a.glb", "b.obj", {}, "onto takes one format for both"),
+        ("a.glb", "b.obj", {}, "onto needs two files of the same format"),
         ("a.ply", "b.ply", {}, "not for PLY"),
-        ("a.glb", "a.glb", {"overwrite": True}, "which the original is made of"),
+        ("a.glb", "a.glb", {"overwrite": True}, "which the original consists of"),
         ("a.glb", "b.glb", {"layer": True}, "layer is for USD"),
         ("a.obj", "b.obj", {"clip": "x"}, "clip is for glTF"),
         ("a.obj", "b.obj", {"meshopt": True}, "meshopt is for glTF"),

@@ -128,7 +128,7 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
         told = write_sequence(animation, tmp_path / f"x.{extension}", rigid=bound)
         with pytest.raises(SettingsError, match="rigid writes static shapes"):
             write_sequence(animation, tmp_path / "v.abc", rigid=bound, velocities=velocities_of(animation))
-    (line,) = [one for one in told if "moved as rigid" in one]
+    (line,) = [one for one in told if "written as rigid" in one]
     most = float(line.partition("up to ")[2].split()[0])
     assert 0 < most <= 1.05 * bound
     for name, moving in (("plain", 0), ("x", int(line.split()[0]))):
@@ -171,7 +171,7 @@ def test_an_object_of_several_rigid_parts_is_a_skin_in_gltf_unasked(tmp_path: Pa
         told = write_sequence(animation, tmp_path / "x.glb", quantize=quantize)
         write_sequence(animation, tmp_path / "plain.glb", rigid=0)
         decoded, bound = animation.read_frames(0, 30), bound_of(animation)
-    assert any(one.startswith("2 objects moved as rigid") for one in told)
+    assert any(one.startswith("2 objects written as rigid") for one in told)
     root = read_gltf(tmp_path / "x.glb").root
     targets = {mesh: "targets" in one["primitives"][0] for mesh, one in enumerate(root["meshes"])}
     skinned = {node["mesh"]: node["name"] for node in root["nodes"] if "skin" in node}
@@ -211,7 +211,7 @@ def test_every_part_that_moved_rigidly_before_it_was_coded_is_found_within_the_b
         with open_animation(path) as animation:
             bound = bound_of(animation)
             moved, (line,) = rigid_parts(animation, bound)
-            assert line.startswith("24 objects moved as rigid")
+            assert line.startswith("24 objects written as rigid")
             assert all(transform_of(item) is not None for item in moved.objects)
             distances = np.linalg.norm(bake_transforms(moved).read_frames(0, 40) - animation.read_frames(0, 40), axis=2)
         assert 0.5 * bound < distances.max() <= 1.001 * bound
@@ -234,4 +234,4 @@ def test_rigid_is_for_what_knows_its_bound_and_moves_no_nodes_of_another(
         assert reason in capsys.readouterr().err
     paths = [str(tmp_path / one) for one in ("x.pdeanim", "x.glb")]
     assert run(["convert", *paths, "--rigid"]) == 0
-    assert "moved as rigid" in capsys.readouterr().err
+    assert "written as rigid" in capsys.readouterr().err

@@ -177,7 +177,7 @@ def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied
 
 def test_an_attribute_called_transform_that_is_none_is_refused() -> None:
     item = MeshObject("odd", Connectivity(1), (Attribute(TRANSFORM, "object", np.zeros(3)),))
-    with pytest.raises(InputError, match="'transform' of object 'odd' is no list of times and matrices"):
+    with pytest.raises(InputError, match="'transform' of object 'odd' is not a list of times and matrices"):
         bake_transforms(ArraySequence(POINT, objects=[item]))
 
 

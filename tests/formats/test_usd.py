@@ -275,7 +275,7 @@ def test_points_that_do_not_fit_a_run_are_named_by_the_frame_of_the_whole(tmp_pa
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
         assert read.run_starts.tolist() == [0, 2]
-        with pytest.raises(InputError, match="'changing', frame 3: has 5 points, its first frame has 3") as caught:
+        with pytest.raises(InputError, match="'changing', frame 3: has 5 points, but the first frame has 3") as caught:
             encode(read)
         assert caught.value.frame == 3
 
@@ -400,7 +400,7 @@ def test_what_is_hidden_is_named_and_primvars_above_a_mesh_are_its_own(tmp_path:
         at_times.Set(value, code)
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
-        hidden = "hidden in the file, always or at times, and there all the time here: 'up/a', 'up/b'"
+        hidden = "hidden in the file, always or at times, but always visible here: 'up/a', 'up/b'"
         assert read.notices == (hidden,)
         for item in read.objects:
             (found,) = (one for one in item.attributes if one.name == "color")

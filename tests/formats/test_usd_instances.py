@@ -55,7 +55,7 @@ def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_pa
         assert points[1, 0].tolist() == [110, 0, 7]
         assert points[1, 3:6].tolist() == [[120, 0, 0], [122, 0, 0], [120, 2, 0]]
         assert np.allclose(points[1, 6:], [[130, 0, 7], [130, 1, 7], [129, 0, 7]], atol=0.01)
-        hidden = "hidden in the file, always or at times, and there all the time here: 'up/many/1/leaf'"
+        hidden = "hidden in the file, always or at times, but always visible here: 'up/many/1/leaf'"
         assert read.notices == (hidden,)
 
 
@@ -73,7 +73,7 @@ def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_pa
 def test_instances_that_cannot_be_placed_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
 ) -> None:
-    monkeypatch.setattr(walk, "MOST_INSTANCED", 17)
+    monkeypatch.setattr(walk, "MAX_INSTANCED_VERTICES", 17)
     stage, made = trees(tmp_path / "x.usda")
     made.CreateIdsAttr()
     change(made)

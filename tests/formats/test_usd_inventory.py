@@ -183,7 +183,7 @@ def test_everything_in_a_stage_is_listed_and_what_is_dropped_is_told(tmp_path: P
         assert [item.name for item in read.objects] == ["shop/cup", "shop/dust"]
         told = {line.partition(":")[0]: line for line in read.notices[1:]}
         assert read.notices[0] == (
-            "not kept: 2 textures of 'cup.png', 'sky.exr'; the motion written onto this file keeps them"
+            "not kept: 2 textures of 'cup.png', 'sky.exr'; writing the motion onto this file keeps them"
         )
     line = told["not kept"]
     for word in (
