@@ -223,7 +223,7 @@ def test_rigid_is_for_what_knows_its_bound_and_moves_no_nodes_of_another(
     write_sequence(machine(), tmp_path / "x.npz")
     encode(machine(), tmp_path / "x.pdeanim")
     refusals = {
-        ("convert", "x.npz", "x.glb"): "knows its bound",
+        ("convert", "x.npz", "x.glb"): "needs a .pdeanim file",
         ("decode", "x.pdeanim", "y.glb", "--onto", "x.glb"): "--onto",
         ("decode", "x.pdeanim", "y.abc", "--velocities"): "--velocities",
         ("decode", "x.pdeanim", "y.npz"): "--rigid is for",
