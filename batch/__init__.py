@@ -1,10 +1,10 @@
-"""Many clips: find them, encode them one after the other or several at once, and keep a record of each.
+"""Encode many clips, one after the other or several at once, and keep a record of each.
 
 Begin with `work.py`: `do_clip` takes one clip from its source to its file and its record. `clips.py` lists the clips of
-a manifest, a pattern or a folder, `records.py` tells whether a clip is done, so that an interrupted run resumes where
-it stopped, and `summary.py` writes what became of all. `local.py` runs a batch in worker processes on one machine,
-`cluster.py` on the workers of a Dask cluster, both within the memory that `memory.py` allows; `dask.py` offers clips to
-Dask graphs of others, as `pdecodec.dask`.
+a manifest, a pattern or a folder. `records.py` tells whether a clip is done, so that an interrupted run resumes where
+it stopped. `summary.py` writes the results. `local.py` runs a batch in worker processes on one machine, `cluster.py` on
+the workers of a Dask cluster, both within the memory that `memory.py` allows; `dask.py` offers clips to users' own Dask
+graphs, as `pdecodec.dask`.
 """
 
 if __name__ != "pdecodec.batch":

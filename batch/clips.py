@@ -1,4 +1,4 @@
-"""The clips of a batch: those that a manifest lists, a pattern matches or a folder holds, each with its options."""
+"""The clips of a batch, from a manifest, a pattern or a folder, each with its options."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MANIFESTS = (".csv", ".json", ".jsonl")
 """Extensions of manifests."""
 
 LIST_SEPARATOR = ";"
-"""Between the names of objects in a cell of a CSV manifest."""
+"""Separator of object names in a cell of a CSV manifest."""
 
 _PAPER = tuple(item.name for item in fields(PaperSettings))
 _CODING = tuple(item.name for item in fields(EncodeSettings) if item.name != "paper")
@@ -37,15 +37,15 @@ _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 @dataclass(frozen=True, kw_only=True)
 class ClipOptions(InputOptions):
-    """How a clip is read, placed and coded; the names are those of the options of ``pdecodec encode``.
+    """Options to read, place and encode a clip, by the names of the options of ``pdecodec encode``.
 
     Attributes
     ----------
     settings : EncodeSettings
     rms : float or None
-        Root mean square error to encode to, over the diagonal, instead of a tolerance.
+        Largest root mean square error, divided by the diagonal, instead of a tolerance.
     size : int or None
-        Largest file [bytes], instead of a tolerance.
+        Largest size of the file [bytes], instead of a tolerance.
     """
 
     settings: EncodeSettings = field(default_factory=EncodeSettings)
@@ -56,19 +56,19 @@ class ClipOptions(InputOptions):
         check_one_target(self.settings, rms=self.rms, size=self.size)
 
     def to_json(self) -> dict[str, Any]:
-        """As a JSON object, for the record of what a clip was made with: of files and folders not where they are."""
+        """Return a JSON object for the record of a clip, without the folders in which files lie."""
         mesh = None if self.mesh is None else os.path.basename(self.mesh)
         values = {**asdict(self), "objects": list(self.objects), "mesh": mesh}
         del values["asset_folders"]
         return values
 
     def with_values(self, values: Mapping[str, Any]) -> ClipOptions:
-        """With some options in place of these, by name; text is read as what the option holds.
+        """Return a copy with some options replaced, by name; text is converted to the type of the option.
 
         Raises
         ------
         SettingsError
-            If there is no such option, or a value is none of it.
+            If there is no such option, or a value is not valid for it.
         """
         if not values:
             return self
@@ -76,7 +76,7 @@ class ClipOptions(InputOptions):
         own = {name: value for name, value in found.items() if name not in (*_CODING, *_PAPER)}
         coding = {name: value for name, value in found.items() if name in _CODING}
         if {"tolerance", "max_error", "rms", "size"} & set(found):
-            # One bound takes the place of another one.
+            # A new bound replaces any other kind of bound.
             coding = {"tolerance": None, "max_error": None, **coding}
             own = {"rms": None, "size": None, **own}
         paper = {name: value for name, value in found.items() if name in _PAPER}
@@ -93,7 +93,7 @@ _KINDS: dict[str, type] = {
     **dict.fromkeys(("skip_unsupported", "isolate", "why"), bool),
     **dict.fromkeys(("objects", "asset_folders"), tuple),
 }
-"""What options hold that is no text."""
+"""The types of options that are not text."""
 
 _FRACTIONS = ("tolerance", "rms")
 """Options that may be given as 0.1%."""
@@ -105,7 +105,7 @@ _BYTES = ("size", "max_memory")
 def _value(name: str, value: Any) -> Any:
     if name not in OPTION_NAMES:
         raise SettingsError(
-            f"there is no option {name!r}; there are source, output, {', '.join(OPTION_NAMES)}", code="unknown-name"
+            f"there is no option {name!r}; use source, output, {', '.join(OPTION_NAMES)}", code="unknown-name"
         )
     if value is None:
         return None
@@ -134,14 +134,14 @@ def _value(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Clip:
-    """One clip: where it comes from, what its file is called, and how it is coded.
+    """One clip: its source, its output and its options.
 
     Attributes
     ----------
     source : str
-        A file, a frame pattern, a folder of frames.
+        A file, a frame pattern or a folder of frames.
     output : str
-        Its file in the folder of the batch, with slashes, ending in ``.pdeanim``.
+        Path of its file in the folder of the batch, with slashes, ending in ``.pdeanim``.
     options : ClipOptions
     """
 
@@ -153,18 +153,19 @@ class Clip:
 def clips_of(
     given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], options: ClipOptions | None = None
 ) -> list[Clip]:
-    """The clips of a manifest, of a pattern or of a folder, or of several of them.
+    """Return the clips of a manifest, a pattern or a folder, or of several of them.
 
     Parameters
     ----------
     given : path or sequence of paths
-        A manifest (``.csv`` with a line of names; ``.json``, a list of objects, or an object with ``defaults`` and
-        ``clips``; ``.jsonl``, an object a line): ``source`` of each clip, ``output`` if it has one, and options by
-        name. Relative paths there are seen from the manifest. A pattern with ``*``, ``?``, ``[]`` or ``**``. A folder:
-        every clip in it and in the folders below, but ``.pdeanim`` files. Anything else is one clip. Several paths, as
-        a shell lists them: frames of one sequence are one clip, and outputs are named as seen from their common folder.
+        A manifest: ``.csv`` with a header; ``.json``, a list of objects, or an object with ``defaults`` and ``clips``;
+        ``.jsonl``, one object per line. It gives the ``source`` of each clip, optionally its ``output``, and options
+        by name; relative paths start at the manifest's folder. A pattern with ``*``, ``?``, ``[]`` or ``**``. A
+        folder: every clip in it and its subfolders, except ``.pdeanim`` files. Any other path is one clip. With
+        several paths, as a shell lists them, frames of one sequence are one clip, and outputs are named relative to
+        their common folder.
     options : ClipOptions, optional
-        What holds where the manifest says nothing.
+        Options for clips whose manifest does not set them.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def clips_of(
     Raises
     ------
     InputError
-        If nothing is there, or the manifest cannot be read.
+        If there is no clip, or the manifest cannot be read.
     SettingsError
         If an option of a clip is wrong, or two clips would go to one file.
     """
@@ -188,7 +189,7 @@ def clips_of(
     for manifest in manifests:
         rows = list(_of_manifest(Path(manifest), options))
         if not rows:
-            raise InputError("this manifest lists no clip; write a row for each", code="no-frames", path=manifest)
+            raise InputError("this manifest lists no clip; write one row per clip", code="no-frames", path=manifest)
         clips += rows
     found = [place for one in paths if one not in manifests for place in _sources(one, root)]
     clips += _named(found, options)
@@ -203,7 +204,7 @@ def clips_of(
 
 
 def _sources(given: str, root: str | None) -> list[tuple[str, str]]:
-    """Clips of a file, a pattern or a folder, and their places below `root`, by default the folder that is named."""
+    """Return clips of a file, pattern or folder, each with its path below `root` (default: the named folder)."""
     path = Path(given)
     if is_address(given):
         sources = [given]
@@ -249,7 +250,7 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
 
 
 def _is_encodable(name: str) -> bool:
-    """Whether the system has bytes for a name; half of a surrogate pair has none."""
+    """Return whether the system can encode a name; it cannot encode half of a surrogate pair."""
     try:
         os.fsencode(name)
     except UnicodeEncodeError:
@@ -258,7 +259,7 @@ def _is_encodable(name: str) -> bool:
 
 
 def _rows(path: Path) -> list[tuple[int, Any]]:
-    """Clips of a manifest as they stand there, numbered from 1; those of a JSON object complete with its defaults."""
+    """Return the rows of a manifest, numbered from 1; those of a JSON object include its defaults."""
     try:
         text = read_regular(path).decode("utf-8-sig")
         if path.suffix.lower() == ".csv":
@@ -277,7 +278,7 @@ def _rows(path: Path) -> list[tuple[int, Any]]:
         if isinstance(defaults, Mapping) and isinstance(found, list):
             found = [{**defaults, **row} if isinstance(row, Mapping) else row for row in found]
     if not isinstance(found, list):
-        raise damaged("is not a manifest: a list of clips, or an object with a list clips, is needed", path=path)
+        raise damaged("is not a manifest; write a list of clips, or an object with a list named clips", path=path)
     return list(enumerate(found, 1))
 
 
@@ -291,13 +292,13 @@ def _checked_output(output: str, path: Path, number: int) -> str:
     place = PurePosixPath(output)
     if place.is_absolute() or ".." in place.parts or place.suffix.lower() != ".pdeanim":
         raise SettingsError(
-            f"clip {number}: output {output!r} is no .pdeanim file in the folder of the batch; name one", path=path
+            f"clip {number}: output {output!r} is not a .pdeanim file in the folder of the batch; name one", path=path
         )
     return str(place)
 
 
 def _named(found: Sequence[tuple[str, str]], options: ClipOptions) -> list[Clip]:
-    """Clips by their places: with ``.pdeanim`` in place of the extension, behind it where two would be the same."""
+    """Return clips named by path: ``.pdeanim`` replaces the extension, or follows it if names would collide."""
     short = [str(_stem(place)) for _, place in found]
     counts = Counter(short)
     return [
@@ -314,7 +315,7 @@ def _stem(place: str) -> PurePosixPath:
 
 
 def _below(source: str, root: str) -> str:
-    """A source as it is seen from a folder, with slashes; its name alone where it lies elsewhere."""
+    """Return the path of a source relative to a folder, with slashes; only its name if it lies elsewhere."""
     if is_address(source):
         return RemoteFile(source).name
     place = Path(os.path.relpath(source, root or "."))
@@ -324,16 +325,14 @@ def _below(source: str, root: str) -> str:
 
 
 def _fixed_part(pattern: str) -> str:
-    """The folders of a pattern before the first one that is none by itself; of a path, the folder it is in."""
+    """Return the folders of a pattern before the first wildcard; for a path, its folder."""
     parts = Path(pattern).parts
     fixed = next((index for index, part in enumerate(parts) if has_magic(part)), len(parts) - 1)
     return str(Path(*parts[:fixed])) if fixed > 0 else "."
 
 
 def _matches(pattern: str) -> Iterator[str]:
-    """Paths that a pattern stands for, as :func:`glob.glob` finds them, but for links that lead back to where they are:
-    it follows them as often as the system does.
-    """
+    """Yield the paths that a pattern matches; unlike :func:`glob.glob`, follow no link back to a parent."""
     steps = Path(pattern).parts
     if "**" not in steps:
         yield from glob(pattern)
@@ -349,19 +348,19 @@ def _matches(pattern: str) -> Iterator[str]:
 
 
 def _folders_under(folder: str, above: tuple[str, ...] = ()) -> Iterator[str]:
-    """A folder, those in it that are not hidden, and those in them."""
+    """Yield a folder and its subfolders at any depth, except hidden ones."""
     real = os.path.realpath(folder)
     if real in above:
         return
     yield folder
-    with suppress(OSError):  # what may not be read has nothing
+    with suppress(OSError):  # a folder without permission to read counts as empty
         for name in sorted(os.listdir(folder)):
             if not name.startswith(".") and os.path.isdir(os.path.join(folder, name)):
                 yield from _folders_under(os.path.join(folder, name), (*above, real))
 
 
 def _is_clip(name: str) -> bool:
-    """Whether what a pattern matches is a clip: a file of a known format, or a folder of frames."""
+    """Return whether a path is a clip: a file of a known format, or a folder of frames."""
     path = Path(name)
     if path.is_dir():
         return bool(_frames_in(path))
@@ -369,7 +368,7 @@ def _is_clip(name: str) -> bool:
 
 
 def _in_folder(folder: str) -> list[str]:
-    """Every clip in a folder and below: files of one clip each, and sequences of frames."""
+    """Return every clip in a folder and its subfolders: files with one clip each, and sequences of frames."""
     whole = known_extensions(lambda entry: entry.reads and not entry.frame_per_file and entry.name != "pdeanim")
     found: list[tuple[str, Path]] = []
     companions: set[str] = set()
@@ -385,7 +384,7 @@ def _in_folder(folder: str) -> list[str]:
 
 
 def _frames_in(folder: Path) -> list[tuple[str, Path]]:
-    """Sequences of frames in a folder, each with its first file: the folder itself where there is one alone."""
+    """Return the sequences of frames in a folder, each with its first file; for a single one, the folder itself."""
     found = [one for extension in sorted(frame_extensions()) for one in sequences_in(folder, extension)]
     return [(str(folder) if len(found) == 1 else str(one), Path(one[0])) for one in found]
 
@@ -398,7 +397,7 @@ def _check_outputs(clips: Iterable[Clip]) -> None:
                 raise SettingsError(f"{name!r} has a line break, which lists of clips cannot hold; rename it")
         if PurePosixPath(clip.output).parts[0].lower() == STATE_FOLDER:
             raise SettingsError(f"{clip.output}: {STATE_FOLDER} holds the records of the batch; name another output")
-        # Some file systems do not tell upper from lower case.
+        # Some file systems do not distinguish upper and lower case.
         other = taken.setdefault(clip.output.lower(), clip)
         if other is not clip:
             raise SettingsError(

@@ -1,4 +1,4 @@
-"""A batch on many machines: clips as tasks of a Dask cluster, whose workers see the same folders and addresses."""
+"""A batch on many machines: clips are tasks of a Dask cluster, whose workers see the same folders and addresses."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from pdecodec.system.storage import is_address
 from pdecodec.system.whole_output import write_errors
 
 CONNECT_SECONDS = 20
-"""Until a scheduler that does not answer is one that is not there."""
+"""Time to wait for a scheduler's answer [s]."""
 
 TASKS_AT_ONCE = 10_000
-"""That the scheduler knows of: more than a cluster does in a minute, and few enough for it to stay quick."""
+"""Tasks submitted at once: more than a cluster does in a minute, and few enough for a fast scheduler."""
 
 _budgets: dict[int | None, MemoryBudget] = {}
 _budgets_lock = Lock()
@@ -33,28 +33,28 @@ _budgets_lock = Lock()
 def run_on_cluster(
     clips: Sequence[Clip], work: Work, address: str, *, max_memory: int | None = None
 ) -> Iterator[Result]:
-    """Make every clip that is not done, on the workers of a Dask cluster; results as clips are done with.
+    """Encode every clip that is not done, on the workers of a Dask cluster; yield results as clips finish.
 
-    What a worker was doing when it ended is done by another one; the record of a clip tells what was done already. A
-    clip on which several workers end is one that failed.
+    If a worker ends, another one takes over its clips; the records tell which clips are done. A clip on which several
+    workers end counts as failed.
 
     Parameters
     ----------
     clips : sequence of Clip
     work : Work
-        Its folder, and paths of clips, are to be on storage that the workers see under the same names.
+        Its folder and the paths of clips must be on storage that the workers see under the same names.
     address : str
-        Of the scheduler (``tcp://host:8786``), or the path of its scheduler file.
+        Address of the scheduler (``tcp://host:8786``), or the path of its scheduler file.
     max_memory : int, optional [bytes]
-        What clips coded at once in one worker process may take together, by estimate. Default: most of the memory that
-        the worker may take, and is free.
+        Estimated memory that all clips encoded at once in one worker process may take. Default: most of the free memory
+        that the worker may take.
 
     Raises
     ------
     MissingExtraError
         If the extra ``dask`` is not installed.
     InputError
-        If there is no such cluster, or it ends, or the folder cannot be made.
+        If there is no such cluster, or it ends, or the folder cannot be created.
     """
     work = seen_by_all(work)
     with connected(address) as client:
@@ -77,7 +77,7 @@ def run_on_cluster(
 
 @contextmanager
 def _scheduler_errors(address: str) -> Iterator[None]:
-    """Turn what the client raises without a scheduler into one line."""
+    """Turn the client's exceptions for a lost scheduler into one error."""
     try:
         yield
     except (OSError, TimeoutError, CancelledError) as error:
@@ -85,13 +85,13 @@ def _scheduler_errors(address: str) -> Iterator[None]:
 
 
 def _cluster_ended(address: str) -> InputError:
-    message = "the Dask cluster ended; start it and run again, what is done is kept"
+    message = "the Dask cluster ended; start it and run again, finished clips are kept"
     return InputError(message, code="worker-ended", path=address)
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """A client of a cluster; what it was asked for and is not done when the block ends is not done any more."""
+    """Yield a client of a cluster; tasks that are not done when the block ends are cancelled."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -101,24 +101,24 @@ def connected(address: str) -> Iterator[Any]:
         client = Client(**place, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            "no Dask scheduler answers there; check the address", code="unreadable", path=address
+            "no Dask scheduler answers at this address; check it", code="unreadable", path=address
         ) from error
     with client:
         yield client
 
 
 def do_on_worker(clip: Clip, work: Work, max_memory: int | None = None) -> Result:
-    """What becomes of a clip, in a worker: beside others of its threads, within the memory that they share."""
-    # A worker has a thread for each processor that it may use, unless its environment says otherwise.
+    """Do one clip in a worker, in parallel with the clips of its other threads, within the memory that they share."""
+    # A worker has one thread per processor that it may use, unless its environment sets another number.
     os.environ.setdefault("PDECODEC_THREADS", "1")
     if not is_address(work.folder) and not Path(work.folder, STATE_FOLDER).is_dir():
-        message = "is not seen by a worker; take a folder that all of them see under this name, or an address"
+        message = "cannot be seen by a worker; choose a folder that all workers see under this name, or an address"
         return failure(clip, InputError(message, code="file-missing", path=work.folder))
     return do_clip(clip, work, _shared_budget(max_memory))
 
 
 def _shared_budget(max_memory: int | None) -> MemoryBudget:
-    """What the clips share that this process codes under one limit, for as long as it lives."""
+    """Return the budget shared by all clips that this process encodes under one limit."""
     with _budgets_lock:
         if max_memory not in _budgets:
             free = min(available_memory(), _worker_memory())
@@ -127,7 +127,7 @@ def _shared_budget(max_memory: int | None) -> MemoryBudget:
 
 
 def _worker_memory() -> float:
-    """Bytes that this worker may take before it is ended; infinite where nobody says."""
+    """Return the memory that this worker may take before it is ended [bytes]; infinite if there is no limit."""
     from distributed import get_worker
 
     try:
@@ -137,7 +137,7 @@ def _worker_memory() -> float:
 
 
 def absolute(clip: Clip) -> Clip:
-    """The clip with paths that do not depend on the folder that a process is in."""
+    """Return the clip with absolute paths, which hold for every process."""
 
     def whole(path: str) -> str:
         return path if is_address(path) else os.path.abspath(path)
@@ -148,7 +148,7 @@ def absolute(clip: Clip) -> Clip:
 
 
 def seen_by_all(work: Work) -> Work:
-    """The work with a folder that does not depend on where a process is, and that is there."""
+    """Return the work with an absolute path of its folder, which is created if missing."""
     if is_address(work.folder):
         return work
     folder = Path(os.path.abspath(work.folder))
@@ -168,16 +168,18 @@ def _result_of(clip: Clip, future: Any, address: str) -> Result:
 
 
 def _ours(error: BaseException, clip: Clip) -> BaseException:
-    """What the cluster says of a task that did not come back, in a line of ours."""
+    """Return the error to report for a task that failed in the cluster."""
     from distributed import KilledWorker
 
     if isinstance(error, PdecodecError):
         return error
     if isinstance(error, KilledWorker):
-        message = "workers ended on it, again and again; see whether it is damaged, or give workers more memory"
+        message = "several workers ended while encoding it; check whether it is damaged, or give workers more memory"
         return InputError(message, code="worker-ended", path=clip.source)
     if isinstance(error, ImportError):
         return InputError(
-            f"a worker has no pdecodec as it is here ({error}); install it there", code="worker-ended", path=clip.source
+            f"a worker lacks this version of pdecodec ({error}); install it there",
+            code="worker-ended",
+            path=clip.source,
         )
     return error

@@ -1,6 +1,6 @@
-"""Clips in one's own graphs of Dask (extra ``dask``): coding as tasks, decoded positions as an array of blocks.
+"""Clips in users' own Dask graphs (extra ``dask``): tasks that encode, and arrays of decoded positions.
 
-The command `batch` does all that a batch needs; this is for what else is to happen to clips on the way::
+The command `batch` does everything that a batch needs; this module is for graphs that process clips further::
 
     import dask
     import pdecodec.dask
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dask.delayed import Delayed
 
 OPEN_AT_ONCE = 8
-"""Files that a process keeps open for the next block of theirs: an open one has its mesh decoded."""
+"""Files that a process keeps open for their next block: opening a file decodes its mesh."""
 
 
 def encode_clips(
@@ -44,35 +44,35 @@ def encode_clips(
     max_memory: int | None = None,
     **options: Any,
 ) -> list[Delayed]:
-    """A task for every clip of a manifest, a pattern or a folder, each as ``pdecodec batch`` does it.
+    """Return one task per clip of a manifest, a pattern or a folder, each as ``pdecodec batch`` does it.
 
     Parameters
     ----------
     given : path
-        As :func:`pdecodec.batch.clips_of` takes it. Paths are to be seen by the workers under the same names.
+        As in :func:`pdecodec.batch.clips_of`. The workers must see its paths under the same names.
     folder : path or address
-        Where files go, and the records of what is done: a clip that is there, as it would be coded, is kept.
+        The folder for files and records; a clip whose file is there with the same options is kept.
     overwrite : bool
-        Whether files that are not of an earlier run may be replaced.
+        Whether to replace files that are not of an earlier run.
     verify : bool
-        Decode every file again, and measure it beside its source.
+        Decode every file and measure its error against the source.
     max_memory : int, optional [bytes]
-        What clips coded at once in one process may take together, by estimate. Default: most of what it may take.
+        Estimated memory that clips encoded at once in one process may take. Default: most of what it may take.
     **options
-        What holds where a manifest says nothing, by the names of :class:`pdecodec.batch.ClipOptions` and of the
-        settings of :func:`pdecodec.encode`.
+        Options for clips whose manifest does not set them, by the names of :class:`pdecodec.batch.ClipOptions` and of
+        the settings of :func:`pdecodec.encode`.
 
     Returns
     -------
     list of dask.delayed.Delayed
-        In order; the value of each is a :class:`pdecodec.batch.Result`, of a clip that failed, too.
+        In order; the value of each is a :class:`pdecodec.batch.Result`, also for a clip that failed.
 
     Raises
     ------
     MissingExtraError
         If Dask is not installed.
     InputError, SettingsError
-        If there are no such clips, an option is wrong, or the folder cannot be made.
+        If there is no clip, an option is wrong, or the folder cannot be created.
     """
     from pdecodec.batch import ClipOptions, Work, clips_of
     from pdecodec.batch.cluster import absolute, do_on_worker, seen_by_all
@@ -94,16 +94,16 @@ def positions(
     block: int | None = None,
     limits: DecodeLimits | None = None,
 ) -> Array:
-    """Decoded positions as a Dask array; a block reads and decodes the groups of frames that it needs, and no others.
+    """Return decoded positions as a Dask array; each block reads and decodes only the groups of frames that it needs.
 
     Parameters
     ----------
     source : path or address
-        To be seen by the workers under the same name.
+        The file; the workers must see it under the same name.
     times : (n,) array [s], optional
-        In any order; before the first frame and after the last one that frame holds. Default: of the frames.
+        In any order. Times before the first frame or after the last one are clamped. Default: those of the frames.
     block : int, optional
-        Times in a block. Default: those of a group of frames, or all where times are given.
+        Times per block. Default: those of a group of frames, or all if `times` is given.
     limits : DecodeLimits, optional
 
     Returns
@@ -115,9 +115,9 @@ def positions(
     MissingExtraError
         If Dask is not installed.
     InputError, CorruptFileError
-        As :func:`pdecodec.open` does.
+        As in :func:`pdecodec.open`.
     SettingsError
-        If the file has frames of several numbers of vertices, or times are no numbers.
+        If the number of vertices changes within the file, or times are not numbers.
     """
     try:
         from dask.array import from_array
@@ -128,7 +128,7 @@ def positions(
     place = os.fspath(source) if is_address(source) else os.path.abspath(source)
     with open_animation(place, limits=limits) as animation:
         if isinstance(animation, ChangingAnimation):
-            raise SettingsError("has frames of several meshes, which make no one array; take its runs", path=source)
+            raise SettingsError("has frames of several meshes, which do not fit one array; use its runs", path=source)
         asked = animation.times if times is None else np.asarray(times, np.float64)
         if asked.ndim != 1 or np.isnan(asked).any():
             raise SettingsError("must be a list of numbers", setting="times")
@@ -148,14 +148,14 @@ def _block(times: Float64Array, place: str, version: str, limits: DecodeLimits |
 
 @lru_cache(OPEN_AT_ONCE)
 def _kept_open(place: str, version: str, limits: DecodeLimits | None) -> Animation:
-    """An open file: closed when others took its place, and no thread uses it any more."""
+    """Return an open animation, which is closed when the cache has dropped it and no thread uses it."""
     animation = open_animation(place, limits=limits)
     finalize(animation, animation._source.close)
     return animation
 
 
 def _version_of(place: str) -> str:
-    """What changes when a file is written: one that is still open, and was replaced, is opened again."""
+    """Return a text that changes when the file is replaced, so that it is opened again."""
     if is_address(place):
         return json.dumps(RemoteFile(place).stamp())
     status = os.stat(place)

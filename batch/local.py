@@ -1,4 +1,4 @@
-"""A batch on one machine: clips side by side, each in a worker process that the others outlive."""
+"""A batch on one machine: clips run in parallel, each in a worker process, so that a crash ends only one of them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedEr
 def run_local(
     clips: Sequence[Clip], work: Work, *, jobs: int | None = None, max_memory: int | None = None
 ) -> Iterator[Result]:
-    """Make every clip that is not done; results in the order in which clips are done with.
+    """Encode every clip that is not done; yield results as clips finish.
 
     Parameters
     ----------
     clips : sequence of Clip
     work : Work
     jobs : int, optional
-        Clips at once; the processors are shared among them. Default: one for each processor.
+        Clips encoded at once; they share the processors. Default: one per processor.
     max_memory : int, optional [bytes]
-        What clips that are coded at once may take together, by estimate. Default: most of what is free now.
+        Estimated memory that clips encoded at once may take. Default: most of what is free now.
     """
     jobs = min(jobs or thread_count(), len(clips))
     budget = MemoryBudget(max_memory or int(AVAILABLE_SHARE * available_memory()))
@@ -44,11 +44,11 @@ def run_local(
 
 
 def _error_of_clip(error: Exception, clip: Clip) -> Exception:
-    """What to tell of a clip whose worker did not answer."""
+    """Return the error to report for a clip whose worker did not answer."""
     if isinstance(error, WorkerNotStartedError):
-        message = f"no process could be started to code it ({error})"
+        message = f"no process could be started to encode it ({error})"
         return InputError(message, code="worker-ended", path=clip.source, setting="jobs", purpose="to take fewer")
     if isinstance(error, WorkerEndedError):
-        message = f"the process that coded it ended ({error}); see whether the file is damaged"
+        message = f"the process that encoded it ended ({error}); check whether the file is damaged"
         return InputError(message, code="worker-ended", path=clip.source, setting="jobs", purpose="to take fewer")
     return error

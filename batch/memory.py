@@ -1,4 +1,4 @@
-"""How much memory clips take that are coded side by side, and how much there is."""
+"""Estimate the memory that clips encoded in parallel take, and share what is available."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from pdecodec.codec.encoding_memory import encoding_bytes
 from pdecodec.codec.settings import EncodeSettings
 
 AVAILABLE_SHARE = 0.8
-"""Of the memory that is free when a batch begins: what else runs on the machine grows, too."""
+"""Share of the memory free at the start that a batch takes; other programs may grow, too."""
 
 LIKELY_FRAMES = (16, 64, 256)
-"""Of a clip that nobody has looked at yet: of as many positions, few frames have many vertices."""
+"""Numbers of frames to assume for a clip that is not open yet; for equal positions, fewer frames have more vertices."""
 
 UNKNOWN_MEMORY = 4 * 2**30
-"""Where the system does not say how much there is [bytes]."""
+"""Available memory to assume if the system does not report it [bytes]."""
 
 
 def encoding_bytes_of_file(size: int, settings: EncodeSettings) -> int:
-    """Memory that encoding a file takes that cannot be looked at yet: as if all its bytes were positions."""
+    """Return the memory to encode a file that cannot be opened yet [bytes], as if all its bytes were positions."""
     return max(encoding_bytes(frames, size // (12 * frames), settings) for frames in LIKELY_FRAMES)
 
 
 def available_memory() -> int:
-    """Bytes that can be taken without another program being pushed out, by the system and by the control group."""
+    """Return the bytes available without swapping out other programs, within the system and the control group."""
     found = []
     with suppress(OSError, ValueError, IndexError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
         found.append(1024 * int(next(line for line in lines if line.startswith("MemAvailable:")).split()[1]))
     with suppress(OSError, ValueError):
         group = Path("/sys/fs/cgroup")
-        limit = int((group / "memory.max").read_text())  # "max", which is no number, where there is none
+        limit = int((group / "memory.max").read_text())  # "max", which is not a number, if there is no limit
         found.append(limit - int((group / "memory.current").read_text()))
     if not found:
         with suppress(OSError, ValueError, AttributeError):
@@ -44,12 +44,12 @@ def available_memory() -> int:
 
 
 class MemoryBudget:
-    """Memory that several clips share: each waits until there is room for it, those that came first at first.
+    """Memory that several clips share: each waits until there is room for it, in order of arrival.
 
     Parameters
     ----------
     total : int [bytes]
-        A clip that takes more is let in where it is alone.
+        A clip that takes more is admitted when it is alone.
     """
 
     def __init__(self, total: int) -> None:
@@ -59,12 +59,12 @@ class MemoryBudget:
 
     @property
     def waiting(self) -> int:
-        """How many clips wait for room."""
+        """Return how many clips wait for room."""
         return len(self._waiting)
 
     @contextmanager
     def room(self, size: int) -> Iterator[None]:
-        """Room for `size` bytes, taken when there is as much, and given back."""
+        """Wait for room for `size` bytes, and hold it until the block ends."""
         turn = object()
         with self._changed:
             self._waiting.append(turn)
@@ -73,7 +73,7 @@ class MemoryBudget:
                     lambda: self._waiting[0] is turn and (self._used == 0 or self._used + size <= self._total)
                 )
                 self._used += size
-            finally:  # whoever is interrupted here does not keep the others waiting
+            finally:  # an interrupted clip must not keep the others waiting
                 self._waiting.remove(turn)
                 self._changed.notify_all()
         try:

@@ -1,11 +1,11 @@
-"""Records of what is done: one of each clip, in a folder beside the outputs.
+"""Records of finished clips: one for each clip, in a folder next to the outputs.
 
-A clip is done when its record says so, its output holds the bytes that the record names, and neither its options nor
-its source have changed. Times of files are not trusted to tell that: where size, times and place of a source are as
-they were it is taken to be the same (its change time is set by the system alone), else its bytes decide.
+A clip is done if its output has the bytes that its record names, and neither its options nor its source have changed.
+Modification times alone do not prove that. If size, times and inode of a source are unchanged, the source counts as
+unchanged (only the system sets the change time); otherwise its bytes decide.
 
-The record is written when the file is whole, and before the file takes its place: a run that is killed in between
-leaves an output that does not fit its record, and the clip is coded again.
+The record is written when the file is complete, and before the file moves to its place. A run that is killed in between
+leaves an output that does not match its record, and the clip is encoded again.
 """
 
 from __future__ import annotations
@@ -23,33 +23,34 @@ from pdecodec.system.storage import RemoteFile, is_address
 from pdecodec.system.whole_output import whole_file, write_errors
 
 STATE_FOLDER = ".batch"
-"""In the folder of the outputs."""
+"""Name of the folder of records, in the folder of the outputs."""
 
 RECORD_VERSION = 1
-"""Of what a record has in it: one of another version counts as none, and its clip is done again."""
+"""Version of the contents of records; a record of another version is ignored, and its clip is done again."""
 
 _ALGORITHM = "blake2b"
-"""Of the digests that tell whether a source is as it was."""
+"""Algorithm of the digests that tell whether a source is unchanged."""
 
 Place = Path | RemoteFile
-"""Where a file is: here, or at an address."""
+"""Where a file is: a local path, or an address."""
 
 
 def place_of(folder: str, *steps: str) -> Place:
-    """A file in a folder, which may be an address."""
+    """Return the place of a file in a folder, which may be an address."""
     if is_address(folder):
         return RemoteFile("/".join((folder.rstrip("/"), *steps)))
     return Path(folder, *steps)
 
 
 def is_there(place: Place) -> bool:
-    """Whether there is a file, or a link that leads nowhere."""
+    """Return whether there is a file, or a broken link."""
     return place.exists() if isinstance(place, RemoteFile) else os.path.lexists(place)
 
 
 def write_text(place: Place, text: str) -> None:
-    """Write a text in UTF-8, with escapes of other bytes in names, whole or not at all, in place of what is there; a
-    link is replaced. InputError where it cannot be written.
+    """Write a text atomically in UTF-8, other bytes of names escaped; replace a file or a link.
+
+    Raises InputError if it cannot be written.
     """
     if isinstance(place, RemoteFile):
         place.write(text.encode(errors="backslashreplace"))
@@ -61,7 +62,7 @@ def write_text(place: Place, text: str) -> None:
 
 
 def digest_of(path: Place) -> str:
-    """Of the bytes of a file; InputError where it cannot be read."""
+    """Return the digest of the bytes of a file; raise InputError if it cannot be read."""
     try:
         with path.open("rb") as file:
             # IO[bytes], as places open files, lacks what file_digest reads by; every file of theirs has it.
@@ -71,13 +72,14 @@ def digest_of(path: Place) -> str:
 
 
 def digests_of(files: Sequence[Place]) -> list[list[str]]:
-    """Name of each file, and digest of its bytes."""
+    """Return the name of each file with the digest of its bytes."""
     return [[path.name, digest_of(path)] for path in files]
 
 
 def stamp_of(files: Sequence[Place]) -> list[list[Any]]:
-    """Name, size, times and place on disk of each file, or what its storage says of it: equal only where nothing was
-    written to it, or where None says that nothing is known.
+    """Return name, size, times and inode of each file, or what its remote storage reports.
+
+    Equal stamps mean that nothing was written in between, unless they contain None for an unknown value.
     """
     found = []
     for path in files:
@@ -94,19 +96,19 @@ def stamp_of(files: Sequence[Place]) -> list[list[Any]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What a clip was made from, and what came of it.
+    """The inputs of a clip that is done, and its results.
 
     Attributes
     ----------
     source_digests : list
-        As :func:`digests_of` gives them.
+        As from :func:`digests_of`.
     source_stamp : list
-        As :func:`stamp_of` gives it.
+        As from :func:`stamp_of`.
     options : dict
-        Of the clip, as JSON.
+        Options of the clip, as JSON.
     output_digest : str
     replaces : str
-        Digest of the output that this one takes the place of; empty where there was none.
+        Digest of the output that this one replaces; empty if there was none.
     result : dict
         Figures for the summary.
     """
@@ -120,13 +122,13 @@ class Record:
 
 
 def record_place(folder: str, output: str) -> Place:
-    """Where the record of an output is; folders by the first digits of its name's digest, so that none grows large."""
+    """Return the place of an output's record; its folder is named by a digest, to keep folders small."""
     name = hashlib.blake2b(output.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
     return place_of(folder, STATE_FOLDER, name[:2], f"{name[2:]}.json")
 
 
 def read_record(folder: str, output: str) -> Record | None:
-    """The record of an output; None where there is none that can be read."""
+    """Return the record of an output; None if there is none that can be read."""
     place = record_place(folder, output)
     try:
         data = place.read_bytes() if isinstance(place, Path) else place.read() if place.exists() else b""
@@ -139,7 +141,7 @@ def read_record(folder: str, output: str) -> Record | None:
 
 
 def write_record(folder: str, output: str, record: Record) -> None:
-    """Write the record of an output, whole or not at all.
+    """Write the record of an output atomically.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What became of a batch, for people and for programs: a table as CSV, JSON and Markdown, and growth since another."""
+"""Summarise a batch as CSV, JSON and Markdown, and report files that grew since an earlier batch."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from pdecodec.batch.work import Result
 from pdecodec.errors import damaged
 
 SUMMARY = "summary"
-"""Name of the tables, in the folder of the outputs; the extension is the notation's."""
+"""Name of the summary files without their extension, in the folder of the outputs."""
 
 COLUMNS = (
     "source", "output", "state", "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound",
     "max_error", "rms_error", "diagonal", "groups", "verified_error", "seconds", "code", "message",
 )  # fmt: skip
-"""Of the CSV table: bytes, scene units, seconds."""
+"""Columns of the CSV table [bytes, scene units, s]."""
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Of the clips that are there: how many, and what they take together [bytes, s]; and how many are of each state."""
+    """Number, sizes and seconds of clips with a complete file [bytes, s], and number of clips per state."""
 
     clips: int
     source_bytes: int
@@ -39,7 +39,7 @@ class Totals:
 
     @property
     def ratio(self) -> float:
-        """Bytes of positions over bytes of files."""
+        """Return bytes of positions divided by bytes of files."""
         return self.raw_bytes / max(1, self.bytes)
 
 
@@ -60,7 +60,7 @@ def totals_of(results: Sequence[Result]) -> Totals:
 
 
 def as_json(results: Sequence[Result]) -> dict[str, Any]:
-    """Totals, and every clip with all that is known of it."""
+    """Return the totals, and every clip with all that is known about it."""
     totals = totals_of(results)
     return {
         "totals": {**vars(totals), "ratio": totals.ratio},
@@ -69,7 +69,7 @@ def as_json(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def as_csv(results: Iterable[Result]) -> str:
-    """A line of names and one a clip."""
+    """Return a header and one line per clip."""
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
@@ -78,7 +78,7 @@ def as_csv(results: Iterable[Result]) -> str:
 
 
 def as_markdown(results: Sequence[Result]) -> str:
-    """A table of the clips that are there, the totals, and a list of those that failed."""
+    """Return a table of the finished clips, the totals, and a list of the failed ones."""
     totals = totals_of(results)
     lines = [
         "| clip | frames | vertices | bytes | ratio | largest error / bound | seconds |",
@@ -103,14 +103,14 @@ def as_markdown(results: Sequence[Result]) -> str:
 
 
 def write_summary(results: Sequence[Result], folder: str) -> None:
-    """Write the three tables into the folder of the outputs, in place of those of an earlier run."""
+    """Write the three summaries into the folder of the outputs, replacing those of an earlier run."""
     texts = {"csv": as_csv(results), "json": json.dumps(as_json(results), indent=1), "md": as_markdown(results)}
     for ending, text in texts.items():
         write_text(place_of(folder, f"{SUMMARY}.{ending}"), text)
 
 
 def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:
-    """Clips whose file is larger than an earlier ``summary.json`` says by more than a share of it, a line each.
+    """Return one line for each clip whose file is larger, by more than a share, than in an earlier ``summary.json``.
 
     Raises
     ------
@@ -121,15 +121,15 @@ def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:
         found = json.loads(earlier.read_text(encoding="utf-8"))["clips"]
         before = {one["output"]: int(one["bytes"]) for one in found if one["bytes"] is not None}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise damaged("is not the summary.json of a batch; name one", path=earlier) from error
+        raise damaged("is not the summary.json of a batch; name that file", path=earlier) from error
     lines = []
     for result in results:
         old, new = before.get(result.output), result.figures.get("bytes")
         if old and new is not None and new > old * (1.0 + share):
-            lines.append(f"{result.output}: {new:,} bytes, were {old:,} ({100 * (new / old - 1):+.1f} %)")
+            lines.append(f"{result.output}: {new:,} bytes, was {old:,} ({100 * (new / old - 1):+.1f} %)")
     return lines
 
 
 def markdown_text(text: str) -> str:
-    """Return text, such as the name of a file, that Markdown shows as it is: no table, link or HTML element of it."""
+    """Return text, such as the name of a file, escaped so that Markdown shows it as it is."""
     return re.sub(r"([\\`*_\[\]<>#|~&$])", r"\\\1", " ".join(text.split()))

@@ -1,4 +1,4 @@
-"""One clip of a batch, from its source to its file and its record."""
+"""Take one clip of a batch from its source to its file and its record."""
 
 from __future__ import annotations
 
@@ -46,23 +46,23 @@ FIGURES = (
     "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound", "max_error", "rms_error", "diagonal",
     "groups", "rounding", "verified_error", "seconds", "generator", "notes",
 )  # fmt: skip
-"""What the record of a clip and its line of the summary hold, where they are known."""
+"""The figures in the record of a clip and in its line of the summary, if they are known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """What holds for every clip of a batch.
+    """Settings of a batch, which apply to all of its clips.
 
     Attributes
     ----------
     folder : str
-        Where outputs go.
+        The folder of the outputs.
     overwrite : bool
-        Whether files that are not of this batch, or were changed since, may be replaced.
+        Whether to replace files that this batch did not write, or that were changed since.
     verify : bool
-        Decode every file again, and measure it beside its source.
+        Decode every file and measure its error against the source.
     thorough : bool
-        Read every source to learn whether it is as it was, though size, times and place say so.
+        Compare the bytes of every source with the record, even if size, times and inode are unchanged.
     """
 
     folder: str
@@ -73,17 +73,17 @@ class Work:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What became of a clip.
+    """The result of a clip.
 
     Attributes
     ----------
     source, output : str
     state : {"done", "kept", "failed", "planned"}
-        Coded now; coded before, and as it should be; not there; to be coded, in a dry run.
+        Encoded now; kept from an earlier run; failed; to be encoded (in a dry run).
     error : PdecodecError, optional
-        Of one that failed.
+        The error of a clip that failed.
     figures : dict
-        By the names of :data:`FIGURES`: bytes, scene units, seconds.
+        By the names of :data:`FIGURES` [bytes, scene units, s].
     """
 
     source: str
@@ -94,11 +94,11 @@ class Result:
 
     @property
     def message(self) -> str:
-        """What is wrong, in a line."""
+        """Return the error in one line."""
         return "" if self.error is None else " ".join(str(self.error).split())
 
     def to_dict(self) -> dict[str, Any]:
-        """One flat object, ready for JSON; `exit_code` is that of the command for this clip alone."""
+        """Return one flat object, ready for JSON; `exit_code` is that of the command for this clip alone."""
         error = self.error
         told = {
             "message": self.message,
@@ -117,7 +117,7 @@ def failure(clip: Clip, error: BaseException) -> Result:
         code = "disk-full" if error.errno == errno.ENOSPC else "unreadable"
         told = InputError(str(error.strerror or error), code=code, path=error.filename or clip.source)
     elif isinstance(error, MemoryError):
-        told = InputError("not enough memory; take fewer jobs", code="too-large", path=clip.source)
+        told = InputError("not enough memory; encode fewer clips at once", code="too-large", path=clip.source)
     else:
         message = f"a bug in pdecodec: {type(error).__name__}: {error}; please report it"
         told = PdecodecError(message, path=clip.source)
@@ -125,7 +125,7 @@ def failure(clip: Clip, error: BaseException) -> Result:
 
 
 def memory_of(clip: Clip, work: Work) -> Result | int:
-    """Return the memory [bytes] that coding a clip takes, or its result where it is not to be coded."""
+    """Return the memory to encode a clip [bytes], or its result if it need not or cannot be encoded."""
     try:
         kept = _kept(clip, work)
         if kept is not None:
@@ -140,7 +140,7 @@ def memory_of(clip: Clip, work: Work) -> Result | int:
 
 
 def make_clip(clip: Clip, work: Work) -> Result:
-    """Make a clip's file and its record, whatever is there already that may be replaced."""
+    """Make a clip's file and its record, replacing what is there if that is allowed."""
     try:
         return _made(clip, work)
     except Exception as error:  # whatever one clip meets, the others go on
@@ -148,19 +148,19 @@ def make_clip(clip: Clip, work: Work) -> Result:
 
 
 def do_clip(clip: Clip, work: Work, budget: MemoryBudget | None = None) -> Result:
-    """Make a clip's file and its record, unless both are there.
+    """Make a clip's file and its record, unless both are complete.
 
     Parameters
     ----------
     clip : Clip
     work : Work
     budget : MemoryBudget, optional
-        What clips coded beside it in this process share.
+        The memory that all clips encoded at once in this process share.
 
     Returns
     -------
     Result
-        Failures, too: what went wrong is in it, nothing is raised.
+        Also for a failure: the result contains the error, and nothing is raised.
     """
     memory = memory_of(clip, work)
     if isinstance(memory, Result):
@@ -170,7 +170,7 @@ def do_clip(clip: Clip, work: Work, budget: MemoryBudget | None = None) -> Resul
 
 
 def plan_clip(clip: Clip, work: Work) -> Result:
-    """What would become of a clip; nothing is written."""
+    """Return what would be done with a clip; write nothing."""
     try:
         kept = _kept(clip, replace(work, verify=False))
         if kept is not None:
@@ -186,7 +186,7 @@ def plan_clip(clip: Clip, work: Work) -> Result:
 
 
 def _files(clip: Clip) -> tuple[Place, ...]:
-    """The files that a clip is read from; none where there are none."""
+    """Return the files that a clip is read from; empty if there are none."""
     found: list[Place] = []
     for source in (clip.source, clip.options.mesh):
         if source is not None and is_address(source):
@@ -202,7 +202,7 @@ def _bytes_of(files: Iterable[Place]) -> int:
 
 @contextmanager
 def _here(clip: Clip) -> Iterator[Clip]:
-    """The clip with files of this machine in place of those at addresses: what is digested is what is read."""
+    """Yield the clip with local copies of remote files, so that the bytes digested are the bytes read."""
     if not is_address(clip.source) and not is_address(clip.options.mesh or ""):
         yield clip
         return
@@ -222,12 +222,12 @@ def _here(clip: Clip) -> Iterator[Clip]:
 
 
 def _kept(clip: Clip, work: Work) -> Result | None:
-    """The result of a clip that is done; None where it has to be coded.
+    """Return the result of a clip that is done; None if it has to be encoded.
 
     Raises
     ------
     InputError
-        If there is a file in its place that is not of this batch, and may not be replaced.
+        If its output is a file that this batch did not write, and may not be replaced.
     """
     folder = work.folder
     path, record = place_of(folder, clip.output), read_record(folder, clip.output)
@@ -237,7 +237,7 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     if record is None or not written or written not in (record.output_digest, record.replaces):
         if not work.overwrite:
             raise InputError(
-                "is there, and not as this batch wrote it",
+                "exists, but this batch did not write it",
                 code="output-exists",
                 path=path,
                 setting="overwrite",
@@ -262,7 +262,7 @@ def _kept(clip: Clip, work: Work) -> Result | None:
 
 
 def _digest_of_output(path: Place) -> str:
-    """Of what is in the place of an output; of a link none, which no batch writes: it is not followed."""
+    """Return the digest of the file at an output's place; empty for a link, which no batch writes or follows."""
     return "" if isinstance(path, Path) and path.is_symlink() else digest_of(path)
 
 
@@ -296,7 +296,7 @@ def _made(clip: Clip, work: Work) -> Result:
             figures["verified_error"] = _verified(written, sequence, clip.options, figures)
         digests = digests_of(_files(here))
         if stamp_of(files) != stamp:
-            raise InputError("was changed while it was read; run again", code="file-changed", path=clip.source)
+            raise InputError("was changed while it was being read; run again", code="file-changed", path=clip.source)
         figures["seconds"] = time.perf_counter() - began
         record = Record(
             source_digests=digests,
@@ -318,7 +318,7 @@ def _made(clip: Clip, work: Work) -> Result:
 
 @contextmanager
 def _room(path: Place, folder: str) -> Iterator[Path]:
-    """A folder to write a file in: of one here, where it need only be moved."""
+    """Yield a folder for a temporary file; for a local output, on the same disk, so that a move suffices."""
     if isinstance(path, RemoteFile):
         with tempfile.TemporaryDirectory(prefix="pdecodec-") as name:
             yield Path(name)
@@ -347,12 +347,12 @@ def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> Encode
 
 
 def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:
-    """Largest distance [scene units] of what a file decodes to from what it was made from.
+    """Return the largest distance [scene units] between a decoded file and its source.
 
     Raises
     ------
     CorruptFileError
-        If it does not decode, is of another mesh or other times, or breaks its bound.
+        If it does not decode, has another mesh or other times, or exceeds its bound.
     """
     from pdecodec.codec.opening import open_animation
 
@@ -360,18 +360,20 @@ def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures
     with open_animation(os.fspath(path)) as decoded:
         decoded.verify()
         if not _same_faces(decoded, reference):
-            raise CorruptFileError("decodes to other faces than its source has; encode it again", path=path)
+            raise CorruptFileError("decodes to faces that differ from those of its source; encode it again", path=path)
         if decoded.times.tolist() != reference.times.tolist():
-            raise CorruptFileError("decodes to other times than its source has; encode it again", path=path)
+            raise CorruptFileError("decodes to times that differ from those of its source; encode it again", path=path)
         found = measure_distortion(reference, decoded).max_error
     bound = figures.get("bound")
     if bound is not None and found > bound:
-        raise CorruptFileError(f"decodes {found:g} off its source, above its bound of {bound:g}", path=path)
+        raise CorruptFileError(
+            f"decodes with an error of {found:g}, above its bound of {bound:g}; encode it again", path=path
+        )
     return found
 
 
 def _same_faces(first: MeshSequence, second: MeshSequence) -> bool:
-    """Whether runs of two sequences begin at the same frames, and have the same connectivity."""
+    """Return whether the runs of two sequences begin at the same frames and have the same connectivity."""
     return np.array_equal(first.run_starts, second.run_starts) and all(
         one.connectivity.same_as(other.connectivity) for one, other in zip(first.runs, second.runs, strict=True)
     )

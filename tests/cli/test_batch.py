@@ -145,7 +145,7 @@ def test_a_file_that_is_not_as_the_batch_wrote_it_is_neither_kept_nor_lost(clips
     path.write_bytes(path.read_bytes()[:length])
     found = done(clips / "a.npz", "out")
     assert found.state == "failed"
-    assert "out/a.pdeanim: is there, and not as this batch wrote it" in found.message
+    assert "out/a.pdeanim: exists, but this batch did not write it" in found.message
     [clip] = clips_of(clips / "a.npz")
     assert do_clip(clip, Work(folder="out", overwrite=True)).state == "done"
     with pdecodec.open(path) as animation:
@@ -214,7 +214,7 @@ def test_a_process_that_ends_is_the_failure_of_its_clip_alone(clips: Path, monke
     monkeypatch.setattr("pdecodec.batch.local.make_clip", ends_on_the_first)
     results = list(run_local(clips_of("clips/*.npz"), Work(folder="out"), jobs=1))
     assert states(results) == {"a.pdeanim": "failed", "bad.pdeanim": "failed", "c.pdeanim": "done"}
-    assert results[0].message.startswith("clips/a.npz: the process that coded it ended (exit code 7)")
+    assert results[0].message.startswith("clips/a.npz: the process that encoded it ended (exit code 7)")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such limit there")
@@ -238,7 +238,7 @@ if __name__ == "__main__":
     ran = subprocess.run([sys.executable, "few.py"], capture_output=True, text=True, timeout=100, check=False)
     lines = ran.stdout.splitlines()
     assert len(lines) == 4, ran.stderr
-    reason = "no process could be started to code it (Too many open files); set jobs to take fewer"
+    reason = "no process could be started to encode it (Too many open files); set jobs to take fewer"
     for line in lines:
         assert line.startswith(state)
         assert line.endswith(reason) == (state == "failed")
@@ -294,7 +294,7 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
         ({"source": "a.npz", "tolerance": -1}, "clip 2: tolerance must be a positive number"),
         ({"source": "a.npz", "isolate": "maybe"}, "clip 2: isolate must be true or false"),
         ({"source": "a.npz", "size": 9, "rms": 1}, "clip 2: give one of tolerance, max_error, rms and size"),
-        ({"source": "a.npz", "output": "../a.pdeanim"}, "is no .pdeanim file in the folder of the batch"),
+        ({"source": "a.npz", "output": "../a.pdeanim"}, "is not a .pdeanim file in the folder of the batch"),
         ({"source": "a.npz", "output": "B.pdeanim"}, "would both go to B.pdeanim"),
         ({"output": "a.pdeanim"}, "clip 2: has no source; name"),
         ({"sorce": "a.npz", "tolerance": 1}, "clip 2: has no source among sorce, tolerance; name"),
@@ -423,7 +423,7 @@ def test_clips_whose_faces_change_are_coded_and_verified(
         patch.setattr("pdecodec.codec.encoding.encode", lambda _, *given, **more: encode(runs[0], *given, **more))
         [clip] = clips_of("clips/fluid.pvd")
         result = do_clip(clip, Work(folder="lost", verify=True))
-    assert "decodes to other faces than its source has" in result.message
+    assert "decodes to faces that differ from those of its source" in result.message
 
 
 def test_what_fails_is_named_by_its_clip_however_little_is_said(clips: Path, capsys: Capture) -> None:

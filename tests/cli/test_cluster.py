@@ -103,7 +103,7 @@ def test_a_cluster_that_is_not_there_and_jobs_beside_it_are_refused(
     monkeypatch.setattr("pdecodec.batch.cluster.CONNECT_SECONDS", 1)
     write_sequence(sheet(0), "clips/a.npz")
     assert run(["batch", "clips", "-o", "out", "--dask", "tcp://127.0.0.1:9"]) == 3
-    assert "tcp://127.0.0.1:9: no Dask scheduler answers there" in capsys.readouterr().err
+    assert "tcp://127.0.0.1:9: no Dask scheduler answers at this address" in capsys.readouterr().err
     assert run(["batch", "clips", "-o", "out", "--dask", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2
 
 
@@ -119,7 +119,7 @@ def test_a_scheduler_that_dies_ends_a_batch_in_one_line(folder: Path, capfd: pyt
     scheduler.wait(30)
     assert capfd.readouterr() == (
         "",
-        "error: file: the Dask cluster ended; start it and run again, what is done is kept\n",
+        "error: file: the Dask cluster ended; start it and run again, finished clips are kept\n",
     )
 
 
@@ -128,7 +128,7 @@ def test_a_worker_that_does_not_see_the_folder_says_so_and_writes_nothing(folder
     [clip] = clips_of("clips/a.npz")
     result = do_on_worker(clip, Work(folder="elsewhere/out"))
     assert (result.state, result.to_dict()["exit_code"]) == ("failed", 3)
-    assert "elsewhere/out: is not seen by a worker" in result.message
+    assert "elsewhere/out: cannot be seen by a worker" in result.message
     assert not Path("elsewhere").exists()
 
 

@@ -43,7 +43,7 @@ def test_a_result_that_standard_output_does_not_take_is_a_failure_that_tells_wha
 ) -> None:
     sources = [save_line(tmp_path / name).name for name in ("line.npz", "other.npz")]
     code, _, said = shell(line, tmp_path)
-    but = ", but the outputs are written" if written else ""
+    but = ", but the output files are complete" if written else ""
     assert said.splitlines()[-1] == f"error: standard output: cannot be written ({reason}){but}; check where it goes"
     assert code == (6 if written else 3)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*sources, *written])
