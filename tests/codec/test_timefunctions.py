@@ -16,8 +16,8 @@ from pdecodec.codec.sections.time_functions import (
     PREDICTED,
     STRAIGHT,
     TRANSFORMED,
+    quantise_by_each_method,
     quantise_time_functions,
-    quantised_by_each_method,
 )
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array
@@ -81,7 +81,7 @@ def test_functions_come_back_to_the_bit_and_within_the_step(scaled: Float64Array
 @pytest.mark.parametrize("make", [wanderings, swings])
 @pytest.mark.parametrize("axes", [slice(None), slice(1, 2)])
 def test_functions_from_which_much_was_learnt_come_back_by_every_method(make: Make, axes: slice) -> None:
-    for item in quantised_by_each_method(make(60, 5)[:, axes], 0.37):
+    for item in quantise_by_each_method(make(60, 5)[:, axes], 0.37):
         assert_decodes(item.to_bytes(), item.decoded, 0.37)
 
 
@@ -112,7 +112,7 @@ def test_straight_runs_between_keys_cost_what_their_turns_do() -> None:
     assert data[0] == STRAIGHT
     assert_decodes(data, decoded, 0.5)
     assert np.abs(decoded - scaled).max() <= LARGEST_ERROR * 0.5
-    others = [item.bits for item in quantised_by_each_method(scaled, 0.5) if item.method != STRAIGHT]
+    others = [item.bits for item in quantise_by_each_method(scaled, 0.5) if item.method != STRAIGHT]
     assert 8 * len(data) < 0.7 * min(others)
 
 
@@ -121,7 +121,7 @@ def test_the_method_with_fewer_bits_for_its_error_is_taken(make: Make) -> None:
     scaled, step = make(90, 5), 0.3
     costs = {
         item.method: item.bits + 6 / np.log(2) * np.sum((item.decoded - scaled) ** 2) / step**2
-        for item in quantised_by_each_method(scaled, step)
+        for item in quantise_by_each_method(scaled, step)
     }
     assert encoded(scaled, step)[0][0] == min(costs, key=costs.__getitem__)
 
@@ -142,7 +142,7 @@ def test_constant_speed_is_learnt() -> None:
 @pytest.mark.parametrize("make", [wanderings, swings])
 def test_measured_bits_are_those_written(make: Make) -> None:
     scaled = make(120, 6)
-    for found in quantised_by_each_method(scaled, 0.2):
+    for found in quantise_by_each_method(scaled, 0.2):
         assert found.bits == pytest.approx(8 * len(found.to_bytes()), rel=0.005, abs=16)
 
 

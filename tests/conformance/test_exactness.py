@@ -173,7 +173,7 @@ def test_where_a_column_is_near_the_threshold_another_one_is_taken(monkeypatch: 
     usual = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)
     nearest = usual.nearest
     assert (usual.form.threshold, usual.is_clear) == (0, True)
-    monkeypatch.setattr(spacebasis, "CLEAR", nearest)
+    monkeypatch.setattr(spacebasis, "MIN_THRESHOLD_DISTANCE", nearest)
     other = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)
     assert other.form.threshold > 0
     assert other.nearest > nearest

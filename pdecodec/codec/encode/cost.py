@@ -18,7 +18,7 @@ from pdecodec.codec.encode.quantise import axes_of, cosines_needed, grid_step, n
 from pdecodec.codec.encode.temporal import Displacements, Sight, TimeFunctions, time_basis_of
 from pdecodec.codec.encode.tuning import Tuning
 from pdecodec.codec.sections.groups import GroupEntry, functions_of_time, group_functions, margins
-from pdecodec.codec.sections.residuals import residual_ways
+from pdecodec.codec.sections.residuals import prediction_choices
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
@@ -343,5 +343,5 @@ class Estimate:
         residuals, _, _ = model.missing(limits, None, None, False, thread_count())
         near = np.ones(sample.frames.size, np.int64)
 
-        ways = residual_ways(residuals, sample.order.size)
+        ways = prediction_choices(residuals, sample.order.size)
         return min(_core.measure_residuals(residuals, sample.starts, way, near, sample.copies) for way in ways)

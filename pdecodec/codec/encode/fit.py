@@ -29,7 +29,7 @@ from pdecodec.codec.encode.quantise import (
 from pdecodec.codec.encode.temporal import Displacements, Origin, Sight, TimeFunctions, dual_functions, time_basis_of
 from pdecodec.codec.encode.tuning import DeadZone, Tuning
 from pdecodec.codec.sections.groups import (
-    SINGLE_IS_ENOUGH,
+    FLOAT32_MIN_BOUND_RATIO,
     SINGLE_MARGIN,
     GroupEntry,
     GroupFunctions,
@@ -39,7 +39,7 @@ from pdecodec.codec.sections.groups import (
     group_functions,
     margins,
     measure_coefficients,
-    normalised,
+    normalise,
 )
 from pdecodec.codec.sections.residuals import ResidualPlan, encode_residuals, plan_residuals
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
@@ -301,7 +301,7 @@ class GroupFitter:
     @cached_property
     def is_single(self) -> bool:
         """Whether positions are added up in float32."""
-        return self.unit >= SINGLE_IS_ENOUGH * self.displacements("reference").largest
+        return self.unit >= FLOAT32_MIN_BOUND_RATIO * self.displacements("reference").largest
 
     @property
     def frames(self) -> int:
@@ -555,7 +555,7 @@ def _bits(
 
 def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
     """Decoded functions of time at unit length: (frames or 3 frames, functions)."""
-    return normalised(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
+    return normalise(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
 
 
 class Refinement:

@@ -1,8 +1,8 @@
-"""Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder has by then.
+"""Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder already has.
 
 Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
-are: numbers that measure are predicted over the surface, numbers that count follow each other in steps. Rows that are
-numbered as they are first used cost nothing to number. The coder is native: `core/sections/attributes/`.
+are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows numbered by first
+use cost nothing to number. The coder is native: `core/sections/attributes/`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 
 NORMAL_GROUP = "normal_group"
-"""Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, as its corners come."""
+"""Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, in the order of its
+corners.
+"""
 
 
 def encode_attributes(
@@ -35,24 +37,24 @@ def encode_attributes(
     uv_tolerance: float | None = None,
     order: Literal["keep", "free"] = "keep",
 ) -> bytes:
-    """Section ATTR: every attribute of every object; empty where there is none.
+    """Return section ATTR: every attribute of every object; empty if there is none.
 
     Parameters
     ----------
     objects : sequence of MeshObject
         With faces and vertices in the order in which they are decoded.
     grid : (vertices, 3) int64
-        Of the reference frame, as it is decoded; vertices of all objects one after the other.
+        The decoded reference frame; vertices of all objects one after the other.
     uv_tolerance : float or None
-        How far texture coordinates may be off on each axis; None keeps them to the last bit.
+        Largest error of texture coordinates on each axis; None keeps them exact.
     order : {"keep", "free"}
-        Whether rows of indexed values come back under the numbers they have, or under those that cost nothing. Under a
-        tolerance, rows that become equal may come back as one.
+        Whether rows of indexed values keep their numbers, or get those that cost nothing. Under a tolerance, rows that
+        become equal may be merged.
 
     Raises
     ------
     InputError
-        If values are not of VALUE_TYPES, or a name or label is not text that UTF-8 can hold.
+        If values are not of VALUE_TYPES, or a name or label cannot be encoded as UTF-8.
     """
     if not any(item.attributes for item in objects):
         return b""
@@ -62,13 +64,13 @@ def encode_attributes(
 
 
 def reorder_attributes(item: MeshObject, rows: Mapping[AttributeDomain, Int64Array]) -> tuple[Attribute, ...]:
-    """Attributes of an object whose vertices, faces and corners are brought into another order.
+    """Return the attributes of an object whose vertices, faces and corners are put in another order.
 
     Parameters
     ----------
     item : MeshObject
     rows : mapping of domain to (rows of the domain,) int64
-        Under "vertex", "face" and "corner": for each new one, the old one.
+        Under "vertex", "face" and "corner": the old number of each new element.
     """
     found = []
     for attribute in item.attributes:

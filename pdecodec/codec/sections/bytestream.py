@@ -1,4 +1,4 @@
-"""Reading and writing the fields inside a section: little-endian numbers, and byte strings with their length."""
+"""Reading and writing the fields of a section: little-endian numbers, and byte strings with their length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGEST_STEP = 2.0**160
 """Largest quantisation step: float32 positions end at 2^128, and products with it stay far from overflow."""
 
 COUNT_BITS = 63
-"""Of the largest count: nine bytes."""
+"""Bits of the largest count: nine bytes."""
 
 
 def section_fault(section: str, message: str) -> CorruptFileError:
@@ -28,16 +28,16 @@ class FieldWriter:
         self._parts: list[bytes] = []
 
     def numbers(self, layout: str, *values: float) -> None:
-        """Little-endian numbers in :mod:`struct` notation."""
+        """Write little-endian numbers in :mod:`struct` notation."""
         self._parts.append(struct.pack("<" + layout, *values))
 
     def sized(self, data: bytes) -> None:
-        """A byte string after its length (u64)."""
+        """Write a byte string after its length (u64)."""
         self.numbers("Q", len(data))
         self._parts.append(data)
 
     def count(self, value: int) -> None:
-        """A number of 0 or more, 7 bits a byte, low bits first."""
+        """Write a number of 0 or more, 7 bits per byte, low bits first."""
         while value > 127:
             self.numbers("B", value & 127 | 128)
             value >>= 7
@@ -48,7 +48,7 @@ class FieldWriter:
 
 
 class FieldReader:
-    """Reads what :class:`FieldWriter` wrote; never past the end.
+    """Reads the fields that :class:`FieldWriter` wrote; never past the end.
 
     Parameters
     ----------
@@ -70,22 +70,22 @@ class FieldReader:
         return piece
 
     def integers(self, layout: str) -> tuple[int, ...]:
-        """Little-endian integers in :mod:`struct` notation."""
+        """Read little-endian integers in :mod:`struct` notation."""
         return struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
 
     def reals(self, layout: str) -> tuple[float, ...]:
-        """Little-endian floating-point numbers; NaN and infinity are refused."""
+        """Read little-endian floating-point numbers; NaN and infinity are refused."""
         values = struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
         if any(value - value != 0 for value in values):
             raise section_fault(self._name, "holds a number that is not finite")
         return values
 
     def sized(self) -> bytes:
-        """A byte string after its length."""
+        """Read a byte string after its length."""
         return self._take(self.integers("Q")[0])
 
     def count(self) -> int:
-        """A number of 0 or more, 7 bits a byte; CorruptFileError beyond 63 bits."""
+        """Read a number of 0 or more, 7 bits per byte; CorruptFileError beyond 63 bits."""
         value = 0
         for shift in range(0, COUNT_BITS, 7):
             byte = self._take(1)[0]
@@ -95,10 +95,10 @@ class FieldReader:
         raise section_fault(self._name, f"holds a count of more than {COUNT_BITS} bits")
 
     def rest(self) -> bytes:
-        """All that is left."""
+        """Read all remaining bytes."""
         return self._take(len(self._data) - self._at)
 
     def finish(self) -> None:
-        """Raise unless everything was read."""
+        """Raise CorruptFileError unless everything was read."""
         if self._at != len(self._data):
             raise section_fault(self._name, f"has {len(self._data) - self._at} bytes too many")

@@ -1,19 +1,19 @@
 """The closed-form functions of the dynamic PDE, as printed and in a form that stays well conditioned.
 
-Fang et al. 2024 build a curve's motion from 32 functions (Eq. 18): the 4 functions of time of Eq. 12 times
-the 8 functions of the curve parameter of Eqs. 14 and 16. The four of time span the solutions of
-``w'''' = alpha^4 w``, the eight of space those of ``w^(8) = r^8 w``. As printed they become linearly
-dependent when alpha or r goes to 0. The spaces they span do not: each also has the basis
+Fang et al. 2024 build a curve's motion from 32 functions (Eq. 18): the 4 functions of time of Eq. 12 times the 8
+functions of the curve parameter of Eqs. 14 and 16. The four of time span the solutions of ``w'''' = alpha^4 w``, the
+eight of space those of ``w^(8) = r^8 w``. As printed they become linearly dependent when alpha or r goes to 0. The
+spaces they span do not: each also has the basis
 
     phi_j(x) = sum over k of  rate^(n k) x^(n k + j) / (n k + j)!,     j = 0 .. n - 1,  n = 4 or 8,
 
-which at rate 0 is the monomials of degree below n. The codec uses that form, over a centred argument in
-[-1, 1], orthonormalised; :func:`pdecodec.codec.paper_form.paper_form` converts to the coefficients of Eq. 17.
+which at rate 0 is the monomials of degree below n. The codec uses that form, over a centred argument in [-1, 1],
+orthonormalised; :func:`pdecodec.codec.paper_form.paper_form` converts to the coefficients of Eq. 17.
 
-What they solve: 16 of the 32 (the first two of time with the first four of space, the last two with the last four)
-solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and
-``rate^4 = K/m alpha^2`` read accordingly); the other 16 solve ``m w_tt = -K w_uuuu``, the sign of the
-Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
+The equations they solve: 16 of the 32 (the first two of time with the first four of space, the last two with the
+last four) solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and ``rate^4 = K/m alpha^2`` read
+accordingly); the other 16 solve ``m w_tt = -K w_uuuu``, the sign of the Euler-Bernoulli beam. All 32 solve ``w_tttt
+= (K/m)^2 w_uuuuuuuu``.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from pdecodec import _core
 from pdecodec.mesh.arrays import Float64Array
 
 TIME_FUNCTIONS = 4
-"""Functions of t (Eq. 12)."""
+"""Number of functions of t (Eq. 12)."""
 
 SPACE_FUNCTIONS = 8
-"""Functions of u (Eqs. 14 and 16)."""
+"""Number of functions of u (Eqs. 14 and 16)."""
 
 MAX_RATE = 12.0
 """Largest alpha or r over a half-range of 1: exp(12) still leaves the oscillating functions 10 digits."""
 
 
 def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
-    """Eq. 12: ``e^{at}, e^{-at}, sin(at), cos(at)``.
+    """Return Eq. 12: ``e^{at}, e^{-at}, sin(at), cos(at)``.
 
     Parameters
     ----------
@@ -51,14 +51,15 @@ def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
     (n, 4) float64
     """
     at = alpha * np.asarray(t, dtype=np.float64)
-    return np.stack([np.exp(at), np.exp(-at), np.sin(at), np.cos(at)], axis=-1)  # Eq. 12
+    return np.stack([np.exp(at), np.exp(-at), np.sin(at), np.cos(at)], axis=-1)
 
 
 def paper_space_functions(u: ArrayLike, r: float) -> Float64Array:
-    """Eqs. 14 and 16: ``e^{ru}, e^{-ru}, sin ru, cos ru`` and ``e^{+-su} sin su, e^{+-su} cos su``, s = r/sqrt 2.
+    """Return Eqs. 14 and 16: ``e^{ru}, e^{-ru}, sin ru, cos ru`` and ``e^{+-su} sin su, e^{+-su} cos su``, s = r/sqrt
+    2.
 
-    The paper writes ``r-bar = sqrt(2r)/2``; substituting Eq. 16 into Eq. 15 gives ``r-bar = sqrt(2) r / 2``,
-    which is what is computed here.
+    The paper writes ``r-bar = sqrt(2r)/2``; substituting Eq. 16 into Eq. 15 gives ``r-bar = sqrt(2) r / 2``, which
+    this function uses.
 
     Returns
     -------
@@ -77,9 +78,9 @@ def paper_space_functions(u: ArrayLike, r: float) -> Float64Array:
 
 
 def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
-    """The well-conditioned basis ``phi_0 .. phi_{order-1}`` of the solutions of ``w^(order) = rate^order w``.
+    """Return the well-conditioned basis ``phi_0 .. phi_{order-1}`` of the solutions of ``w^(order) = rate^order w``.
 
-    Computed by its power series, so that every IEEE 754 machine gets the same bits: `core/sections/spatial/series.hpp`.
+    Its power series gives the same bits on every IEEE 754 machine: `core/sections/spatial/series.hpp`.
 
     Parameters
     ----------
@@ -99,14 +100,14 @@ def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
 
 
 def series_to_paper(rate: float, order: int) -> Float64Array:
-    """Matrix P with ``phi(x) = paper(x) @ P``: each phi_j as a sum of the paper's functions.
+    """Return the matrix P with ``phi(x) = paper(x) @ P``: each phi_j as a sum of the paper's functions.
 
     ``phi_j(x) = 1/n sum over k of (rate w^k)^{-j} exp(rate w^k x)``, w the n-th root of unity.
 
     Parameters
     ----------
     rate : float
-        Not 0: there the paper's functions do not span the space.
+        Not 0, where the paper's functions do not span the space.
     order : int
         4 (columns of Eq. 12) or 8 (columns of Eqs. 14 and 16).
 
@@ -123,7 +124,7 @@ def series_to_paper(rate: float, order: int) -> Float64Array:
         quarter = weight[order // 4]  # e^{+-iax} = cos +- i sin
         column += [-2 * quarter.imag, 2 * quarter.real]
         if order == SPACE_FUNCTIONS:
-            for root in (weight[1], weight[3]):  # e^{+-sx}(cos sx + i sin sx), of the roots e^{i pi/4}, e^{3i pi/4}
+            for root in (weight[1], weight[3]):  # e^{+-sx}(cos sx + i sin sx), for the roots e^{i pi/4}, e^{3i pi/4}
                 column += [-2 * root.imag, 2 * root.real]
         matrix[:, j] = column
     return matrix
@@ -141,7 +142,7 @@ class ClosedForm:
     alpha : float
         Rate of Eq. 12 over half the group.
     functions : int
-        The first so many; at most four, and at most as many as there are frames.
+        Number of functions, beginning with the first; at most four, and at most the number of frames.
     """
 
     times: Float64Array
@@ -165,12 +166,12 @@ class ClosedForm:
     def triangle(self) -> Float64Array:
         """(functions, functions) float64: upper triangle R with ``phi = psi R``, its diagonal positive.
 
-        Of distinct times the functions are independent (a Chebyshev system).
+        At distinct times the functions are independent (a Chebyshev system).
         """
         r = _core.orthonormal_columns(self._series(self.times)).triangle
         diagonal = np.diagonal(r)
         upper: Float64Array = r * np.where(diagonal < 0.0, -1.0, 1.0)[:, None]
-        # Frames so close together that float64 hardly tells them apart leave rounding alone; it must not blow up.
+        # Frames that float64 can hardly tell apart leave only rounding, which must not be amplified.
         np.fill_diagonal(upper, np.maximum(np.abs(diagonal), np.finfo(np.float64).eps))
         return upper
 

@@ -1,8 +1,9 @@
-"""Sections CONN and ORDR: faces and lines of every object, and the order that surfaces had.
+"""Sections CONN and ORDR: faces and lines of every object, and the original order of surfaces.
 
-The faces of an object are coded in one of two ways, whichever costs less: as a *surface*, grown across its sides, with
-the order of its faces and vertices apart; or as *polygons* in their order, better where a program numbered them
-row by row. Lines are polygons. The coder is native: `core/sections/connectivity/`.
+The faces of an object are coded in one of two ways, whichever costs less. As a *surface*, they are grown across the
+sides of known faces, and the order of faces and vertices is coded separately. As *polygons*, they keep their order,
+which is better if a program numbered them row by row. Lines are coded as polygons. The coder is native:
+`core/sections/connectivity/`.
 """
 
 from __future__ import annotations
@@ -15,28 +16,28 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.sequence import Connectivity
 
 MOST_CORNERS = 2**31 - 1
-"""Face corners of an object, and points of its lines: they are numbered by int32."""
+"""Largest number of face corners of an object, and of points of its lines: they are numbered by int32."""
 
 
 CodedOrder = _core.CodedOrder
-"""The order in which an object's surface is coded: of each vertex, face and corner, its number in the source."""
+"""The order in which an object's surface is coded: the source number of each vertex, face and corner."""
 
 
 def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = True) -> tuple[bytes, bytes]:
-    """Sections CONN and ORDR: the connectivity of every object, in order.
+    """Return sections CONN and ORDR: the connectivity of every object, in order.
 
     Parameters
     ----------
     parts : sequence of Connectivity
     keep_order : bool
-        Otherwise surfaces that stand in the order of their coding (:func:`coded_orders`) leave it out.
+        False leaves out the order of surfaces that already stand in the order of :func:`coded_orders`.
 
     Returns
     -------
     conn : bytes
         Vertices, faces and lines; those of a surface in the coder's order.
     ordr : bytes
-        The order that vertices and faces of surfaces had; empty where there is none to restore.
+        The original order of the vertices and faces of surfaces; empty if there is none to restore.
 
     Raises
     ------
@@ -51,12 +52,16 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
 
 
 def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
-    """The order in which each object's faces are coded where nothing is to be restored; None where it is its own."""
+    """Return the order in which each object's faces are coded if no order is kept; None if that is the original
+    order.
+    """
     return _core.coded_orders(core_parts(parts))
 
 
 def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
-    """Connectivity of objects as the native core takes it; InputError where one has more corners than it numbers."""
+    """Return the connectivity of objects as arguments of the core; InputError if one has more corners than
+    int32 can number.
+    """
     for part in parts:
         if max(part.face_indices.size, part.line_indices.size) > MOST_CORNERS:
             raise InputError(f"an object has more than {MOST_CORNERS} face corners; split it", code="too-large")

@@ -1,4 +1,6 @@
-"""Coding of what surrounds the motion: times and names of objects (SEQN, `core/description/`), remarks (META)."""
+"""Coding of everything around the motion: times and names of objects (SEQN, `core/sections/description/`),
+remarks (META).
+"""
 
 from __future__ import annotations
 
@@ -19,47 +21,50 @@ from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence
 
 TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
-"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1 / rate)``, which
-rounds otherwise."""
+"""Rules by which times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1
+/ rate)``, which rounds differently.
+"""
 
 TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
-"""In the order in which they are tried."""
+"""The rules in the order in which they are tried."""
 
 AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS = 4, 8, 16, 32
-"""Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a
-whole number of 0 or more, and stored as a count; jumps follow."""
+"""Flags added to the rule: the rule's rate is the frame rate and is not stored again; the frame rate is a whole
+number of 0 or more, stored as a count; so is the start; jumps follow.
+"""
 
-LARGEST_WHOLE = 2**53
-"""Whole numbers up to here are all in float64."""
+LARGEST_EXACT_INTEGER = 2**53
+"""float64 holds all whole numbers up to this one."""
 
 MAX_JSON_BYTES = 16 * 2**20
-"""Bytes of a JSON text (metadata) after unpacking; a person's remarks are a few kilobytes."""
+"""Largest size of a JSON text (metadata) after unpacking [bytes]; a person's remarks are a few kilobytes."""
 
 JSON_MEMORY = 64
-"""Bytes of memory that a byte of JSON takes at most, as Python's objects (the worst are many small dictionaries)."""
+"""Most memory per byte of JSON, as Python objects [bytes]; the worst are many small dictionaries."""
 
-LEVEL = 12
+ZSTANDARD_LEVEL = 12
 """zstandard level: on pdance's streams 2 % larger than level 19, and five times as fast."""
 
-DEEPEST_JSON = 32
-"""Lists and objects in each other; programs that read JSON follow them by recursion."""
+MAX_JSON_DEPTH = 32
+"""Deepest nesting of lists and objects: programs that read JSON recurse into them."""
 
 
 def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = ()) -> bytes:
-    """Section SEQN: frames, times, names of objects. Of several runs each has names of its own (:func:`encode_names`).
+    """Return section SEQN: frames, times, names of objects. In a file of several runs each run has its own names
+    (:func:`encode_names`).
 
     Parameters
     ----------
     sequence : MeshSequence
     jumps : sequence of int
-        Frames that motion jumps to from the frame before, increasing, from 1 on.
+        Frames after a discontinuity, increasing, from 1 on.
 
     Raises
     ------
     InputError
-        If a name is not text that UTF-8 can hold.
+        If a name cannot be encoded as UTF-8.
     """
-    kind, start, rate = _time_rule(sequence.times, sequence.fps)
+    kind, start, rate = _find_time_rule(sequence.times, sequence.fps)
     is_listed = kind == TIMES_LISTED
     is_usual = not is_listed and rate == sequence.fps
     whole_fps, whole_start = _is_whole(sequence.fps), not is_listed and _is_whole(start)
@@ -85,12 +90,12 @@ def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = (
 
 
 def encode_names(sequence: MeshSequence) -> bytes:
-    """Section NAME: names of the objects of a run; errors as of :func:`encode_sequence_description`."""
+    """Return section NAME: names of the objects of a run; errors as of :func:`encode_sequence_description`."""
     return _core.encode_description(np.zeros(0), checked_texts(item.name for item in sequence.objects))
 
 
 def checked_texts(texts: Iterable[str]) -> list[str]:
-    """The same texts; InputError for one that UTF-8 cannot hold."""
+    """Return the texts as a list; InputError for one that cannot be encoded as UTF-8."""
     checked = list(texts)
     for text in checked:
         try:
@@ -101,7 +106,7 @@ def checked_texts(texts: Iterable[str]) -> list[str]:
 
 
 def _is_whole(value: float) -> bool:
-    return 0 <= value <= LARGEST_WHOLE and value == int(value) and math.copysign(1.0, value) > 0
+    return 0 <= value <= LARGEST_EXACT_INTEGER and value == int(value) and math.copysign(1.0, value) > 0
 
 
 def _write_real(writer: FieldWriter, value: float, *, is_whole: bool) -> None:
@@ -111,7 +116,7 @@ def _write_real(writer: FieldWriter, value: float, *, is_whole: bool) -> None:
         writer.numbers("d", value)
 
 
-def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
+def _times_by_rule(kind: int, start: float, rate: float, frames: int) -> Float64Array:
     steps = np.arange(frames, dtype=np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
         if kind == TIMES_BY_PERIOD:
@@ -119,8 +124,8 @@ def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Ar
         return start + steps / rate if kind == TIMES_STEPPED else (start + steps) / rate
 
 
-def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
-    """The rule that gives `times` to the last bit, if one does."""
+def _find_time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
+    """Return the rule that gives `times` exactly, with its start and rate; TIMES_LISTED if there is none."""
     frames = times.size
     start = float(times[0])
     rates = [fps]
@@ -132,20 +137,20 @@ def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
             continue
         for kind in TIME_RULES:
             first = float(np.rint(start * rate)) if kind == TIMES_COUNTED else start
-            if np.array_equal(_ruled_times(kind, first, rate, frames), times):
+            if np.array_equal(_times_by_rule(kind, first, rate, frames), times):
                 return kind, first, rate
     return TIMES_LISTED, 0.0, 0.0
 
 
 def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
-    """Section META: a JSON object, for people; a decoder may ignore it.
+    """Return section META: a JSON object for human readers, which a decoder may ignore.
 
     Raises
     ------
     InputError
-        If it is too large, or not what every reader of JSON understands.
+        If it is too large, or some JSON readers would not understand it.
     """
-    if fault := _fault_of(remarks):
+    if fault := _find_fault(remarks):
         raise InputError(f"the metadata hold {fault}; leave it out")
     text = json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode()
     if len(text) > MAX_JSON_BYTES:
@@ -156,7 +161,7 @@ def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
 
 
 def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) -> dict[str, Any]:
-    """Undo :func:`encode_remarks`, within so many bytes of memory."""
+    """Undo :func:`encode_remarks`, using at most `max_memory` bytes of memory."""
     if not data:
         return {}
     try:
@@ -165,15 +170,15 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
         raise section_fault("META", "holds text that is not JSON") from error
     if not isinstance(remarks, dict):
         raise section_fault("META", "is not a JSON object")
-    if fault := _fault_of(remarks):
+    if fault := _find_fault(remarks):
         raise section_fault("META", f"holds {fault}")
     return remarks
 
 
-def _fault_of(remarks: Mapping[str, Any]) -> str | None:
-    """What is in a JSON object that other programs, or a terminal, would stumble over."""
+def _find_fault(remarks: Mapping[str, Any]) -> str | None:
+    """Return the first thing in a JSON object that other programs, or a terminal, cannot handle."""
     level: list[Any] = [remarks]
-    for _ in range(DEEPEST_JSON):
+    for _ in range(MAX_JSON_DEPTH):
         inside: list[Any] = []
         for item in level:
             if isinstance(item, str):
@@ -190,14 +195,14 @@ def _fault_of(remarks: Mapping[str, Any]) -> str | None:
         if not inside:
             return None
         level = inside
-    return f"lists or objects nested more than {DEEPEST_JSON} deep"
+    return f"lists or objects nested more than {MAX_JSON_DEPTH} deep"
 
 
 def compress(data: bytes) -> bytes:
-    """One zstandard frame with its content size declared; empty stays empty."""
+    """Return one zstandard frame that declares its content size; empty data stay empty."""
     if not data:
         return b""
-    return zstandard.ZstdCompressor(level=LEVEL, write_content_size=True).compress(data)
+    return zstandard.ZstdCompressor(level=ZSTANDARD_LEVEL, write_content_size=True).compress(data)
 
 
 def decompress(data: bytes, most: int) -> bytes:
@@ -207,7 +212,7 @@ def decompress(data: bytes, most: int) -> bytes:
     ----------
     data : bytes
     most : int
-        Bytes that the content may have; more is refused before anything is unpacked.
+        Largest size of the content [bytes]; more is refused before anything is unpacked.
 
     Raises
     ------
@@ -220,7 +225,7 @@ def decompress(data: bytes, most: int) -> bytes:
         size = zstandard.frame_content_size(data)
         if not 0 < size <= most:
             raise section_fault("META", f"declares {size} bytes of text where 1 to {most} can be")
-        # In one shot: a frame that holds more than it declares is stopped there, not unpacked to its end.
+        # Unpack in one call, which stops a frame that holds more than it declares.
         return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise section_fault("META", f"holds a damaged text ({error}); get the file again") from error

@@ -1,8 +1,8 @@
-"""Elements of a mesh that the functions of space stand on: patches, and curves whose pieces are elements.
+"""Elements of a mesh, which carry the functions of space: patches, or pieces of curves.
 
-Patches halve the graph of a mesh again and again. Curves hold every vertex exactly once. Both follow from connectivity
-and the reference frame by arithmetic in integers, the same everywhere. They are native: `core/mesh/bisection.hpp`,
-`core/mesh/curves.hpp`.
+Patches result from halving the graph of a mesh again and again. Curves hold every vertex exactly once. Both follow
+from connectivity and the reference frame by integer arithmetic, the same on every machine. They are native:
+`core/mesh/bisection.hpp`, `core/mesh/curves.hpp`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Patches = _core.Patches
 
 
 def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
-    """Patches before the reference frame is decoded; None where a vertex has no neighbour."""
+    """Return patches before the reference frame is decoded; None if a vertex has no neighbour."""
     return _core.early_patches(core_parts([item.connectivity for item in objects]), points)
 
 
 class EarlyPatches:
-    """What :func:`early_patches` makes of a mesh, by the number of points, each once."""
+    """Caches the result of :func:`early_patches` for a mesh, by the number of points."""
 
     def __init__(self, objects: Sequence[MeshObject]) -> None:
         self._objects = objects
@@ -41,7 +41,7 @@ class EarlyPatches:
 def build_patches(
     objects: Sequence[MeshObject], reference: Int64Array, points: int, early: Patches | None = None
 ) -> Patches:
-    """Patches of a mesh.
+    """Return the patches of a mesh.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def build_patches(
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     points : int
-        Vertices of a patch at most.
+        Largest number of vertices of a patch.
     early : Patches, optional
-        Of :func:`early_patches`. They hold unless vertices coincide.
+        The result of :func:`early_patches`, which is used unless vertices coincide.
     """
     return _core.build_patches(core_parts([item.connectivity for item in objects]), reference, points, early)
 
@@ -81,7 +81,7 @@ class Curves:
 
 
 def extract_curves(objects: Sequence[MeshObject], reference: Int64Array) -> Curves:
-    """Curves of all objects, one object after the other.
+    """Return the curves of all objects, one object after the other.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Groups of frames: runs of a clip that share functions of time, the table of them (section GRUP), their evaluation.
+"""Groups of frames: consecutive frames that share functions of time, their table (section GRUP), their evaluation.
 
 A group has one of four time bases:
 
@@ -8,8 +8,8 @@ A group has one of four time bases:
 * ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores (the paper's).
 
 The first three are sampled at the frames; between frames positions follow the C2 spline through all frames of the
-clip (core/decode/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form is
-evaluated at any time (:mod:`pdecodec.codec.sections.closed_form`).
+clip (core/decode/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form
+is evaluated at any time (:mod:`pdecodec.codec.sections.closed_form`).
 """
 
 from __future__ import annotations
@@ -33,25 +33,27 @@ FloatArray = Float32Array | Float64Array
 
 TimeBasis = Literal["trajectories", "shapes", "cosines", "closed form"]
 TIME_BASES: tuple[TimeBasis, ...] = get_args(TimeBasis)
-"""By their number in the file."""
+"""Time bases by their number in the file."""
 
 SAMPLED_BASES: tuple[TimeBasis, ...] = ("trajectories", "shapes")
-"""Those whose functions are stored, frame by frame, in section TIME."""
+"""Time bases whose functions are stored, frame by frame, in section TIME."""
 
-DOUBLE = 4
-"""The bit of a group's kind, beside its time basis: its positions are added up in float64, not in float32."""
+FLOAT64_FLAG = 4
+"""Bit of a group's kind, next to its time basis: positions are summed in float64 instead of float32."""
 
-SINGLE_IS_ENOUGH = 2.0**-13
-"""Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves
-as a whole is added up in float64 all the same (core/decode/evaluate/motion.hpp), and what is left hardly ever rounds
-by as much as the margin has room for; where it does, the encoder finds it."""
+FLOAT32_MIN_BOUND_RATIO = 2.0**-13
+"""Displacements are summed in float32 if the bound is at least this fraction of the largest one. The motion of
+an element as a whole is always summed in float64 (core/decode/evaluate/motion.hpp). The rounding of the rest
+rarely exceeds the margin; the encoder detects it if it does.
+"""
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
-"""How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's
-positions are added up in float32 and in float64."""
+"""Largest difference between decoders in a coordinate before it is rounded to float32, in residual steps, for
+groups summed in float32 and in float64.
+"""
 
 ROUNDING = 2.0**-44
-"""Share of everything that is added up by which they may differ in any case."""
+"""Difference that decoders may always have, as a fraction of the sum of all absolute terms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +65,13 @@ class GroupEntry:
     frames, functions : int
     basis : TimeBasis
     single : bool
-        Positions are added up in float32, not in float64.
+        Positions are summed in float32, not in float64.
     step : float [scene units]
         Quantisation step of the coefficients.
     time_step : float [scene units]
-        The same of the functions of time, where these are stored.
+        Quantisation step of the functions of time, if these are stored.
     alpha : float
-        Rate of Eq. 12 over half the group, under basis "closed form".
+        Rate of Eq. 12 over half the group, for basis "closed form".
     sizes : (int, int, int)
         Bytes in TIME, COEF and CORR.
     checksum : int
@@ -88,28 +90,28 @@ class GroupEntry:
 
     @property
     def axes(self) -> int:
-        """Coefficients that a function of time has for each of space: one, or one an axis."""
+        """Number of coefficients per pair of a function of time and one of space: one, or one per axis."""
         return 1 if self.basis == "trajectories" else 3
 
     @property
     def time_axes(self) -> int:
-        """Values that a function of time has at a frame: one an axis, or one for all."""
+        """Number of values of a function of time at a frame: one per axis, or one for all."""
         return 3 if self.basis == "trajectories" else 1
 
     @property
     def width(self) -> int:
-        """Coefficients of one function of space."""
+        """Number of coefficients of one function of space."""
         return self.functions * self.axes
 
     def with_chunks(self, chunks: tuple[bytes, bytes, bytes]) -> GroupEntry:
-        """With the sizes and the checksum of what is written."""
+        """Return a copy with the sizes and the checksum of the chunks written."""
         sizes = (len(chunks[0]), len(chunks[1]), len(chunks[2]))
         return replace(self, sizes=sizes, checksum=zlib.crc32(b"".join(chunks)))
 
     def write(self, writer: FieldWriter) -> None:
         writer.count(self.frames)
         writer.count(self.functions)
-        writer.numbers("Bd", TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE), self.step)
+        writer.numbers("Bd", TIME_BASES.index(self.basis) + (0 if self.single else FLOAT64_FLAG), self.step)
         if self.basis in SAMPLED_BASES:
             writer.numbers("d", self.time_step)
             writer.count(self.sizes[0])
@@ -124,7 +126,7 @@ class GroupEntry:
         """Undo :meth:`write`."""
         frames, functions = reader.count(), reader.count()
         (kind,), (step,) = reader.integers("B"), reader.reals("d")
-        basis, time_step, alpha, time_bytes = TIME_BASES[kind % DOUBLE], 0.0, 0.0, 0
+        basis, time_step, alpha, time_bytes = TIME_BASES[kind % FLOAT64_FLAG], 0.0, 0.0, 0
         if basis in SAMPLED_BASES:
             (time_step,), time_bytes = reader.reals("d"), reader.count()
         elif basis == "closed form":
@@ -134,7 +136,7 @@ class GroupEntry:
             frames=frames,
             functions=functions,
             basis=basis,
-            single=not kind & DOUBLE,
+            single=not kind & FLOAT64_FLAG,
             step=step,
             time_step=time_step,
             alpha=alpha,
@@ -144,7 +146,7 @@ class GroupEntry:
 
 
 def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
-    """Section GRUP."""
+    """Return section GRUP."""
     writer = FieldWriter()
     for entry in entries:
         entry.write(writer)
@@ -152,7 +154,7 @@ def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
 
 
 def read_group_table(data: bytes, frames: int) -> list[GroupEntry]:
-    """The rows of a section GRUP, as many as fill so many frames."""
+    """Return the rows of a section GRUP for a clip of `frames` frames."""
     reader, entries = FieldReader(data, "GRUP"), []
     while frames > 0:
         entries.append(GroupEntry.read(reader))
@@ -162,7 +164,7 @@ def read_group_table(data: bytes, frames: int) -> list[GroupEntry]:
 
 
 def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> bytes:
-    """Quantised coefficients as bytes; nothing where all are zero.
+    """Return quantised coefficients as bytes; empty if all are zero.
 
     Parameters
     ----------
@@ -170,18 +172,20 @@ def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: in
         Magnitudes 2^40 at most.
     basis : SpaceBasis
     axes : int
-        1, or 3 where channels come three by three, one for each axis.
+        1, or 3 if channels come in threes, one for each axis.
     """
     return _core.encode_coefficients(coefficients, *basis.subbands, axes)
 
 
 def measure_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> float:
-    """Bits that :func:`encode_coefficients` would take."""
+    """Return the number of bits that :func:`encode_coefficients` would take."""
     return _core.measure_coefficients(coefficients, *basis.subbands, axes)
 
 
 def cosines(frames: int, functions: int) -> Float64Array:
-    """(frames, functions) float64: the first orthonormal cosines ``cos(j pi (f + 1/2) / frames)``, j = 0, 1, ..."""
+    """Return the first orthonormal cosines ``cos(j pi (f + 1/2) / frames)``, j = 0, 1, ..., (frames, functions)
+    float64.
+    """
     wave = cosine_wave(frames)
     index = np.outer(2 * np.arange(frames) + 1, np.arange(functions)) % (4 * frames)
     values: Float64Array = wave[index] * np.sqrt(2.0 / frames)
@@ -189,10 +193,11 @@ def cosines(frames: int, functions: int) -> Float64Array:
     return values
 
 
-def normalised(time_functions: Float64Array) -> Float64Array:
-    """Functions of time of unit length, (frames, axes, functions) float64; those that are all zero stay so.
+def normalise(time_functions: Float64Array) -> Float64Array:
+    """Return functions of time scaled to unit length, (frames, axes, functions) float64; those that are all zero stay
+    so.
 
-    Squares are added up frame after frame, x y z within each.
+    Squares are summed frame after frame, in the order x y z within each.
     """
     flat = time_functions.reshape(time_functions.shape[0] * time_functions.shape[1], time_functions.shape[2])
     lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])
@@ -209,7 +214,7 @@ class GroupFunctions:
     time : (frames, 3 or 1, functions) float64
         Functions of time at the frames, for each axis or for all.
     motion : pdecodec._core.Motion
-        What they move.
+        The displacements that the functions of time weigh.
     """
 
     time: Float64Array
@@ -223,19 +228,19 @@ def group_functions(
     basis: SpaceBasis,
     subbands: Int64Array | None = None,
 ) -> GroupFunctions:
-    """Functions of time and what they move.
+    """Make the functions of time and the motion of a group.
 
     Parameters
     ----------
     entry : GroupEntry
     time : (frames, 3 or 1, functions) float64
-        Of :func:`functions_of_time`.
+        The result of :func:`functions_of_time`.
     quantised : (functions of space, channels) int64
-        Quantised coefficients; with `subbands` those of their functions alone.
+        Quantised coefficients; with `subbands` only those of their functions.
     basis : SpaceBasis
     subbands : (n,) int64, optional
-        As :meth:`SpaceBasis.subbands_of` gives them: positions are those of the vertices of their elements alone,
-        element after element.
+        A result of :meth:`SpaceBasis.subbands_of`: positions are then only those of the vertices of these subbands'
+        elements, element after element.
     """
     coefficients = np.ascontiguousarray(quantised)
     motion = _core.Motion(basis.core, coefficients, entry.axes, entry.step, entry.single, subbands, thread_count())
@@ -243,25 +248,25 @@ def group_functions(
 
 
 def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> Float64Array:
-    """:attr:`GroupFunctions.time`.
+    """Return :attr:`GroupFunctions.time`.
 
     Parameters
     ----------
     entry : GroupEntry
     time_functions : (frames, 3 or 1, functions) float64
-        Decoded from section TIME; of use under trajectories and shapes alone.
+        Decoded from section TIME; used only by trajectories and shapes.
     times : (frames,) float64 [s]
-        Of the group's frames; of use under closed form alone.
+        Times of the group's frames; used only by the closed form.
     """
     if entry.basis == "cosines":
         return cosines(entry.frames, entry.functions)[:, None]
     if entry.basis == "closed form":
         return ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
-    return normalised(time_functions)
+    return normalise(time_functions)
 
 
 def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_step: float) -> Float64Array:
-    """(frames,) float64: how far decoders may differ in a coordinate before residuals, and before it is rounded.
+    """Return how far decoders may differ in a coordinate, (frames,) float64, before residuals and rounding to float32.
 
     Parameters
     ----------

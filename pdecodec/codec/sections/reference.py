@@ -1,9 +1,9 @@
-"""The reference frame, frame 0 on a grid, and its coding (section REST): predicted across the faces.
+"""The reference frame (frame 0 on a grid) and its coding (section REST): predicted across the faces.
 
-Vertices that lie on the same point may be welded for the purpose: seams and soups of polygons then have a surface to
-predict across. Residuals may be matched with earlier ones: regular shapes repeat themselves. The encoder takes what is
-smallest. A frame may be smoothed after it is decoded: each vertex moves within its quantisation cell, by weights that
-the encoder fits. The coder is native: `core/sections/reference/`.
+Vertices that lie on the same point may be welded for this purpose: seams and soups of polygons then have a surface
+to predict across. Residuals may be matched with earlier ones, since regular shapes repeat themselves. The encoder
+takes the combination with the fewest bytes. A frame may be smoothed after it is decoded: each vertex moves within
+its quantisation cell, by weights that the encoder fits. The coder is native: `core/sections/reference/`.
 """
 
 from __future__ import annotations
@@ -25,31 +25,32 @@ WELDED, MATCHED, SMOOTHED = 1, 2, 4
 decoded frame is smoothed."""
 
 PREDICTORS = 8
-"""Of any of these."""
+"""Number of combinations of these flags."""
 
 SMOOTH_DIVISIONS = 64
-"""Parts of a step that coordinates of a smoothed frame count."""
+"""Grid coordinates of a smoothed frame count in this fraction of a step."""
 
 LARGEST_BITS = 40
-"""Bits of a coordinate in quantisation steps: products of three stay exact enough in float64, and any
-float32 shape keeps all of its 24 bits."""
+"""Bits of a coordinate in quantisation steps: products of three stay exact enough in float64, and any float32
+shape keeps all of its 24 bits.
+"""
 
 HEADER_BYTES = 33
-"""Step, origin, predictor."""
+"""Size of step, origin and predictor [bytes]."""
 
 
 class CodedGrid(NamedTuple):
-    """Grid coordinates before smoothing, and how they are smoothed.
+    """Grid coordinates before smoothing, and the parameters of smoothing.
 
     Attributes
     ----------
     grid : (vertices, 3) int64
     weights : (classes, 2) int32
-        Of the Laplacian of a vertex, and of the Laplacian of that, by the class of the vertex [1/16].
+        Of a vertex's Laplacian and of the Laplacian's Laplacian, by the vertex's class [1/16].
     points : (vertices,) int32
-        Point that each vertex lies on; empty where no vertices are welded.
+        Point that each vertex lies on; empty if no vertices are welded.
     error_ratio : float
-        Mean error of the smoothed frame to that of the frame.
+        rms error of the smoothed frame divided by that of the frame.
     """
 
     grid: Int64Array
@@ -70,7 +71,7 @@ class ReferenceFrame:
     step : float [scene units]
     is_smoothed : bool
     coded : CodedGrid, optional
-        What is coded where the frame is smoothed, if that is known: `grid` is what comes of it.
+        The coded grid from which smoothing makes `grid`, if it is known.
     """
 
     grid: Int64Array
@@ -81,22 +82,22 @@ class ReferenceFrame:
 
     @property
     def coded_step(self) -> float:
-        """Step that coordinates are coded in [scene units]."""
+        """Step in which coordinates are coded [scene units]."""
         return self.step * SMOOTH_DIVISIONS if self.is_smoothed else self.step
 
     @property
     def farthest(self) -> float:
-        """How far a coordinate may be from that of the source [scene units]."""
+        """Largest distance of a coordinate from that of the source [scene units]."""
         return self.coded_step if self.is_smoothed else self.step / 2.0
 
     @property
     def points(self) -> Float64Array:
-        """(vertices, 3) float64 [scene units]: what displacements are added to."""
+        """(vertices, 3) float64 [scene units]: the positions to which displacements are added."""
         return self.origin + self.grid * self.step
 
 
 def quantise_reference(points: Float32Array, step: float) -> ReferenceFrame:
-    """Round a frame to a grid of `step`, coarsened where coordinates would pass :data:`LARGEST_BITS`.
+    """Round a frame to a grid of `step`, or a coarser one if coordinates would exceed :data:`LARGEST_BITS`.
 
     Parameters
     ----------
@@ -112,15 +113,15 @@ def quantise_reference(points: Float32Array, step: float) -> ReferenceFrame:
 
 
 def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshObject]) -> ReferenceFrame:
-    """Round a frame to a grid, and smooth it where that brings it nearer to the points.
+    """Round a frame to a grid, and smooth it if that brings it closer to the points.
 
     Parameters
     ----------
     points : (vertices, 3) float32
     step : float [scene units]
-        Of the grid, before smoothing.
+        Step of the grid, before smoothing.
     objects : sequence of MeshObject
-        Whose vertices `points` are.
+        Objects that have the vertices of `points`.
     """
     frame, mesh = quantise_reference(points, step), polygons_of(objects)
     wanted = (points.astype(np.float64) - frame.origin) / frame.step
@@ -132,13 +133,13 @@ def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshO
 
 
 def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
-    """Section REST, with the predictor that makes it smaller.
+    """Return section REST, with the predictor that makes it smaller.
 
     Parameters
     ----------
     shape : ReferenceFrame
     objects : sequence of MeshObject
-        Whose vertices `shape` has, one object after the other.
+        Objects that have the vertices of `shape`, one object after the other.
     """
     mesh = polygons_of(objects)
     grid, weights, points, _ = shape.coded or (shape.grid, None, np.zeros(0, np.int32), 1.0)
@@ -172,14 +173,14 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
 
 
 class Polygons(NamedTuple):
-    """Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
+    """Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered in one row.
 
     Attributes
     ----------
     starts : (polygons + 1,) int64
     vertex : (corners,) int32
     faces, vertices : int
-        How many there are.
+        Number of faces and of vertices.
     """
 
     starts: Int64Array
@@ -189,7 +190,7 @@ class Polygons(NamedTuple):
 
 
 def polygons_of(objects: Sequence[MeshObject]) -> Polygons:
-    """Polygons of all objects.
+    """Return the polygons of all objects.
 
     Parameters
     ----------

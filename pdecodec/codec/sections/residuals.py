@@ -1,12 +1,12 @@
-"""Residuals: what single vertices of single frames still lack, so that the bound holds (section CORR).
+"""Residuals: corrections of single vertices in single frames, so that the bound holds (section CORR).
 
-A vertex beyond the bound gets its residual in steps chosen so that rounding alone stays within the bound. Where even
-that misses (coordinates whose float32 spacing is wider than the bound, values that dwarf the rest of the clip) the
-vertex is kept raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards the
-frames before and after it fades linearly to nothing (a hat function).
+A vertex beyond the bound gets its residual in steps chosen so that rounding alone stays within the bound. If even
+that misses (coordinates whose float32 spacing is wider than the bound, values far larger than the rest of the clip),
+the vertex is kept raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards
+the frames before and after it fades linearly to nothing (a hat function).
 
-Vertices are named by their *place* in the order of the patches: misses gather in space as they do in time, and the
-coder counts on both. The coder is native: `core/sections/residuals/`.
+Vertices are named by their *position* in the order of the patches: misses cluster in space as well as in time, and
+the coder exploits both. The coder is native: `core/sections/residuals/`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ Residuals = _core.Residuals
 """Residuals and raw vertices of a group of frames."""
 
 SAFETY = 0.98
-"""Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
+"""Fraction of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
 
-FEW = 0.3
-"""Share of the vertices below which residuals are never worth predicting: the one before is too far away."""
+MIN_PREDICTED_FRACTION = 0.3
+"""Fraction of the vertices below which residuals are not predicted: the previous one is too far away."""
 
 LAST_BINADE = 2.0**127
-"""From here on all float32 lie equally far apart, and the next after the largest is infinite."""
+"""From here on all float32 have the same spacing, and the next one after the largest is infinite."""
 
 
 def residual_step(bound: float, largest: float) -> float:
-    """Step at which a rounded residual keeps the bound, if float32 allows it.
+    """Return the step at which a rounded residual keeps the bound, if float32 allows it.
 
-    A residual off by half a step on each axis is off by ``sqrt(3)/2 step``; the sum is then rounded to
-    float32, off by half a spacing more.
+    A residual with an error of half a step on each axis has an error of ``sqrt(3)/2 step``; the sum is then rounded
+    to float32, which adds half a spacing.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class ResidualPlan:
     predicted : bool
         Whether residuals are predicted.
     distances : (frames,) int64
-        How many frames before each its reference is.
+        Distance from each frame back to its reference [frames].
     bits : float
-        What it takes so, measured.
+        Measured cost [bits].
     """
 
     predicted: bool
@@ -71,21 +71,21 @@ class ResidualPlan:
 
 
 def plan_residuals(residuals: Residuals, starts: Int64Array) -> ResidualPlan:
-    """The way to code the residuals of a group that takes fewest bits.
+    """Choose the way to code the residuals of a group that takes the fewest bits.
 
     Parameters
     ----------
     residuals : Residuals
     starts : (patches + 1,) int64
-        Places of each patch: from 0, ascending, to the number of vertices.
+        First position of each patch: from 0, ascending, to the number of vertices.
 
     Raises
     ------
     ValueError
-        If a place is not below the number of vertices.
+        If a position is not below the number of vertices.
     """
     near, far = np.ones(residuals.frames, np.int64), _core.reference_distances(residuals)
-    predicted = residual_ways(residuals, int(starts[-1]))
+    predicted = prediction_choices(residuals, int(starts[-1]))
     ways = [(way, distances) for distances in (near, far) for way in predicted]
     if not (far > 1).any():
         ways = ways[: len(predicted)]
@@ -94,25 +94,25 @@ def plan_residuals(residuals: Residuals, starts: Int64Array) -> ResidualPlan:
     return ResidualPlan(*ways[best], bits[best])
 
 
-def residual_ways(residuals: Residuals, vertices: int) -> tuple[bool, ...]:
-    """Whether residuals are predicted, or not: what is worth measuring on a mesh of so many vertices."""
-    return (False,) if residuals.count < FEW * residuals.frames * vertices else (False, True)
+def prediction_choices(residuals: Residuals, vertices: int) -> tuple[bool, ...]:
+    """Return the values of `ResidualPlan.predicted` that are worth measuring on a mesh of `vertices` vertices."""
+    return (False,) if residuals.count < MIN_PREDICTED_FRACTION * residuals.frames * vertices else (False, True)
 
 
 def encode_residuals(residuals: Residuals, starts: Int64Array, plan: ResidualPlan | None = None) -> bytes:
-    """A group's chunk of section CORR; nothing at all where there are no residuals.
+    """Return a group's chunk of section CORR; empty if there are no residuals.
 
     Parameters
     ----------
     residuals : Residuals
     starts : (patches + 1,) int64
     plan : ResidualPlan, optional
-        Of :func:`plan_residuals`, which is called where there is none.
+        Default: the result of :func:`plan_residuals`.
 
     Raises
     ------
     ValueError
-        If a place is not below the number of vertices.
+        If a position is not below the number of vertices.
     """
     plan = plan or plan_residuals(residuals, starts)
     return _core.encode_residuals(residuals, starts, plan.predicted, plan.distances)

@@ -1,18 +1,18 @@
-"""Space bases: orthonormal functions of the reference frame on patches, joined upwards over the whole mesh.
+"""Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 
-A mesh is divided into elements: patches, by halving its graph again and again (space basis "patch"), or pieces of its
-curves ("curve"). On each element stand orthonormal functions: the affine four ``1, x, y, z`` first (what the literal
-Eq. 23 amounts to once its matrices are data), then polynomials of local coordinates by total degree, or the eight
-functions of Eqs. 14 and 16 along a piece, then unit vectors until the space of the element is complete or it has as
-many functions as it may.
+A mesh is divided into elements: patches, by halving its graph again and again (space basis "patch"), or pieces of
+its curves ("curve"). Each element has orthonormal functions: the four affine ones ``1, x, y, z`` first (which the
+literal Eq. 23 amounts to once its matrices are data), then polynomials of local coordinates by total degree, or the
+eight functions of Eqs. 14 and 16 along a piece, then unit vectors until the space of the element is complete or the
+largest number of functions is reached.
 
-What the affine functions of two neighbouring elements have in common, they share: those of a node of the partition tree
-are an orthogonal combination of those of its halves, and only the node's wavelets (the rest of the combinations) stay
-with it. A limb that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of bases in L2
-for the sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+The affine functions that two neighbouring elements have in common are stored once: those of a node of the partition
+tree are an orthogonal combination of those of its halves, and only the node's wavelets (the remaining combinations)
+stay with it. A limb that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of
+bases in L2 for the sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
 
-How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
-functions are floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`. All of this is native:
+The number and kind of functions follows from integers and from the file. The values of the functions are
+floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`. All of this is native:
 `core/sections/spatial/`.
 """
 
@@ -34,44 +34,44 @@ from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import thread_count
 
 Rows = NDArray[Any]
-"""Of float32 or float64."""
+"""Arrays of float32 or float64."""
 
 SpaceKind = Literal["patch", "curve"]
 
 SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
-"""By their number in the file."""
+"""Kinds by their number in the file."""
 
 MOST_POINTS = {"patch": 256, "curve": 65535}
-"""Vertices of a patch at most; about as many of a piece of a curve."""
+"""Largest number of vertices of a patch; largest approximate number of a piece of a curve."""
 
 MOST_FUNCTIONS = 128
-"""Functions of an element at most: building them costs the square of their number."""
+"""Largest number of functions of an element: building them costs the square of their number."""
 
 THRESHOLDS = 8
-"""Thresholds that an encoder has to choose from: each is the usual one less k sixteenths."""
+"""Number of thresholds that an encoder can choose from: number k is the usual one less k sixteenths."""
 
-CLEAR = 2.0**-18
-"""No share may be nearer to its threshold than this, relative to it: whoever computes it otherwise drops the same."""
+MIN_THRESHOLD_DISTANCE = 2.0**-18
+"""Smallest distance of a new fraction from its threshold, relative to it: then every decoder drops the same columns."""
 
 
 @dataclass(frozen=True)
 class SpaceForm:
-    """What a file says of its space basis.
+    """Parameters of a space basis that are stored in the file.
 
     Attributes
     ----------
     kind : {"patch", "curve"}
     points : int
-        Vertices of a patch at most, or about as many of a piece.
+        Largest number of vertices of a patch, or approximate number of a piece.
     functions : int
-        Of an element at most.
+        Largest number of functions of an element.
     threshold : int
         Which of THRESHOLDS: one that no column of the file comes near, so that all decoders drop the same columns
         however they round.
     rate : float
         r of Eqs. 14 and 16 over half a piece.
     affine : bool
-        Whether pieces have the affine four, and unit vectors to complete them; patches always do.
+        Whether pieces have affine functions and unit vectors, as patches always do.
     """
 
     kind: SpaceKind
@@ -83,7 +83,7 @@ class SpaceForm:
 
 
 class SpaceBasis:
-    """Elements, their functions, and how they are joined.
+    """Elements, their functions, and the tree that joins them.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ class SpaceBasis:
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     layout : bytes, optional
-        How many local coordinates each element takes, and which of 1, x, y, z the nodes of the partition tree
-        keep, as :attr:`layout` is; chosen where there is none.
+        The number of local coordinates of each element, and which of 1, x, y, z the nodes of the partition tree keep,
+        as in :attr:`layout`. Default: chosen.
 
     Raises
     ------
@@ -110,9 +110,9 @@ class SpaceBasis:
     starts : (elements + 1,) int64
         Element e holds ``order[starts[e]:starts[e + 1]]``.
     functions : int
-        Functions of all elements together.
+        Number of functions of all elements together.
     coefficient_starts : (elements + 1,) int64
-        Where each element's functions that are not affine begin among those of all.
+        Index of each element's first function that is not affine.
     """
 
     def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None) -> None:
@@ -130,47 +130,50 @@ class SpaceBasis:
 
     @cached_property
     def subbands(self) -> _core.Subbands:
-        """Functions as they are coded together.
+        """Functions that are coded together.
 
-        Subband 0 is the whole's affine functions, then come the wavelets of each node, then each element's other
-        functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element; ``parents`` the subband
-        of the node above.
+        Subband 0 has the affine functions of the whole mesh; then come the wavelets of each node, then each
+        element's other functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element;
+        ``parents`` the subband of the parent node.
         """
         return self.core.subbands()
 
     def functions_of_elements(self) -> Iterator[Float64Array]:
-        """Of each element, its functions: (functions, points) float64."""
+        """Return the functions of each element, (functions, points) float64."""
         self.core.make_functions(thread_count())
         return map(self.core.functions_of, range(self.element_count))
 
     @property
     def nearest(self) -> float:
-        """The least distance of a column's share from the one that decides whether it is dropped, relative to that."""
+        """Smallest distance of a column's new fraction from its threshold, relative to the threshold."""
         self.core.make_functions(thread_count())
         return self.core.nearest
 
     @property
     def is_clear(self) -> bool:
         """Whether every decoder drops the same columns, however it rounds."""
-        return self.nearest > CLEAR
+        return self.nearest > MIN_THRESHOLD_DISTANCE
 
     def project(self, values: Rows) -> Rows:
-        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels).
+        """Return the coefficients, (functions, channels), of values on vertices, (vertices, channels) in mesh order.
 
-        They are added up, but for what elements have in common, in the precision of the values, and have it.
+        Sums are computed in the precision of the values, except for those that elements share; the result has the
+        same precision.
         """
         contiguous: Rows = np.ascontiguousarray(values)
         return self.core.project(contiguous, thread_count())
 
     def project_some(self, values: Rows, subbands: Int64Array) -> Rows:
-        """The same of the functions of some subbands alone, which follow one after another.
+        """Return the coefficients of the functions of some subbands only, one subband after another.
 
         Values are contiguous; subbands ascend, the first of them 0.
         """
         return self.core.project_some(values, subbands, thread_count())
 
     def subbands_of(self, elements: Int64Array, *, least_depth: int | None = None) -> Int64Array:
-        """Subbands of the whole, some elements, the nodes above them, and all nodes (down to a depth): ascending."""
+        """Return the subbands of the whole, some elements, the nodes above them, and all nodes (down to a
+        depth), ascending.
+        """
         _, kinds, parents = self.subbands
         nodes = kinds.size - self.element_count
         is_chosen = np.zeros(kinds.size, bool)
@@ -182,14 +185,14 @@ class SpaceBasis:
         return np.flatnonzero(is_chosen)
 
     def functions_in(self, subbands: Int64Array) -> Int64Array:
-        """(n,) int64: the functions of some subbands, among those of all."""
+        """Return the indices of the functions of some subbands, (n,) int64."""
         starts, sizes = self.subbands.starts[subbands], np.diff(self.subbands.starts)[subbands]
         ends = np.cumsum(sizes)
         return np.repeat(starts - (ends - sizes), sizes) + np.arange(int(sizes.sum()))
 
     @cached_property
     def layout(self) -> bytes:
-        """Local coordinates that elements take, and which of 1, x, y, z the nodes keep: a coded stream."""
+        """Number of local coordinates of elements, and which of 1, x, y, z the nodes keep: a coded stream."""
         return self.core.encode_layout()
 
 
@@ -203,7 +206,7 @@ def build_space_basis(
     rate: float = 0.0,
     affine: bool = True,
 ) -> SpaceBasis:
-    """A space basis for an encoder: one that all decoders build alike.
+    """Build a space basis for an encoder: one that all decoders build alike.
 
     Parameters
     ----------
@@ -212,25 +215,25 @@ def build_space_basis(
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     points, functions : int
-        Of an element at most.
+        Largest numbers of an element.
     rate : float
         r of Eqs. 14 and 16 over half a piece.
     affine : bool
-        False leaves the functions of Eqs. 14 and 16 alone.
+        False uses only the functions of Eqs. 14 and 16.
     """
     form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
     return clear_space_basis(SpaceBasis(form, _elements(form, objects, reference, None), reference), reference)
 
 
 def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
-    """A space basis, or one with another threshold: one that all decoders build alike.
+    """Return the space basis, with another threshold if needed, so that all decoders build it alike.
 
     Parameters
     ----------
     basis : SpaceBasis
-        Of threshold 0.
+        With threshold 0.
     reference : (vertices, 3) int64
-        Grid coordinates that it was made of.
+        Grid coordinates from which it was made.
     """
     for threshold in range(1, THRESHOLDS):
         if basis.is_clear:
@@ -248,8 +251,8 @@ def trial_space_basis(
     functions: int,
     early: EarlyPatches | None = None,
 ) -> SpaceBasis:
-    """A space basis to estimate with, for :func:`clear_space_basis` to look at once it is chosen: to make its functions
-    is most of the work.
+    """Build a space basis for estimates. If it is chosen, :func:`clear_space_basis` must check it, which takes most of
+    the work because it makes the functions.
     """
     form = SpaceForm(kind, points, functions)
     patches = early.of(points) if early and kind == "patch" else None
@@ -259,7 +262,7 @@ def trial_space_basis(
 def decode_space_basis(
     form: SpaceForm, layout: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
 ) -> SpaceBasis:
-    """The space basis of a file.
+    """Return the space basis of a file.
 
     Parameters
     ----------
@@ -270,7 +273,7 @@ def decode_space_basis(
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     early : Patches, optional
-        What `pdecodec.codec.sections.elements.early_patches` gave; made again where the reference frame changes them.
+        The result of `pdecodec.codec.sections.elements.early_patches`; remade if the reference frame changes them.
 
     Raises
     ------
@@ -288,9 +291,9 @@ def _elements(form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Ar
 
 
 def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array:
-    """Parameter u in [-1, 1] along each piece, by arc length of the reference frame.
+    """Return the parameter u in [-1, 1] along each piece, by arc length of the reference frame.
 
-    By index where all points of a piece coincide; 0 for a piece of one point.
+    By index if all points of a piece coincide; 0 for a piece of one point.
 
     Parameters
     ----------
@@ -307,7 +310,7 @@ def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array
 
 
 def encode_model(basis: SpaceBasis, residual_step: float) -> bytes:
-    """Return section MODL: what a decoder builds the space basis from, and the step of residuals [scene units]."""
+    """Return section MODL: the parameters of the space basis, and the step of residuals [scene units]."""
     writer, form = FieldWriter(), basis.form
     writer.numbers("B", SPACE_KINDS.index(form.kind))
     writer.count(form.points)
