@@ -255,7 +255,7 @@ def test_both_decoders_smooth_any_mesh_by_any_weights_alike(objects: list[MeshOb
     random, count = np.random.default_rng(seed), sum(item.vertex_count for item in objects)
     weights = random.integers(-127, 128, (7, 2)).astype(np.int32)
     coded = CodedGrid(random.integers(0, size, (count, 3)), weights, np.zeros(0, np.int32), 1.0)
-    data = encode_reference(ReferenceFrame(coded.grid, np.zeros(3), 1.0, coded), objects)
+    data = encode_reference(ReferenceFrame(coded.grid, np.zeros(3), 1.0, coded=coded), objects)
     levels = decoded_alike(data, objects)
     assert levels is not None
     assert np.abs(np.array(levels) - SMOOTH_DIVISIONS * coded.grid).max() <= SMOOTH_DIVISIONS // 2
