@@ -1,11 +1,11 @@
-"""Cells of finite elements as faces and lines: of solids the surface, of curved elements with the nodes on their edges.
+"""Turn finite elements into faces and lines: solids into their surface, curved elements into borders with edge nodes.
 
-Nodes keep their order; where some are neither on the surface nor in a line they are left out, and the attribute
-``node`` says which the others were.
+Nodes keep their order. Nodes that are neither on the surface nor on a line are left out, and the attribute ``node``
+holds the numbers of the others.
 
-Corners and edges are numbered as Exodus has them. VTK numbers the upright edges of hexahedra and wedges after those on
-top, not before. Which way round a wedge is numbered its documents and its programs do not agree on: if the solids of a
-kind have a negative volume together, all of them are turned.
+Corners and edges are numbered as in Exodus. VTK numbers the upright edges of hexahedra and wedges after those on
+top, not before. VTK's documents and programs disagree on the orientation of wedges: if all solids of a kind together
+have a negative volume, all of them are reversed.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
 NODE = "node"
-"""Attribute of vertices, int32: number of the node that each was, as the file counts."""
+"""Vertex attribute, int32: number of the node that each vertex was in the file."""
 
 _Edges = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """Corners of a kind of cell, the faces that they make, counterclockwise seen from outside, and its edges."""
+    """Corners of a kind of cell, its faces, counterclockwise seen from outside, and its edges."""
 
     corners: int
     faces: tuple[tuple[int, ...], ...]
@@ -70,21 +70,21 @@ _FLAT: Mapping[tuple[str, int], tuple[int, ...]] = {
     ("line", 3): (0, 2, 1),
     ("line", 4): (0, 2, 3, 1),
 }
-"""Nodes along the border of cells that are no solids, by kind and number of nodes."""
+"""Nodes along the border of cells that are not solid, by kind and number of nodes."""
 
 
 class Cells:
-    """Cells as they are read, block by block.
+    """Cells of a mesh, added block by block.
 
     Parameters
     ----------
     vtk : bool
-        Whether edges of solids are numbered as VTK has them.
+        Whether edges of solids are numbered as in VTK.
 
     Attributes
     ----------
     blocks : (faces,) int64
-        The block that each face of :meth:`connectivity` is of, once that was called.
+        Block of each face that :meth:`connectivity` returned last.
     """
 
     def __init__(self, *, vtk: bool = False) -> None:
@@ -95,15 +95,15 @@ class Cells:
         self.blocks: Int64Array = np.zeros(0, np.int64)
 
     def add(self, kind: str, rows: NDArray[np.integer], block: int = 0) -> None:
-        """Add cells (cells, nodes) of a kind, which are of a block.
+        """Add cells (cells, nodes) of a kind to a block.
 
-        Of "polyline" and "polygon" the nodes are the border; of "line", "triangle", "quad", "tetra", "pyramid", "wedge"
-        and "hexahedron" they are numbered as finite elements.
+        The nodes of "polyline" and "polygon" are the border; those of "line", "triangle", "quad", "tetra",
+        "pyramid", "wedge" and "hexahedron" are numbered as in finite elements.
 
         Raises
         ------
         InputError
-            If no such cell has so many nodes.
+            If a cell of this kind cannot have that number of nodes.
         """
         nodes = np.asarray(rows, np.int64)
         if kind in _SOLIDS and nodes.shape[1] >= _SOLIDS[kind].corners:
@@ -124,9 +124,9 @@ class Cells:
     def connectivity(
         self, points: NDArray[np.floating], *, only_used: bool = False
     ) -> tuple[Connectivity, Int64Array | None]:
-        """Faces and lines of cells at points (nodes, 3), and which nodes are vertices: None where all are.
+        """Return faces and lines of the cells at points (nodes, 3), and the nodes that are vertices: None for all.
 
-        Nodes of neither are left out where there are solids or curved cells, or `only_used` asks for it.
+        If there are solids or curved cells, or `only_used` is true, nodes without faces and lines are left out.
         """
         nodes = len(points)
         faces = [*self._faces, *self._surface(points)]
@@ -146,7 +146,7 @@ class Cells:
         return Connectivity(int(used.sum()), whole.face_counts, corners, whole.line_counts, ends), np.flatnonzero(used)
 
     def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array | int]]:
-        """Borders of faces that one solid alone has, (faces, nodes) of one size or (nodes,), and their blocks."""
+        """Return borders of faces of only one solid, (faces, nodes) of one size or (nodes,), and their blocks."""
         nodes = len(points)
         borders: dict[int, list[Int64Array]] = {}
         corners: dict[int, list[Int64Array]] = {}
@@ -162,7 +162,7 @@ class Cells:
                     face, border = face[::-1], [border[0], *border[:0:-1]]
                 key = len(face)
                 corners.setdefault(key, []).append(np.sort(rows[:, face], axis=1))
-                # Nodes along the border, at most 8, and the block.
+                # Up to 8 nodes along the border, then the block.
                 padded = np.pad(rows[:, border], ((0, 0), (0, 9 - len(border))), constant_values=-1)
                 padded[:, 8] = block
                 borders.setdefault(key, []).append(padded)
@@ -176,13 +176,13 @@ class Cells:
                 rows, blocks = outer[sizes == size, :size], outer[sizes == size, 8]
                 flat = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
                 found.append((rows[~flat], blocks[~flat]))
-                # A cell with a node twice has sides with fewer corners.
+                # If a cell has the same node twice, some of its sides have fewer corners.
                 thin = ((row[row != np.roll(row, 1)], at) for row, at in zip(rows[flat], blocks[flat], strict=True))
                 found += [(row, int(at)) for row, at in thin if row.size >= 3]
         return found
 
     def _sides(self, kind: str, nodes: int) -> list[tuple[list[int], list[int]]]:
-        """Of each side of a solid of so many nodes the corners, and the nodes along its border."""
+        """Return the corners of each side of a solid, and the nodes along the border of that side."""
         shape = _SOLIDS[kind]
         edges: Sequence[tuple[int, int]] = shape.edges
         if self._vtk and kind in ("wedge", "hexahedron"):
@@ -199,7 +199,7 @@ class Cells:
 
 
 def _volume(points: NDArray[np.floating], rows: Int64Array, faces: tuple[tuple[int, ...], ...]) -> float:
-    """Sum of the volumes of solids, six times; of each by tetrahedra from its first corner."""
+    """Return six times the total volume of solids, each split into tetrahedra from its first corner."""
     with np.errstate(all="ignore"):
         corners = points.astype(np.float64)[rows[:, : max(map(max, faces)) + 1]]
         corners -= corners[:, :1]
@@ -212,13 +212,13 @@ def _volume(points: NDArray[np.floating], rows: Int64Array, faces: tuple[tuple[i
 
 
 def node_attribute(numbers: NDArray[np.integer]) -> Attribute:
-    """The attribute of nodes' numbers (vertices,)."""
+    """Return the attribute that stores node numbers (vertices,)."""
     return Attribute(NODE, "vertex", numbers.astype(np.int32))
 
 
 def left_out_notice(gather: Int64Array | None, nodes: int) -> tuple[str, ...]:
-    """A line that counts the nodes that are left out."""
+    """Return a notice that counts the nodes that are left out."""
     if gather is None:
         return ()
     lost = nodes - gather.size
-    return (f"no face or line has {lost} of {nodes} nodes: left out, and the attribute {NODE!r} numbers the others",)
+    return (f"{lost} of {nodes} nodes are on no face or line: left out; the attribute {NODE!r} numbers the others",)

@@ -1,7 +1,7 @@
-"""Exodus II: coordinates, blocks of elements, and displacements of every time step, from netCDF-4 or netCDF-3 files.
+"""Read Exodus II from netCDF-4 or netCDF-3: coordinates, blocks of elements, and displacements of every time step.
 
-Read without the netCDF4 package: netCDF-4 files are HDF5, netCDF-3 files SciPy reads. What moves the nodes are the
-nodal variables that Exodus' own programs take for displacements, see :func:`displacements`.
+The netCDF4 package is not needed: netCDF-4 files are HDF5, and SciPy reads netCDF-3. Nodes move by the nodal
+variables that Exodus' own programs use as displacements, see :func:`displacements`.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ KINDS = {
     "wedge": ("WEDGE", "PRISM"),
     "hexahedron": ("HEX", "HEXAHEDRON"),
 }
-"""Kinds of cells, and Exodus' names of elements without their numbers."""
+"""Exodus' names of elements, without numbers, by kind of cell."""
 
 _SHELLS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle", 7: "triangle", 8: "quad", 9: "quad"}
-"""What shells are, by their number of nodes."""
+"""Kinds of shells by number of nodes."""
 
 AXES = "xyz"
 
-_OF_AXIS = re.compile(r"(?P<base>.+?)_?(?P<axis>[xyz])", re.IGNORECASE | re.DOTALL)
-"""Name of a nodal variable that is one component of a vector."""
+_COMPONENT_NAME = re.compile(r"(?P<base>.+?)_?(?P<axis>[xyz])", re.IGNORECASE | re.DOTALL)
+"""Pattern of the name of a nodal variable that is one component of a vector."""
 
 _DISPLACEMENT = "disp"
-"""How names of displacements begin, in lower case, for SEACAS and ParaView: displ_x, DISPX, displacement_x."""
+"""Prefix, in lower case, of names that SEACAS and ParaView use for displacements: displ_x, DISPX, displacement_x."""
 
-_ONE_AXIS = ("disp", "displ", "displacement", "displacements")
-"""Names of displacements of which a component alone is one, too: the nodes do not move along the other axes."""
+_PARTIAL_DISPLACEMENTS = ("disp", "displ", "displacement", "displacements")
+"""Names of displacements that count even with fewer components: nodes then do not move along the other axes."""
 
 _VARIABLES = {
     "name_nod_var": "nodal variables",
@@ -61,32 +61,32 @@ _VARIABLES = {
     "name_sset_var": "side set variables",
     "name_glo_var": "global variables",
 }
-"""Where Exodus lists the names of variables, and what they are called."""
+"""Names of variables in a notice, by the array that lists them."""
 
-_NAMED = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"}
-"""Where Exodus lists the names of parts of a mesh."""
+_NAMED_PARTS = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"}
+"""Parts of a mesh that have names, by the array that lists them."""
 
 _RECORDS = ("info_records", "qa_records")
-"""Where programs say what they did."""
+"""Arrays in which programs record what they did."""
 
 NETCDF_FILL = {"f4": float(np.float32(9.969209968386869e36)), "f8": 9.969209968386869e36}
-"""What netCDF gives for numbers that were never written, where their variable says nothing else."""
+"""netCDF's default fill values, read where a value was never written."""
 
 _DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
-"""What h5py, SciPy and NumPy raise on damaged or missing parts."""
+"""Exceptions of h5py, SciPy and NumPy on damaged or missing parts."""
 
 
 class ExodusSequence(MeshSequence):
     """Shells, surfaces of solids, bars and points of an Exodus II file, moved by their displacements.
 
-    `displacement` names the nodal vector that is added to coordinates; none: those that are displacements by the
-    convention of Exodus' programs.
+    `displacement` names the nodal vector that is added to coordinates; by default the one that Exodus' programs use
+    by convention.
 
     Raises
     ------
     InputError
-        If it is damaged, values of it were never written, it has elements of kinds that are not read, or no vector is
-        called `displacement`.
+        If the file is damaged, values were never written, a kind of element is not supported, or no vector has the name
+        `displacement`.
     """
 
     def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
@@ -134,7 +134,7 @@ class ExodusSequence(MeshSequence):
             self.times, self.fps, notices = np.zeros(1), rate_or_default(None, fps)[0], ()
             if times.size > 1:
                 notices = (
-                    f"its shape stays, one frame is read of {times.size} time steps: nothing displaces its nodes",
+                    f"the shape stands still, one of {times.size} time steps is read: nothing displaces its nodes",
                 )
         cells = self._cells()
         connectivity, self._gather = cells.connectivity(self._rest)
@@ -150,7 +150,7 @@ class ExodusSequence(MeshSequence):
         self.metadata = {}
 
     def _block_names(self, cells: Cells) -> tuple[Attribute, ...]:
-        """Groups of faces by the names of their blocks; none where no block with faces has a name."""
+        """Return groups of faces by the names of their blocks; none if no block with faces has a name."""
         names = self._names("eb_names")
         there = np.unique(cells.blocks).tolist()
         labels = {block: names[block - 1] for block in there if block <= len(names) and names[block - 1]}
@@ -161,7 +161,7 @@ class ExodusSequence(MeshSequence):
         return (Attribute(GROUP, "face", rows[cells.blocks], labels=tuple(labels.values())),)
 
     def _dropped(self, used: Sequence[str], kept: Sequence[Attribute]) -> dict[str, list[str]]:
-        """Names of variables but for those `used`, of blocks that are not `kept` and of sets, by kind."""
+        """Return names of data that are not kept, by kind: variables not in `used`, blocks not in `kept`, and sets."""
         places = dict(_VARIABLES)
         for place in self._variables:
             if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
@@ -171,15 +171,15 @@ class ExodusSequence(MeshSequence):
             for place, kind in places.items()
         }
         kinds["records"] = [name for name in _RECORDS if name in self._variables]
-        # Without names blocks and sets have nothing to lose but their numbers.
+        # Blocks and sets without names lose nothing but their numbers.
         labels = [label for attribute in kept for label in attribute.labels]
         return kinds | {
             kind: [name for name in self._names(place) if name and (place != "eb_names" or name not in labels)]
-            for place, kind in _NAMED.items()
+            for place, kind in _NAMED_PARTS.items()
         }
 
     def _names(self, place: str) -> list[str]:
-        """Names that the file lists in a place; none where it has no such list."""
+        """Return the names that an array of the file lists; empty if the array does not exist."""
         return [_text(row) for row in np.asarray(self._variables[place][:])] if place in self._variables else []
 
     def _numbers(self, name: str) -> Float64Array:
@@ -191,7 +191,7 @@ class ExodusSequence(MeshSequence):
         return values
 
     def _check_variable(self, variable: Any, steps: int | None, name: str) -> None:
-        """Raise InputError where a variable has fewer steps than there are times, or parts of it were not written."""
+        """Raise InputError if a variable has fewer steps than there are times, or parts of it were never written."""
         if steps is not None and variable.shape[0] < steps:
             raise damaged(
                 f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
@@ -200,14 +200,14 @@ class ExodusSequence(MeshSequence):
             check_stored(variable, self._variables.scope)
 
     def _numbers_of_nodes(self) -> Int64Array:
-        """(nodes,): what the file calls its nodes; from 1 where it does not say."""
+        """Return the file's node numbers (nodes,); counted from 1 if it has none."""
         if "node_num_map" in self._variables:
             return np.asarray(self._variables["node_num_map"][:], np.int64)
         return np.arange(1, len(self._rest) + 1)
 
     def _cells(self) -> Cells:
         cells = Cells()
-        # A block without elements has no such variable, the next one may.
+        # A block without elements has no such variable, but the next one may.
         numbers = sorted(int(key[7:]) for key in self._variables if re.fullmatch(r"connect\d+", key))
         for number in numbers:
             block = self._variables[f"connect{number}"]
@@ -249,24 +249,24 @@ class ExodusSequence(MeshSequence):
 
 
 def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
-    """Return the vectors of nodal variables: for each axis the number of the variable, from 1.
+    """Return the vectors formed by nodal variables: for each axis the number of its variable, from 1.
 
     Parameters
     ----------
     names : sequence of str
-        Of the variables, as ``displ_x``, ``displ_y``, ``displ_z``; case does not matter.
+        Names of the variables, such as ``displ_x``, ``displ_y``, ``displ_z``; case does not matter.
     axes : int
-        Of the coordinates.
+        Number of axes of the coordinates.
 
     Returns
     -------
     dict
-        By the names without axes, ``displ``: all with a component for every axis, and those that are called
+        By names without axes, such as ``displ``: all vectors with a component for every axis, and those named as
         displacements with fewer.
     """
     found: dict[tuple[str, bool], tuple[str, dict[int, int]]] = {}
     for number, name in enumerate(names, 1):
-        part = _OF_AXIS.fullmatch(name)
+        part = _COMPONENT_NAME.fullmatch(name)
         if part is not None:
             key = part["base"].lower(), "_" in name[part.end("base") :]
             axis = AXES.index(part["axis"].lower())
@@ -274,32 +274,32 @@ def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
     vectors = [
         (base, dict(sorted(parts.items())))
         for (lower, _), (base, parts) in found.items()
-        if set(range(axes)) <= set(parts) or lower in _ONE_AXIS
+        if set(range(axes)) <= set(parts) or lower in _PARTIAL_DISPLACEMENTS
     ]
     bases = Counter(base for base, _ in vectors)
-    # Two sets of one name, ``disp_x`` and ``dispx``, are told apart by their first variable.
+    # Two vectors of the same name, ``disp_x`` and ``dispx``, are named by their first variable.
     return {base if bases[base] == 1 else names[min(parts.values()) - 1]: parts for base, parts in vectors}
 
 
 def displacements(vectors: Mapping[str, Mapping[int, int]], axes: int) -> list[str]:
-    """Return the vectors that SEACAS and ParaView take for displacements: those whose name begins with ``disp``.
+    """Return the vectors that SEACAS and ParaView use as displacements: names that begin with ``disp``.
 
-    One with a component for every axis goes before those with fewer.
+    Vectors with a component for every axis take precedence over those with fewer.
     """
     named = [name for name in vectors if name.lower().startswith(_DISPLACEMENT)]
     return [name for name in named if len(vectors[name]) >= axes] or named
 
 
 def _fill_of(variable: Any) -> float:
-    """Return what netCDF gives for numbers of a variable that were never written; NaN where nothing tells."""
+    """Return the value that netCDF returns for unwritten values of a variable; NaN if there is none."""
     own = variable.attrs.get("_FillValue") if hasattr(variable, "attrs") else getattr(variable, "_FillValue", None)
     dtype = np.dtype(variable.dtype if hasattr(variable, "dtype") else variable.data.dtype)
     fill = NETCDF_FILL.get(dtype.str[1:], np.nan) if own is None else float(np.asarray(own).reshape(-1)[0])
-    return fill or np.nan  # zero is a number that files do hold
+    return fill or np.nan  # 0 also occurs as a real value
 
 
 class _Variables(Mapping[str, Any]):
-    """The arrays of a file by their names, read when they are sliced."""
+    """The arrays of a file by name, read when they are sliced."""
 
     def __init__(self, path: Path) -> None:
         self.scope = FileScope(path)
@@ -335,7 +335,7 @@ class _Variables(Mapping[str, Any]):
 
 
 def _kind_of(block: Any) -> Any:
-    """The attribute ``elem_type`` of a block."""
+    """Return the attribute ``elem_type`` of a block."""
     if hasattr(block, "attrs"):
         value = block.attrs["elem_type"]
         return np.frombuffer(value.encode() if isinstance(value, str) else bytes(value), np.uint8)
@@ -343,5 +343,5 @@ def _kind_of(block: Any) -> Any:
 
 
 def _text(row: NDArray[Any]) -> str:
-    """Characters or their codes as text, up to the first zero."""
+    """Return characters or their codes as text, up to the first zero."""
     return np.asarray(row).tobytes().partition(b"\0")[0].decode("latin-1").strip()

@@ -1,4 +1,4 @@
-"""Files of VTK and ParaView that list others: parts of a data set (PVTU, PVTP, VTM), steps in time (PVD, .series)."""
+"""Read VTK and ParaView files that list others: parts of a data set (PVTU, PVTP, VTM), time steps (PVD, .series)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pdecodec.formats.vtk.motion import quoted
 from pdecodec.system.reading import FileScope, open_regular, read_regular
 
 PARTS = {".pvtu": "PUnstructuredGrid", ".pvtp": "PPolyData", ".vtm": "vtkMultiBlockDataSet"}
-"""Types of files that list parts, by extension."""
+"""XML types of files that list parts, by extension."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of a time; `part` is what the list says of which part it is, None where it does not."""
+    """A listed file and its time; `part` identifies the part it holds, None if the list does not say."""
 
     time: float
     file: Path
@@ -32,7 +32,7 @@ def listed_parts(path: Path, scope: FileScope) -> list[Path]:
     Raises
     ------
     InputError
-        If it is damaged, of another type, lists none, one that is missing, or one outside the scope.
+        If the list is damaged, of another type or empty, or a listed file is missing or outside the scope.
     """
     kind = PARTS[path.suffix.lower()]
     try:
@@ -44,7 +44,7 @@ def listed_parts(path: Path, scope: FileScope) -> list[Path]:
         raise damaged(f"is no {path.suffix[1:]} file, or a damaged one ({error}); write it again", path=path) from error
     names = [one.get("Source", "") for one in found.findall("Piece")]
     if kind == PARTS[".vtm"]:
-        # A block without data stands without a file.
+        # A block without data has no file.
         names = [one.get("file", "") for one in found.iter("DataSet") if one.get("file")]
     if not names:
         raise damaged("lists no files; write it again", path=path)
@@ -61,12 +61,12 @@ def _root(path: Path) -> ElementTree.Element:
 
 
 def read_pvd(path: Path, scope: FileScope) -> tuple[list[float], list[list[Path]]]:
-    """Return the times [s] of a PVD file and the files of each: parts of it, in their order.
+    """Return the times [s] of a PVD file, and for each time the files of its parts in order.
 
     Raises
     ------
     InputError
-        If it is damaged, several files are of one part at one time, or one is outside the scope.
+        If it is damaged, several files have the same part and time, or one is outside the scope.
     """
     try:
         rows = _root(path).findall("./Collection/DataSet")
@@ -92,12 +92,12 @@ def read_pvd(path: Path, scope: FileScope) -> tuple[list[float], list[list[Path]
 
 
 def read_series(path: Path, scope: FileScope) -> tuple[list[float] | None, list[list[Path]]]:
-    """Return the times [s] of a ParaView file series, None where it has none, and the file of each.
+    """Return the times [s] of a ParaView file series, None if it has none, and the file of each step.
 
     Raises
     ------
     InputError
-        If it is damaged, several files are of one time, or one is outside the scope.
+        If it is damaged, several files have the same time, or one is outside the scope.
     """
     try:
         files = json.loads(read_regular(path))["files"]
@@ -115,10 +115,11 @@ def read_series(path: Path, scope: FileScope) -> tuple[list[float] | None, list[
 
 
 def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[list[Path]]]:
-    """Return times in order, and the files of each.
+    """Return sorted times, and the files of each.
 
-    Files of one time are parts of it where the list numbers them as parts, or where it says nothing about parts and
-    has as many files for every time. Else their times were rounded to one, and nobody can tell them apart.
+    Files with the same time are its parts if the list numbers them as parts, or if it has no part numbers but the
+    same number of files for every time. Otherwise their times were probably rounded, and the steps cannot be told
+    apart.
     """
     at: dict[float, list[Entry]] = {}
     for entry in entries:
@@ -143,7 +144,7 @@ def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[li
 
 
 def named_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a list names, and those that they name in turn; none of one that is damaged."""
+    """Yield the files that a list names, and those that these name in turn; nothing for damaged lists."""
     scope, left, seen = FileScope(path), [path], {path}
     while left:
         one = left.pop()
@@ -163,7 +164,7 @@ def named_files(path: Path) -> Iterator[Path]:
 
 
 def named_by_xdmf(path: Path) -> Iterator[str]:
-    """Yield the names of the files of numbers that an XDMF file refers to, and of those that it includes."""
+    """Yield the names of the data files that an XDMF file refers to, and of the files that it includes."""
     for item in _root(path).iter():
         if item.get("Format", "").upper() in ("HDF", "BINARY"):
             yield (item.text or "").strip().partition(":")[0]

@@ -1,8 +1,8 @@
-"""VTK's files as they are read: VTU, VTP, legacy VTK, their parallel kinds, and lists of them (PVD, .series).
+"""Read VTK's files: VTU, VTP, legacy VTK, their parallel variants, and lists of them (PVD, .series).
 
-XML files (``.vtu``, ``.vtp``) are read by ``xml_files.py``. Other grids and legacy files (``.vtk``) are read by meshio,
-and what it refuses by VTK (extra ``vtk``). meshio is guarded: its ``read`` may print, end the process, or raise
-whatever its parsers meet; here each is one line that names the file. ``writer.py`` writes VTU and PVD.
+XML files (``.vtu``, ``.vtp``) are read by ``xml_files.py``. Other grids and legacy files (``.vtk``) are read by
+meshio, and what it refuses by VTK (extra ``vtk``). meshio's ``read`` may print, exit the process, or raise any
+exception; each becomes one InputError that names the file. ``writer.py`` writes VTU and PVD.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from pdecodec.formats.base.times import Timing, timing_of_numbers, timing_of_sto
 from pdecodec.formats.vtk.cells import Cells
 from pdecodec.formats.vtk.file_lists import PARTS, listed_parts, read_pvd, read_series
 from pdecodec.formats.vtk.grid_files import TIME, GridFile, GridReader, grid_of_cells, joined_grids
-from pdecodec.formats.vtk.library import else_vtk
+from pdecodec.formats.vtk.library import with_vtk_fallback
 from pdecodec.formats.vtk.xml_files import XML_DAMAGE, XmlFile
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.reading import FileScope, open_regular
 
 KINDS = frozenset({"line", "triangle", "quad", "polygon", "tetra", "pyramid", "wedge", "hexahedron"})
-"""meshio's names of kinds of cells, without numbers of nodes."""
+"""meshio's names of kinds of cells, without the numbers of nodes."""
 
-_UNREAD = "cells that meshio cannot handle"
-"""What meshio says of cells that it leaves out."""
+_MESHIO_WARNING = "cells that meshio cannot handle"
+"""meshio's warning about cells that it leaves out."""
 
-_MOST_LISTS = 8
-"""Lists of parts that may list each other in a row."""
+_MAX_LIST_DEPTH = 8
+"""Largest depth of lists of parts that list each other."""
 
 
 def open_frame_files(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
-    """Open files of VTK, one a frame: grids, polygonal data, legacy files, or lists of parts.
+    """Open files of VTK, one per frame: grids, polygonal data, legacy files, or lists of parts.
 
     `displacement` names vectors on points that are added to them.
 
@@ -61,19 +61,19 @@ def open_frame_files(path: Path, *, fps: float | None, displacement: str | None 
         if times is not None and len(times) > 1:
             return timing_of_stored(np.array(times), fps)
         numbered, rate, notices = timing_of_numbers(found.numbers, fps)
-        # Of one file the time alone is known, and no rate.
+        # A single file has a time but no frame rate.
         return numbered if times is None else np.array(times), rate, (*notices, *reader.time_notices(files))
 
     return _sequence(files, timing, displacement, FileScope(found.paths[0]))
 
 
 def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
-    """Open a list of files with times; `fps` is the nominal rate. Parts of one time are joined, in their order.
+    """Open a list of files with times; `fps` is the nominal rate. Files with the same time are joined in order.
 
     Raises
     ------
     InputError
-        If it is damaged, steps have one time, or the first file cannot be used.
+        If it is damaged, several steps have the same time, or the first file cannot be used.
     """
     scope = FileScope(path)
     times, files = read_pvd(path, scope)
@@ -82,7 +82,7 @@ def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) 
 
 
 def open_series(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
-    """Open a ParaView file series; frames of one without times are counted at `fps`. Errors as of :func:`open_pvd`."""
+    """Open a ParaView file series; without times, frames are counted at `fps`. Raises as :func:`open_pvd`."""
     scope = FileScope(path)
     times, files = read_series(path, scope)
     timing = timing_of_numbers(range(len(files)), fps) if times is None else timing_of_stored(np.array(times), fps)
@@ -92,7 +92,7 @@ def open_series(path: Path, *, fps: float | None, displacement: str | None = Non
 def _sequence(
     files: Sequence[Sequence[Path]], timing: Callable[[GridReader], Timing], displacement: str | None, scope: FileScope
 ) -> MeshSequence:
-    """Return the sequence of files of frames; their times are asked for when all files were read."""
+    """Return the sequence of files of frames; `timing` is called after all files were read."""
     reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope), displacement)
     sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
@@ -100,18 +100,18 @@ def _sequence(
 
 
 def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) -> GridFile:
-    """Return the grid of a file of any kind of VTK, with vectors of a name that may be in it.
+    """Return the grid of a VTK file of any kind, with the vectors named `wanted` if it has them.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is of another kind, or lists one outside the scope.
+        If the file cannot be read, is not supported, or lists a file outside the scope.
     """
     suffix = path.suffix.lower()
     if suffix in PARTS:
-        if depth >= _MOST_LISTS:
+        if depth >= _MAX_LIST_DEPTH:
             raise InputError(
-                f"is one of more than {_MOST_LISTS} lists that list each other", code="too-large", path=path
+                f"is one of more than {_MAX_LIST_DEPTH} lists that list each other", code="too-large", path=path
             )
         return joined_grids([read_grid(part, wanted, scope, depth + 1) for part in listed_parts(path, scope)])
     if suffix not in _READERS:
@@ -123,7 +123,7 @@ def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) 
         )
     with read_errors(path), open_regular(path):  # VTK and meshio would wait for a pipe
         pass
-    return else_vtk(_READERS[suffix])(path, wanted)
+    return with_vtk_fallback(_READERS[suffix])(path, wanted)
 
 
 def _read_vtu(path: Path, wanted: str | None) -> GridFile:
@@ -141,19 +141,19 @@ def _read_vtp(path: Path, wanted: str | None) -> GridFile:
 
 
 def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
-    """Return one file's grid; InputError where meshio cannot read it, or it holds cells that are not read."""
+    """Return one file's grid; InputError if meshio cannot read it, or a kind of cell is not supported."""
     import meshio
 
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), np.errstate(all="ignore"):
             mesh = meshio.read(path)
-            if _UNREAD in said.getvalue():
+            if _MESHIO_WARNING in said.getvalue():
                 raise ValueError
             return _grid_of(mesh, path, wanted)
     except InputError:
         raise
-    except (Exception, SystemExit) as error:  # whatever its parsers meet, errors of its own among them
+    except (Exception, SystemExit) as error:  # meshio's parsers raise anything
         reason = " ".join(f"{error} {said.getvalue()}".split())[:200] or type(error).__name__
         raise damaged(f"meshio cannot read it ({reason}); check or export it again", path=path) from error
 
@@ -179,4 +179,4 @@ def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
 
 
 _READERS = {".vtu": _read_vtu, ".vtp": _read_vtp, ".vtk": _read_with_meshio}
-"""What reads files of one part, by extension."""
+"""Readers of files with one part, by extension."""

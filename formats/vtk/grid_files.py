@@ -1,4 +1,4 @@
-"""Grids of VTK's files with names of their data, and meshes of them: as they are, or moved by vectors."""
+"""Represent the content of a VTK file, and read meshes from such files: as stored, or moved by vectors."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, n
 from pdecodec.mesh.arrays import Int64Array
 
 TIME = "TimeValue"
-"""Field data of VTK that are the time of a data set."""
+"""Name of the field data in which VTK stores the time of a data set."""
 
 
 @dataclass(frozen=True)
 class GridFile:
-    """What one file holds.
+    """Content of one file.
 
     Attributes
     ----------
     mesh : MeshFile
         Without displacement.
     vectors : tuple of str
-        Names of vectors of two or three real components on points.
+        Names of vectors with two or three real components on points.
     point_data, cell_data : tuple of str
         Names of all data.
     added : (vertices, components) array or None
-        The vectors that were asked for.
+        Values of the requested vectors.
     time : float or None
-        Time that the file tells of itself [s].
+        Time stored in the file [s].
     field_data : tuple of str
-        Names of data of the whole but for that time.
+        Names of data of the whole data set, except the time.
     """
 
     mesh: MeshFile
@@ -52,11 +52,11 @@ class GridFile:
 
 
 Read = Callable[[Path, str | None], GridFile]
-"""Reads a file, and vectors of a name that it may have; raises InputError."""
+"""Reads a file, and the vectors of a given name if it has them; raises InputError."""
 
 
 def is_vectors(values: NDArray[np.generic]) -> bool:
-    """Whether data are vectors of two or three real components."""
+    """Return whether data are vectors with two or three real components."""
     return values.ndim == 2 and values.shape[1] in (2, 3) and values.dtype.kind == "f"
 
 
@@ -69,7 +69,7 @@ def grid_of_cells(
     *,
     only_used: bool = False,
 ) -> GridFile:
-    """Return the grid of cells at points (nodes, 3); `only_used` leaves out points that no face or line has."""
+    """Return the grid of cells at points (nodes, 3); `only_used` leaves out points without faces and lines."""
     connectivity, gather = cells.connectivity(points, only_used=only_used)
     vectors = tuple(name for name, values in point_data.items() if is_vectors(values))
     added = point_data[wanted] if wanted in vectors and wanted is not None else None
@@ -78,17 +78,17 @@ def grid_of_cells(
         mesh = MeshFile(points, connectivity, (), notices)
     else:
         mesh = MeshFile(points[gather], connectivity, (node_attribute(gather),), notices)
-        added = None if added is None else gathered(added, gather, len(points))
+        added = None if added is None else gather_rows(added, gather, len(points))
     return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added)
 
 
-def gathered(values: NDArray[np.generic], gather: Int64Array, nodes: int) -> NDArray[np.generic]:
-    """Return the rows of data that kept points have; data of another size stay, to be refused with it."""
+def gather_rows(values: NDArray[np.generic], gather: Int64Array, nodes: int) -> NDArray[np.generic]:
+    """Return the rows of data at the kept points; data of another size are returned as they are, and refused later."""
     return values[gather] if len(values) == nodes else values
 
 
 def joined_grids(grids: Sequence[GridFile]) -> GridFile:
-    """Return several grids as one, their points one after the other; vectors are those that every one has."""
+    """Join grids to one, their points concatenated; it has the vectors that all of them have."""
     if len(grids) == 1:
         return grids[0]
     filled = [grid for grid in grids if len(grid.mesh.points)] or grids[:1]
@@ -107,7 +107,7 @@ def joined_grids(grids: Sequence[GridFile]) -> GridFile:
 
 
 class GridReader:
-    """Reads the meshes of files, and keeps account of their data.
+    """Reads the meshes of files, and records which data they have.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class GridReader:
         self._times: dict[Path, float | None] = {}
 
     def __call__(self, path: Path) -> MeshFile:
-        """Return the mesh of a file, moved by the vectors that are chosen from the first one."""
+        """Return the mesh of a file, moved by the vectors that were chosen from the first file."""
         if not path.exists():
             raise InputError("there is no such file; restore it", code="file-missing", path=path)
         grid = self._read(path, self._chosen)
@@ -151,20 +151,20 @@ class GridReader:
         return replace(grid.mesh, points=moved(grid.mesh.points, grid.added, self._chosen, path))
 
     def times(self, frames: Sequence[Sequence[Path]]) -> list[float] | None:
-        """Return the times [s] that files of frames tell of themselves; None unless all do, and they increase."""
+        """Return the times [s] that are stored in the files of frames; None unless all have one and they increase."""
         found = [self._times.get(files[0]) for files in frames]
         times = [time for time in found if time is not None and math.isfinite(time)]
         is_whole = len(times) == len(frames) and all(a < b for a, b in pairwise(times))
         return times if is_whole else None
 
     def time_notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
-        """Return the line that says why times of files of frames are not kept, where some files tell one."""
+        """Return a notice that explains why stored times are not kept, if any file has one."""
         if self.times(frames) is not None or all(self._times.get(files[0]) is None for files in frames):
             return ()
         return (f"times of the files ({TIME}) are not kept: not every file has one, or they do not increase",)
 
     def notices(self, frames: Sequence[Sequence[Path]]) -> tuple[str, ...]:
-        """Return lines about files of frames that were read: what moves the mesh, and which data are not kept."""
+        """Return notices about the files of frames: what moves the mesh, and which data are not kept."""
         geometry = {tuple(self._geometry.get(path, b"") for path in files) for files in frames}
         moves = len(frames) < 2 or len(geometry) > 1
         kept = {name: None for name in self._point_data if name != self._chosen}

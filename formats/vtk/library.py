@@ -1,7 +1,7 @@
-"""VTK's files through the library itself (extra ``vtk``): what meshio and our own reader of VTP do not read.
+"""Read files with the VTK library (extra ``vtk``) that meshio and our own XML reader do not support.
 
-Any XML or legacy data set with points: unstructured grids, polygonal data, structured grids; what is solid gives its
-surface, with the numbers of its points. It runs in a process of its own, which damaged files may end.
+It reads any XML or legacy data set with points: unstructured grids, polygonal data, structured grids; solids become
+their surface, with the numbers of its points. VTK runs in a worker process, since damaged files may crash it.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_meshes import MeshFile, strip_triangles
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
-from pdecodec.formats.vtk.grid_files import TIME, GridFile, Read, gathered, is_vectors
+from pdecodec.formats.vtk.grid_files import TIME, GridFile, Read, gather_rows, is_vectors
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 from pdecodec.system.reading import open_regular, read_regular
 from pdecodec.system.workers import Worker
 
-ORIGINAL = "vtkOriginalPointIds"
-"""Point data in which the surface filter says which points it took."""
+ORIGINAL_POINT_IDS = "vtkOriginalPointIds"
+"""Point data in which the surface filter records the original point numbers."""
 
 PACKAGE = "vtkmodules"
 
-LEAST_MEMORY, MEMORY_FACTOR = 2**32, 256
-"""Bytes that VTK may take, and how many more for each of a file: LZ4 packs up to 255 in one."""
+BASE_MEMORY, MEMORY_FACTOR = 2**32, 256
+"""Memory that VTK may use [bytes], and how much more per byte of the file: LZ4 packs up to 255 bytes into one."""
 
-FIRST_LISTED = 42
-"""First of VTK's numbers of cells with more to them than their points: polyhedra, and those of any order."""
+FIRST_IRREGULAR_CELL_TYPE = 42
+"""VTK's lowest number of cell types that depend on more than their points: polyhedra, and cells of any order."""
 
 _NAMES = ("vectors", "point_data", "cell_data", "field_data")
-"""Names of data that a grid tells of."""
+"""Attributes of a grid that are names of data."""
 
-_ALONE = ("UnstructuredGrid", "PolyData", "StructuredGrid", "RectilinearGrid", "ImageData")
-"""Types of VTK's XML files that name no other files: of others it would read whatever they name."""
+_SELF_CONTAINED_TYPES = ("UnstructuredGrid", "PolyData", "StructuredGrid", "RectilinearGrid", "ImageData")
+"""Types of VTK's XML files that name no other files; for other types VTK would read any file they name."""
 
-MOST_NUMBERED = 2**62
-"""More points than any cell has: what is not to be followed never has enough."""
+UNREACHABLE_POINT_COUNT = 2**62
+"""More points than any cell has: cells that must not be read never have enough."""
 
 
-def else_vtk(read: Read) -> Read:
-    """A reader of a file, or the library where that refuses it and the library is installed."""
+def with_vtk_fallback(read: Read) -> Read:
+    """Return a reader that falls back to the VTK library, if installed, for files that `read` refuses."""
 
     def read_either(path: Path, wanted: str | None) -> GridFile:
         try:
@@ -56,7 +56,7 @@ def else_vtk(read: Read) -> Read:
         except InputError as refused:
             if not path.is_file():
                 raise
-            # What is not there: the package, or a module that was taken away.
+            # The package may be absent, or blocked as a module.
             if sys.modules.get(PACKAGE, find_spec(PACKAGE)) is None:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
                 raise refused.placed(message, path=path) from refused
@@ -69,7 +69,7 @@ def else_vtk(read: Read) -> Read:
 
 
 worker = Worker(arrays_only=True)
-"""The process that runs VTK: started when a file first needs it, and again when one ended it."""
+"""The process that runs VTK: started when first needed, and again after a crash."""
 
 atexit.register(worker.end)
 
@@ -101,18 +101,18 @@ def _answer(path: Path, wanted: str | None) -> dict[str, Any]:
 
 
 def _limit_memory(path: Path) -> None:
-    """Let this process take no more memory than a file of that size needs."""
+    """Limit the memory of this process to what a file of that size needs."""
     try:
         import resource
-    except ModuleNotFoundError:  # not on Windows
+    except ModuleNotFoundError:  # Windows
         return
-    most, hard = LEAST_MEMORY + MEMORY_FACTOR * path.stat().st_size, resource.getrlimit(resource.RLIMIT_AS)[1]
+    most, hard = BASE_MEMORY + MEMORY_FACTOR * path.stat().st_size, resource.getrlimit(resource.RLIMIT_AS)[1]
     if hard == resource.RLIM_INFINITY or most <= hard:
         resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 
 def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
-    """One file's grid, with vectors of a name that may be in it.
+    """Return one file's grid, with the vectors named `wanted` if it has them.
 
     Raises
     ------
@@ -127,8 +127,8 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
 
     vtkObject.GlobalWarningDisplayOff()
     is_legacy = read_regular(path, len(b"# vtk")) == b"# vtk"
-    if not is_legacy and (kind := _xml_type(path)) not in _ALONE:
-        raise damaged(f"its type is {kind}, which its name does not say; rename or export it again", path=path)
+    if not is_legacy and (kind := _xml_type(path)) not in _SELF_CONTAINED_TYPES:
+        raise damaged(f"its type is {kind}, which does not match its name; rename or export it again", path=path)
     reader = vtkGenericDataObjectReader() if is_legacy else vtkXMLGenericDataObjectReader()
     reader.SetFileName(str(path))
     reader.Update()
@@ -154,11 +154,11 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
     if not data.IsA("vtkPolyData"):
         surface = vtkGeometryFilter()
         surface.PassThroughPointIdsOn()
-        surface.SetOriginalPointIdsName(ORIGINAL)
+        surface.SetOriginalPointIdsName(ORIGINAL_POINT_IDS)
         surface.SetInputData(data)
         surface.Update()
         data = surface.GetOutput()
-        ids = data.GetPointData().GetArray(ORIGINAL)
+        ids = data.GetPointData().GetArray(ORIGINAL_POINT_IDS)
         if ids is None or not data.GetNumberOfPoints():
             raise InputError("VTK finds no surface in it; extract it as polygons first", code="no-vertices", path=path)
         gather = vtk_to_numpy(ids).astype(np.int64)
@@ -176,11 +176,11 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
         faces = np.append(faces[0], np.full(len(corners), 3)), np.append(faces[1], corners)
     attributes: tuple[Attribute, ...] = ()
     if gather is not None:
-        # In the order that the points have in the file.
+        # Restore the order that points have in the file.
         order = np.argsort(gather)
         place = np.argsort(order)
         points, gather = points[order], gather[order]
-        added = None if added is None else gathered(added, gather, nodes)
+        added = None if added is None else gather_rows(added, gather, nodes)
         faces, lines = (faces[0], place[faces[1]]), [lines[0], place[lines[1]]]
         if gather.size < nodes:
             attributes = (node_attribute(gather),)
@@ -192,7 +192,7 @@ def read_with_vtk(path: Path, wanted: str | None) -> GridFile:
 
 
 def _xml_type(path: Path) -> str | None:
-    """Return the type that the root of an XML file says, None where it says none."""
+    """Return the type in the root of an XML file, None if it has none."""
     try:
         with open_regular(path) as file:
             root: ElementTree.Element = next(ElementTree.iterparse(file, ("start",)))[1]
@@ -202,7 +202,7 @@ def _xml_type(path: Path) -> str | None:
 
 
 def _check_cells(data: Any, path: Path) -> None:
-    """Raise InputError where cells have points that are not there: VTK's filters follow them anywhere."""
+    """Raise InputError if cells refer to missing points: VTK's filters would read out of bounds."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
@@ -220,17 +220,17 @@ def _check_cells(data: Any, path: Path) -> None:
         inside = not points.size or 0 <= points.min() <= points.max() < data.GetNumberOfPoints()
         fit = fit and bool(ordered) and bool(inside)
     if fit and data.IsA("vtkUnstructuredGrid") and data.GetNumberOfCells():
-        # GetCellTypesArray before VTK 9.6 is GetCellTypes since.
+        # GetCellTypesArray was renamed GetCellTypes in VTK 9.6.
         stored = data.GetCellTypes() if hasattr(data, "GetDistinctCellTypes") else data.GetCellTypesArray()
         kinds = vtk_to_numpy(stored).astype(np.int64)
         sizes = np.diff(vtk_to_numpy(data.GetCells().GetOffsetsArray()).astype(np.int64))
-        least = np.full(256, MOST_NUMBERED)
-        for number in np.unique(kinds[kinds < FIRST_LISTED]).tolist():
+        least = np.full(256, UNREACHABLE_POINT_COUNT)
+        for number in np.unique(kinds[kinds < FIRST_IRREGULAR_CELL_TYPE]).tolist():
             cell = vtkGenericCell.InstantiateCell(number)
-            least[number] = MOST_NUMBERED if cell is None else cell.GetNumberOfPoints()
+            least[number] = UNREACHABLE_POINT_COUNT if cell is None else cell.GetNumberOfPoints()
         fit = kinds.size == sizes.size and bool((sizes >= least[kinds]).all())
     if not fit:
-        raise damaged("its cells have points that are not there; export it again", path=path)
+        raise damaged("its cells refer to missing points; export it again", path=path)
 
 
 def _rows(counts: Int64Array, indices: Int64Array) -> list[Int64Array]:

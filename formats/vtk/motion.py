@@ -1,10 +1,10 @@
-"""What moves a mesh of a simulation, one rule for VTK, XDMF and Exodus; and what of its data is not kept.
+"""Decide what moves a mesh of a simulation, by one rule for VTK, XDMF and Exodus; list the data that are not kept.
 
-1. Geometry that the file stores for every step is taken as it is.
-2. Vectors on nodes are added to it where the format itself defines them as displacements. Exodus alone does: by the
+1. Geometry that the file stores for every step is used as it is.
+2. Vectors on nodes are added to it if the format itself defines them as displacements. Only Exodus does: by the
    convention of its own programs, nodal variables of every axis whose name begins with ``disp``.
-3. Or where the user names them, ``displacement="u"``; ``displacement="none"`` adds none.
-4. Other vectors (``u``, velocities) move nothing: a notice lists them, and whether they could.
+3. Or if the user names them, ``displacement="u"``; ``displacement="none"`` adds none.
+4. Other vectors (``u``, velocities) move nothing: if the mesh stands still, a notice lists them as candidates.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pdecodec.errors import InputError, Notice, damaged
 NO_DISPLACEMENT = "none"
 """Value of the option ``displacement`` that adds no vectors."""
 
-NO_MOTION = ("normals", "color")
-"""Vectors, in lower case, that are not listed as what could move a mesh: our own writers put them beside it."""
+NEVER_DISPLACEMENTS = ("normals", "color")
+"""Vectors, in lower case, that are not suggested as displacements: our own writers store them next to the mesh."""
 
 
 def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, defined: Sequence[str] = ()) -> str | None:
-    """Return the name of the vectors that are added to the geometry, None for none of them.
+    """Return the name of the vectors that are added to the geometry, None for none.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, def
     path : pathlib.Path
         The file, for errors.
     defined : sequence of str
-        Those of them that the format defines as displacements.
+        Those of `vectors` that the format defines as displacements.
 
     Raises
     ------
     InputError
-        If there are no vectors of the name asked for, or the format defines several.
+        If no vectors have the name `asked`, or the format defines several displacements.
     """
     if asked is None:
         if len(defined) > 1:
@@ -66,10 +66,10 @@ def choose_vectors(vectors: Sequence[str], asked: str | None, path: Path, *, def
 
 
 def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None, *, moves: bool) -> tuple[str, ...]:
-    """Return the line that says which vectors move the mesh, or which could where its geometry stands still."""
+    """Return a notice that says which vectors move the mesh, or which could if its geometry stands still."""
     if chosen is not None:
         return (f"the vectors {chosen!r} are added to the geometry: they move the mesh",)
-    vectors = [name for name in vectors if name.lower() not in NO_MOTION]
+    vectors = [name for name in vectors if name.lower() not in NEVER_DISPLACEMENTS]
     if moves or asked is not None or not vectors:
         return ()
     text = f"the mesh stands still: nothing says that {quoted(vectors)} {_are(vectors)} its displacement"
@@ -77,7 +77,7 @@ def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None
 
 
 def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
-    """Return the line that says which data are not kept, by kind: ``{"point data": ["temperature"]}``."""
+    """Return a notice that lists data that are not kept, by kind: ``{"point data": ["temperature"]}``."""
     listed = [f"{kind} {quoted(found)}" for kind, one in names.items() if (found := list(dict.fromkeys(one)))]
     if not listed:
         return ()
@@ -86,17 +86,17 @@ def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
 
 
 def quoted(names: Iterable[str]) -> str:
-    """Return names as they stand in messages: ``'a', 'b'``."""
+    """Return names as they appear in messages: ``'a', 'b'``."""
     return ", ".join(map(repr, names))
 
 
 def moved(points: NDArray[np.floating], vectors: NDArray[np.generic], name: str, path: Path) -> NDArray[np.floating]:
-    """Return points (nodes, 3) with vectors (nodes, 1 to 3) of this name added.
+    """Return points (nodes, 3) with the vectors (nodes, 1 to 3) of this name added.
 
     Raises
     ------
     InputError
-        If there are not as many vectors as points, or they have other components.
+        If the numbers of vectors and points differ, or vectors have another number of components.
     """
     if vectors.ndim != 2 or len(vectors) != len(points) or not 1 <= vectors.shape[1] <= 3:
         raise damaged(

@@ -1,4 +1,4 @@
-"""VTU files, one a frame, and the PVD lists of them, as they are written."""
+"""Write VTU files, one per frame, and PVD lists of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
-"""VTK's numbers of cell types that are written."""
+"""VTK's numbers of the cell types that are written."""
 
 _NAMES = {code: name for name, code in TYPES.items()}
 
@@ -35,7 +35,7 @@ def write_vtu(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write VTU files beside a list of them with their times, ``name.pvd``."""
+    """Write VTU files, and next to them a list of the files with their times, ``name.pvd``."""
     path = output.path
     check_writable(path, overwrite=output.overwrite)
     grids = _Grids()
@@ -54,7 +54,7 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 class _Grids:
-    """Grids of runs, and what they cannot hold, each line once."""
+    """Grids of runs, and the notices about what they cannot store, without repetition."""
 
     def __init__(self) -> None:
         self.notices: dict[str, None] = {}
@@ -66,7 +66,7 @@ class _Grids:
 
 
 class _Grid:
-    """What is the same in every frame of a run of VTU files."""
+    """The parts of VTU files that are the same in every frame of a run."""
 
     def __init__(self, sequence: MeshSequence) -> None:
         whole = sequence.connectivity
@@ -114,14 +114,14 @@ def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> b
     width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim == 2 else ""
     length = f' NumberOfTuples="{len(data)}"' if tuples else ""
     raw = data.astype(data.dtype.newbyteorder("<")).tobytes()
-    # Length and data are one run of base64: readers decode them together where there is no compressor.
+    # Length and data are encoded together: readers of uncompressed data decode them together.
     text = base64.b64encode(len(raw).to_bytes(8, "little") + raw)
     kind = _NAMES[data.dtype.str[1:]]
     return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">'.encode() + text + b"</DataArray>"
 
 
 def listed_files(path: Path) -> list[Path]:
-    """Return the frames that are there of a list of VTU files that is written to a path."""
+    """Return the existing frames of a list of VTU files that would be written to a path."""
     return frames_there(path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
 
 

@@ -1,8 +1,8 @@
-"""XDMF: a small XML file that says what is in HDF5 files beside it; a grid for every time.
+"""Read XDMF: a small XML file with a grid per time step that refers to data in HDF5 files.
 
 ``xdmf_document.py`` follows includes and references, ``xdmf_grids.py`` finds steps, their times and parts,
-``xdmf_items.py`` reads numbers, ``xdmf_cells.py`` cells. What XDMF defines and these do not read is refused by name.
-Here steps become frames: geometry of each, or one geometry and vectors that the user names.
+``xdmf_items.py`` reads values, ``xdmf_cells.py`` cells. Features of XDMF that these do not support are refused by
+name. Here steps become frames: each with its own geometry, or one geometry moved by vectors that the user names.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check
 from pdecodec.mesh.times import check_times
 
 _AXES = {"XYZ": 3, "XY": 2, "X_Y_Z": 3, "X_Y": 2}
-"""Axes of geometries that are read, by type; those with underscores have a DataItem for each."""
+"""Number of axes of the supported geometry types; those with underscores have a DataItem per axis."""
 
 _CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge": "edge data", "grid": "grid data"}
-"""What data of an attribute are called, by its Center."""
+"""Names of an attribute's data in notices, by its Center."""
 
 _DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
-"""What ElementTree, h5py and NumPy raise on damaged or missing parts."""
+"""Exceptions of ElementTree, h5py and NumPy on damaged or missing parts."""
 
 
 class XdmfSequence(MeshSequence):
-    """Steps of an XDMF file, an object for each part; its HDF5 files stay open until :meth:`close`.
+    """Steps of an XDMF file, with an object per part; its HDF5 files stay open until :meth:`close`.
 
-    `fps` is the nominal rate where steps have times; else frames are counted at it. `displacement` names the vectors on
-    nodes that are added to the geometry.
+    `fps` is the nominal rate if steps have times; otherwise frames are counted at it. `displacement` names the
+    vectors on nodes that are added to the geometry.
 
     Raises
     ------
     InputError
-        If it is damaged, values of it were never written, it uses what is not read, its connectivity changes, or no
-        vectors are called `displacement`.
+        If the file is damaged, values were never written, it uses an unsupported feature, its connectivity changes, or
+        no vectors have the name `displacement`.
     """
 
     def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
@@ -66,7 +66,7 @@ class XdmfSequence(MeshSequence):
 
     def _open(self, grids: Grids, fps: float | None, displacement: str | None) -> None:
         timeline = grids.timeline(displacement)
-        self._steps = [self._in_order(step, timeline.steps[0]) for step in timeline.steps]
+        self._steps = [self._sort_parts(step, timeline.steps[0]) for step in timeline.steps]
         self.times, self.fps, notices = self._timing(fps)
         first = self._steps[0].parts
         vectors = _vectors(first)
@@ -101,8 +101,8 @@ class XdmfSequence(MeshSequence):
         rate, notices = rate_or_default(None, fps)
         return *check_times(len(self._steps), None, rate), notices
 
-    def _in_order(self, step: Step, first: Step) -> Step:
-        """Return a step with its parts in the order of the first step, where they have the same names."""
+    def _sort_parts(self, step: Step, first: Step) -> Step:
+        """Return a step with its parts in the order of the first step, if the names of parts are the same."""
         names, wanted = ([part.name for part in one.parts] for one in (step, first))
         if len(names) != len(wanted):
             raise InputError(
@@ -157,7 +157,7 @@ class XdmfSequence(MeshSequence):
         return cells_of(part.topology, self._items, self._path).connectivity(points)
 
     def _geometry_moves(self, vectors: Sequence[str]) -> bool:
-        """Whether the geometry is another one in other steps: of those that differ in the file some are compared."""
+        """Return whether the geometry changes; three of the steps that refer to other data are compared."""
         if not vectors:
             return True
         keys = [[self._items.key(part.geometry) for part in step.parts] for step in self._steps]
@@ -185,7 +185,7 @@ class XdmfSequence(MeshSequence):
         return found
 
     def _read_frame(self, frame: int, into: Float32Array) -> None:
-        """Read positions (vertices, 3) of a frame; InputError where its connectivity is another."""
+        """Read positions (vertices, 3) of a frame; InputError if its connectivity differs from the first frame's."""
         done = 0
         for number, part in enumerate(self._steps[frame].parts):
             points, item = self._points(part), self.objects[number]
@@ -193,7 +193,7 @@ class XdmfSequence(MeshSequence):
             if len(points) != self._nodes[number] or not (
                 same or self._connectivity(part, points)[0].same_as(item.connectivity)
             ):
-                message = "its connectivity is another; every frame must have that of the first"
+                message = "its connectivity differs from that of the first frame; write frames of one connectivity"
                 raise InputError(message, code="connectivity-changes", path=self._path, frame=frame)
             gather = self._gathers[number]
             into[done : done + item.vertex_count] = to_float32(points if gather is None else points[gather])
@@ -204,7 +204,7 @@ class XdmfSequence(MeshSequence):
 
 
 def _is_vector(attribute: Element) -> bool:
-    """Whether an attribute has a vector of two or three components for each node."""
+    """Return whether an attribute is a vector of two or three components per node."""
     if attribute.get("Center", "Node").lower() != "node" or attribute.get("ItemType", "") == "FiniteElementFunction":
         return False
     kind = attribute.get("AttributeType", attribute.get("Type", "Scalar")).lower()
@@ -222,9 +222,9 @@ def _vectors(parts: Sequence[Part]) -> list[str]:
 
 
 def _dropped(steps: Sequence[Step], loose: Sequence[Element], moving: str | None) -> dict[str, dict[str, None]]:
-    """Return the names of attributes and sets of all steps but for the vectors that move it, by kind.
+    """Return the names of attributes and sets of all steps, by kind, except the vectors `moving`.
 
-    `loose` are attributes of no part.
+    `loose` are attributes that belong to no part.
     """
     found: dict[str, dict[str, None]] = {}
     for one in loose:
@@ -245,13 +245,13 @@ def _dropped(steps: Sequence[Step], loose: Sequence[Element], moving: str | None
 
 
 def _object_names(parts: Sequence[Part]) -> list[str]:
-    """Return a name for each part, all different; the only one is a mesh."""
+    """Return a unique name for each part; a single part is called ``mesh``."""
     if len(parts) == 1:
         return ["mesh"]
     names: dict[str, None] = {}
     for number, part in enumerate(parts):
         name = part.name or f"part{number}"
-        # A name may be that of one that was made so.
+        # A generated name may already be taken.
         while name in names:
             name = f"{name}_{number}"
         names[name] = None

@@ -1,4 +1,4 @@
-"""Topologies of XDMF: the kinds of cells that they are of, by name, and by number where they are mixed."""
+"""Read topologies of XDMF: cells of one kind, given by name, or of mixed kinds, given by numbers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _KINDS = {
     "hexahedron_27": ("hexahedron", 27),
     "hex_27": ("hexahedron", 27),
 }
-"""Kind and nodes of each cell of a topology, by its name."""
+"""Kind and number of nodes of the cells of a topology, by its name."""
 
 MIXED_KINDS = {
     4: ("triangle", 3),
@@ -59,13 +59,13 @@ MIXED_KINDS = {
     49: ("hexahedron", 24),
     50: ("hexahedron", 27),
 }
-"""Kind and nodes of cells of a mixed topology, by the number before them."""
+"""Kind and number of nodes of the cells of a mixed topology, by the number that precedes them."""
 
 _MIXED_SOLIDS = frozenset({6, 7, 8, 9, *range(38, 51)})
-"""Those of them that are solids: added together, for there may be many."""
+"""Numbers of solids in mixed topologies: they are added together, since there may be many."""
 
 _MIXED_COUNTED = {1: "polyline", 2: "polyline", 3: "polygon"}
-"""Points, lines and polygons of a mixed topology, which their number of nodes follows."""
+"""Kinds of points, lines and polygons in mixed topologies, by number; their count of nodes follows it."""
 
 
 def cells_of(topology: Element, items: Items, path: Path) -> Cells:
@@ -74,7 +74,7 @@ def cells_of(topology: Element, items: Items, path: Path) -> Cells:
     Raises
     ------
     InputError
-        If it is of a kind that is not read, or its data are not what it declares.
+        If its kind is not supported, or its data are not what it declares.
     """
     cells = Cells()
     kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
@@ -113,7 +113,7 @@ def cells_of(topology: Element, items: Items, path: Path) -> Cells:
 
 
 def _nodes_of_each(topology: Element, indices: Int64Array, kind: str, path: Path) -> int:
-    """Return how many nodes each cell has of a kind that may have any number."""
+    """Return the number of nodes per cell, for kinds that may have any number."""
     declared = topology.get("NodesPerElement")
     if declared is not None and int(declared) >= (3 if kind == "polygon" else 1):
         return int(declared)
@@ -129,7 +129,7 @@ def _nodes_of_each(topology: Element, indices: Int64Array, kind: str, path: Path
 
 
 def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> None:
-    """Add the cells of a mixed topology: each a number for its kind, for some their number of nodes, and nodes."""
+    """Add the cells of a mixed topology: each is a kind, for some kinds a count of nodes, and the nodes."""
     at = 0
     solids: dict[str, list[Int64Array]] = {}
     while at < numbers.size:

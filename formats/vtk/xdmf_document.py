@@ -1,7 +1,8 @@
-"""The XML of an XDMF file: what it includes (XInclude) and refers to (``Reference``) is found where it stands.
+"""Parse the XML of an XDMF file, and resolve its includes (XInclude) and references (``Reference``).
 
-Both name elements by XPath. The part of it that XDMF files use is read: steps by name, ``*``, ``.`` and ``//``, with
-predicates of a position, of attributes and of ``self::NAME``, joined by ``and`` and ``or``. Anything else is refused.
+Both name elements by XPath. The subset that XDMF files use is supported: steps by name, ``*``, ``.`` and ``//``,
+with predicates of a position, of attributes and of ``self::NAME``, joined by ``and`` and ``or``. Anything else is
+refused.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from pdecodec.system.reading import FileScope
 Element = ElementTree.Element
 
 _Predicate = Callable[[Element, int, int], bool]
-"""Whether an element, at a position, of so many, is taken."""
+"""Tells whether to select an element, given its position from 1 and the number of elements."""
 
-MOST_DOCUMENTS = 10_000
-"""Files that an XDMF file may include, itself among them."""
+MAX_DOCUMENTS = 10_000
+"""Largest number of files in a document: the XDMF file and those it includes."""
 
 _INCLUDE = re.compile(r"\{https?://www\.w3\.org/\d{4}/XInclude\}include")
 _XPOINTER = re.compile(r"xpointer\((?P<path>.*)\)", re.DOTALL)
@@ -32,20 +33,20 @@ _SELF = re.compile(r"self::(?P<name>[\w.-]+|\*)")
 
 
 class Document:
-    """An XDMF document, with elements that it includes in their places.
+    """An XDMF document with its includes replaced by the included elements.
 
     Attributes
     ----------
     path : pathlib.Path
     scope : FileScope
-        Where the files lie that it may name.
+        Folder of the files that it may name.
     root : xml.etree.ElementTree.Element
-        Elements that are included in several places are in all of them.
+        An element that is included several times is shared between its places.
 
     Raises
     ------
     InputError
-        If it is no XML, includes what is not there, or itself.
+        If it is no XML, or includes a missing element or itself.
     """
 
     def __init__(self, path: Path) -> None:
@@ -56,25 +57,25 @@ class Document:
         self._parents: dict[Element, dict[str, list[Element]]] = {}
         self.root = self._parse(path.name, path.parent)
         self._include()
-        self._check_finite()
+        self._check_acyclic()
 
     def folder(self, element: Element) -> Path:
-        """Return the folder of the file that an element stands in: names in it are relative to that."""
+        """Return the folder of the file that an element comes from; file names in it are relative to that folder."""
         return self._homes[element][0]
 
     def resolved(self, element: Element) -> Element:
-        """Return the element that an element refers to, itself where it does not.
+        """Return the element that an element refers to, or the element itself if it is no reference.
 
         Raises
         ------
         InputError
-            If it refers to nothing, to several elements, to one of another kind, or to itself.
+            If it refers to nothing, to several elements, to an element with another tag, or to itself.
         """
         seen = {element}
         while "Reference" in element.attrib:
             reference = element.attrib["Reference"].strip()
             path = (element.text or "").strip() if reference.upper() == "XML" else reference
-            found = self._at(path, self._homes[element][1])
+            found = self._find(path, self._homes[element][1])
             if len(found) != 1 or found[0].tag != element.tag or found[0] in seen:
                 raise damaged(
                     f"a {element.tag} refers to {path!r}, which is {len(found)} elements, or none of its kind; "
@@ -86,16 +87,16 @@ class Document:
         return element
 
     def children(self, element: Element, tag: str) -> list[Element]:
-        """Return the children of a kind, references followed."""
+        """Return the children with a tag, references resolved."""
         return [self.resolved(child) for child in element if child.tag == tag]
 
     def child(self, element: Element, tag: str) -> Element | None:
-        """Return the only child of a kind, None where there is none; InputError where there are several."""
+        """Return the only child with a tag, None if there is none; InputError if there are several."""
         found = self.children(element, tag)
         if len(found) > 1:
             name = element.get("Name", "")
             raise InputError(
-                f"{element.tag} {name!r} has {len(found)} elements {tag}, and may have one",
+                f"{element.tag} {name!r} has {len(found)} elements {tag}; it may have only one",
                 code="damaged-input",
                 path=self.path,
             )
@@ -105,8 +106,8 @@ class Document:
         path = self.scope.checked(name, folder)
         key = path.resolve()
         if key not in self._roots:
-            if len(self._roots) >= MOST_DOCUMENTS:
-                raise InputError(f"includes more than {MOST_DOCUMENTS:,} files", code="too-large", path=self.path)
+            if len(self._roots) >= MAX_DOCUMENTS:
+                raise InputError(f"includes more than {MAX_DOCUMENTS:,} files", code="too-large", path=self.path)
             with self.scope.open(name, folder) as file:
                 try:
                     self._roots[key] = ElementTree.parse(file).getroot()
@@ -116,7 +117,7 @@ class Document:
         return self._roots[key]
 
     def _include(self) -> None:
-        """Put elements in the places of those that include them; all are found before the first is moved."""
+        """Replace includes by the elements they name; all are found before the first is replaced."""
         parents: list[Element] = []
         targets: dict[Element, list[Element]] = {}
         done: set[Path] = set()
@@ -133,13 +134,13 @@ class Document:
         self._found.clear()
         self._parents.clear()
         for parent in dict.fromkeys(parents):
-            parent[:] = [found for child in parent for found in self._flat(child, targets, ())]
+            parent[:] = [found for child in parent for found in self._expand_include(child, targets, ())]
 
     def _included(self, include: Element, root: Element) -> list[Element]:
-        """Return the elements that an element of XInclude stands for."""
+        """Return the elements that an XInclude element names."""
         name, pointer = include.get("href", ""), include.get("xpointer", "").strip()
         if include.get("parse", "xml") != "xml" or (not name and not pointer) or "://" in name:
-            raise damaged(f"includes {name or 'text'!r}, which is no XDMF file beside it", path=self.path)
+            raise damaged(f"includes {name or 'text'!r}, which is no XDMF file next to it", path=self.path)
         if name:
             root = self._parse(name, self.folder(include))
         if not pointer:
@@ -147,7 +148,7 @@ class Document:
         xpointer, numbers = _XPOINTER.fullmatch(pointer), _CHILDREN.fullmatch(pointer)
         found: list[Element] = []
         if xpointer is not None:
-            found = self._at(xpointer["path"], root)
+            found = self._find(xpointer["path"], root)
         elif numbers is not None:
             found = _numbered(root, [int(part) for part in numbers["numbers"].split("/")[1:]])
         else:
@@ -155,10 +156,10 @@ class Document:
                 f"the pointer {pointer!r} of an include is not understood", code="unsupported-feature", path=self.path
             )
         if not found:
-            raise damaged(f"includes {pointer!r}, and there is no such element; write it again", path=self.path)
+            raise damaged(f"includes {pointer!r}, which does not exist; write it again", path=self.path)
         return found
 
-    def _flat(
+    def _expand_include(
         self, child: Element, targets: dict[Element, list[Element]], above: tuple[Element, ...]
     ) -> Iterator[Element]:
         if child in above:
@@ -167,10 +168,10 @@ class Document:
             yield child
             return
         for found in targets[child]:
-            yield from self._flat(found, targets, (*above, child))
+            yield from self._expand_include(found, targets, (*above, child))
 
-    def _check_finite(self) -> None:
-        """Raise InputError where an element is below itself."""
+    def _check_acyclic(self) -> None:
+        """Raise InputError if an element contains itself."""
         above: set[Element] = set()
         done: set[Element] = set()
         left: list[tuple[Element, bool]] = [(self.root, False)]
@@ -186,7 +187,7 @@ class Document:
                 left.append((element, True))
                 left += [(child, False) for child in element]
 
-    def _at(self, path: str, root: Element) -> list[Element]:
+    def _find(self, path: str, root: Element) -> list[Element]:
         """Return the elements at an XPath that begins at the root."""
         if (root, path) not in self._found:
             if root not in self._parents:
@@ -201,7 +202,7 @@ class Document:
 
 
 def _parents_by_tag(root: Element) -> dict[str, list[Element]]:
-    """Return the elements that have children of each tag, in document order: first one above the root."""
+    """Return the elements that have children of each tag, in document order; the first is a parent of the root."""
     above = Element("document")
     above.append(root)
     parents: dict[str, dict[Element, None]] = {"*": {}}
@@ -213,7 +214,7 @@ def _parents_by_tag(root: Element) -> dict[str, list[Element]]:
 
 
 def _numbered(root: Element, numbers: Sequence[int]) -> list[Element]:
-    """Return the element at a sequence of child numbers, the first one that of the root."""
+    """Return the element at a sequence of child numbers; the first number is that of the root."""
     if numbers[0] != 1:
         return []
     for number in numbers[1:]:
@@ -224,7 +225,7 @@ def _numbered(root: Element, numbers: Sequence[int]) -> list[Element]:
 
 
 def _select(path: str, parents: Mapping[str, list[Element]]) -> list[Element]:
-    """Return the elements at a path; `parents` are those of the document, as :func:`_parents_by_tag` gives them."""
+    """Return the elements at a path; `parents` come from :func:`_parents_by_tag`."""
     text = path.strip()
     if not text.startswith("/"):
         raise ValueError("it does not begin at the root")
@@ -261,7 +262,7 @@ def _name(element: Element) -> str:
 
 
 def _predicate(predicate: str) -> _Predicate:
-    """Return what tells whether an element at a position, from 1, of so many fulfils a predicate."""
+    """Return a function that tests a predicate."""
     for joiner, combined in ((" or ", any), (" and ", all)):
         parts = _split(predicate, joiner)
         if len(parts) > 1:
@@ -285,12 +286,12 @@ def _predicate(predicate: str) -> _Predicate:
 
 
 def _combined(how: Callable[[Iterable[bool]], bool], parts: Sequence[_Predicate]) -> _Predicate:
-    """Return whether any or all of several predicates hold."""
+    """Return a predicate that holds if any or all of several predicates hold."""
     return lambda one, at, count: how(part(one, at, count) for part in parts)
 
 
 def _split(text: str, at: str) -> list[str]:
-    """Return the parts of a text between separators that are neither quoted nor, but for ``[``, in brackets."""
+    """Split a text at separators that are not quoted and, except for ``[``, not in brackets."""
     parts, depth, quote, start, place = [], 0, "", 0, 0
     while place < len(text):
         letter = text[place]

@@ -1,7 +1,7 @@
-"""Grids of XDMF as steps in time: temporal collections of grids, which may be of several parts, and their times.
+"""Find the time steps of an XDMF document: temporal collections of grids, the parts of each step, and times.
 
-By XDMF's model a grid is uniform (a mesh), a collection of grids, temporal or spatial, or a tree of them. Parts of a
-spatial collection are there at once; so are grids of a domain without a temporal collection.
+In XDMF a grid is uniform (a mesh), a temporal or spatial collection of grids, or a tree of grids. The parts of a
+spatial collection exist together, and so do the grids of a domain without a temporal collection.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pdecodec.formats.vtk.motion import quoted
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.formats.vtk.xdmf_items import Items
 
-MOST_GRIDS = 2**22
-"""Grids of a file: includes of includes can multiply a few lines to any number."""
+MAX_GRIDS = 2**22
+"""Largest number of grids in a file: nested includes can multiply a few lines without limit."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A uniform grid.
+    """A uniform grid of XDMF: one mesh.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Step:
-    """The parts that are there at a time; None where the file does not say when."""
+    """The parts of a time step; its time is None if the file does not state it."""
 
     time: float | None
     parts: tuple[Part, ...]
@@ -48,7 +48,7 @@ class Step:
 
 @dataclass
 class Timeline:
-    """Steps of a document, and what of it is not among them."""
+    """Steps that are read from a document, notices about the rest, and the steps of other collections."""
 
     steps: list[Step]
     notices: list[str] = field(default_factory=list)
@@ -61,17 +61,18 @@ class Grids:
     Raises
     ------
     InputError
-        If a grid is of a kind that is not read, or lacks geometry, topology or time.
+        If a grid is of an unsupported kind, or lacks geometry, topology or time.
     """
 
     def __init__(self, document: Document, items: Items) -> None:
         self._document, self._items, self._path = document, items, document.path
         self._count = 0
-        self.loose: list[Element] = []  # attributes of collections themselves
+        self.loose: list[Element] = []  # attributes of the collections themselves
 
     def timeline(self, wanted: str | None) -> Timeline:
-        """Return the steps of the domain; of several temporal collections those of the first, or of the first with an
-        attribute of the name `wanted`.
+        """Return the steps of the first domain.
+
+        Of several temporal collections it takes the first with an attribute named `wanted`, else the first.
         """
         domains = self._document.root.findall("Domain")
         if self._document.root.tag != "Xdmf" or not domains:
@@ -83,8 +84,8 @@ class Grids:
         lost = [f"only the first of {len(domains)} domains is read"] if len(domains) > 1 else []
         if not read:
             name = f"of {len(grids)} grids of the domain"
-            return Timeline(self._together([self._steps(grid, None) for grid in grids], None, name), lost)
-        chosen = next((one for one in read if _has(one[1], wanted)), read[0])
+            return Timeline(self._join_steps([self._steps(grid, None) for grid in grids], None, name), lost)
+        chosen = next((one for one in read if _has_attribute(one[1], wanted)), read[0])
         rest = [one for one in read if one is not chosen]
         if rest:
             names = quoted(grid.get("Name", "") for grid, _ in rest)
@@ -96,14 +97,14 @@ class Grids:
             if _collection(grid) != "temporal" and not used & set(grid.iter("Geometry"))
         ]
         if beside:
-            lost.append(f"grids beside the temporal collection are not read: {quoted(beside)}")
+            lost.append(f"grids outside the temporal collection are not read: {quoted(beside)}")
         return Timeline(chosen[1], lost, [step for _, steps in rest for step in steps])
 
     def _steps(self, grid: Element, inherited: float | None) -> list[Step]:
-        """Return the steps of a grid: those of a temporal collection, else one, at its time or the one above it."""
+        """Return the steps of a grid: those of a temporal collection, else one, with its own or the inherited time."""
         self._count += 1
-        if self._count > MOST_GRIDS:
-            raise InputError(f"holds more than {MOST_GRIDS:,} grids", code="too-large", path=self._path)
+        if self._count > MAX_GRIDS:
+            raise InputError(f"holds more than {MAX_GRIDS:,} grids", code="too-large", path=self._path)
         kind, name = _collection(grid), grid.get("Name", "")
         if kind == "uniform":
             return [Step(self._own_time(grid, inherited), (self._part(grid),))]
@@ -112,12 +113,12 @@ class Grids:
             raise damaged(f"the {kind} collection {name!r} holds no grid; write it again", path=self._path)
         self.loose += self._document.children(grid, "Attribute")
         if kind == "temporal":
-            return self._in_time(grid, children)
+            return self._collection_steps(grid, children)
         time = self._own_time(grid, inherited)
-        return self._together([self._steps(child, time) for child in children], time, f"of the {kind} grid {name!r}")
+        return self._join_steps([self._steps(child, time) for child in children], time, f"of the {kind} grid {name!r}")
 
-    def _in_time(self, grid: Element, children: Sequence[Element]) -> list[Step]:
-        """Return the steps of a temporal collection: times are those of its grids, or its own list of them."""
+    def _collection_steps(self, grid: Element, children: Sequence[Element]) -> list[Step]:
+        """Return the steps of a temporal collection; times come from its grids, or from its own list."""
         name = grid.get("Name", "")
         steps: list[Step] = []
         for child in children:
@@ -134,7 +135,7 @@ class Grids:
             return steps
         if any(known):
             raise InputError(
-                f"grid {known.index(False)} of the temporal collection {name!r} has no time, and others have",
+                f"grid {known.index(False)} of the temporal collection {name!r} has no time, but others have one",
                 code="invalid-times",
                 path=self._path,
                 frame=known.index(False),
@@ -149,8 +150,8 @@ class Grids:
             )
         return [Step(time, step.parts) for time, step in zip(listed, steps, strict=True)]
 
-    def _together(self, groups: list[list[Step]], time: float | None, where: str) -> list[Step]:
-        """Return the steps of grids that are there at once."""
+    def _join_steps(self, groups: list[list[Step]], time: float | None, where: str) -> list[Step]:
+        """Join the steps of grids that exist together."""
         counts = {len(steps) for steps in groups}
         if len(counts) > 1:
             raise InputError(
@@ -172,7 +173,7 @@ class Grids:
         return joined
 
     def information(self) -> dict[str, dict[str, None]]:
-        """Return the names of what the document says in elements of that kind."""
+        """Return the names of the document's ``Information`` elements, as data that are not kept."""
         names = dict.fromkeys(str(one.get("Name")) for one in self._document.root.iter("Information"))
         return {"information": names} if names else {}
 
@@ -189,20 +190,20 @@ class Grids:
         return Part(name, geometry, topology, attributes, sets)
 
     def _own_time(self, grid: Element, inherited: float | None) -> float | None:
-        """Return the time of a grid that is no temporal collection; of a range, where it begins."""
+        """Return the time of a grid that is no temporal collection; of a range, its start."""
         times = self._times(grid)
         if times is None:
             return inherited
         if len(times) != 1:
             raise InputError(
-                f"grid {grid.get('Name', '')!r} has {len(times)} times, and may have one",
+                f"grid {grid.get('Name', '')!r} has {len(times)} times; it may have only one",
                 code="invalid-times",
                 path=self._path,
             )
         return times[0]
 
     def _times(self, grid: Element) -> list[float] | None:
-        """Return the times that a grid tells of itself or of its children; None where it tells none."""
+        """Return the times that a grid states for itself or its children; None if it states none."""
         time = self._document.child(grid, "Time")
         if time is None:
             return None
@@ -221,7 +222,7 @@ class Grids:
                 path=self._path,
             )
         if kind == "hyperslab":
-            if len(numbers) != 3 or not 0 <= numbers[2] <= MOST_GRIDS:
+            if len(numbers) != 3 or not 0 <= numbers[2] <= MAX_GRIDS:
                 raise InputError(
                     f"times of grid {name!r} are no start, stride and count", code="invalid-times", path=self._path
                 )
@@ -251,6 +252,6 @@ def _collection(grid: Element) -> str:
     return kind
 
 
-def _has(steps: Sequence[Step], name: str | None) -> bool:
+def _has_attribute(steps: Sequence[Step], name: str | None) -> bool:
     found: Iterator[Element] = (one for part in steps[0].parts for one in part.attributes)
     return any(one.get("Name", "") == name for one in found)

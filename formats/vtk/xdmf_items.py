@@ -1,4 +1,4 @@
-"""Numbers of XDMF: its DataItems, which stand in the XML, in HDF5 or in binary files, whole or as part of an array."""
+"""Read values of XDMF: DataItems in XML, HDF5 or binary files, whole or as part of an array."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.system.reading import read_at_most
 
 _JOIN = re.compile(r"JOIN\(\s*(?P<parts>\$\d+(?:\s*[,;]\s*\$\d+)*)\s*\)", re.IGNORECASE)
-"""The function that puts items beside each other."""
+"""The function that makes items the columns of one array."""
 
 _KINDS = {"FLOAT": "f", "INT": "i", "UINT": "u", "CHAR": "i", "UCHAR": "u", "SHORT": "i", "USHORT": "u"}
 """NumPy's kinds of numbers by NumberType."""
 
 _SIZES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2}
-"""Bytes of a number, of types that no Precision tells it of; 4 of others."""
+"""Default size of a number by type [bytes], if Precision is missing; 4 for other types."""
 
 _ORDERS = {"BIG": ">", "LITTLE": "<", "NATIVE": "=", "": "="}
 
-_UNPACKED: dict[str, Callable[[BinaryIO, int], bytes]] = {
+_DECOMPRESSORS: dict[str, Callable[[BinaryIO, int], bytes]] = {
     "": read_at_most,
     "RAW": read_at_most,
     "ZLIB": lambda file, most: zlib.decompressobj().decompress(file.read(), max(1, most)),
     "BZIP2": lambda file, most: bz2.BZ2Decompressor().decompress(file.read(), most),
 }
-"""How data of a Compression become bytes, at most so many."""
+"""Functions that decompress a file, by Compression, to at most a given number of bytes."""
 
 Selection = tuple[slice, ...]
 
 
 class Items:
-    """Numbers of the DataItems of a document; HDF5 files stay open until :meth:`close`.
+    """Values of the DataItems of a document; HDF5 files stay open until :meth:`close`.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Items:
         return self._document.children(element, "DataItem")
 
     def only(self, element: Element) -> NDArray[Any]:
-        """Return the numbers of the one DataItem of an element; InputError where there are none or several."""
+        """Return the values of the only DataItem of an element; InputError if there are none or several."""
         found = self.of(element)
         if len(found) != 1:
             name = element.get("Name", "")
@@ -67,7 +67,7 @@ class Items:
         return self.numbers(found[0])
 
     def key(self, element: Element) -> tuple[str, ...]:
-        """Return what is the same of elements whose numbers are: where these are, or their text."""
+        """Return a key that is equal for elements that refer to the same data or contain the same text."""
         texts = []
         for item in element.iter("DataItem"):
             found = self._document.resolved(item)
@@ -77,23 +77,23 @@ class Items:
         return tuple(texts)
 
     def numbers(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of a DataItem, in the shape that its Dimensions tell.
+        """Return the values of a DataItem, in the shape that its Dimensions declare.
 
         Raises
         ------
         InputError
-            If it is of a kind that is not read, or its data are missing or not as many as it declares.
+            If its kind is not supported, or its data are missing or not of the declared size.
         """
         kind = item.get("ItemType", item.get("Type", "Uniform")).lower()
         if kind == "hyperslab":
-            values = self._slab(item)
+            values = self._read_slab(item)
         elif kind == "function":
             values = self._function(item)
         elif kind == "uniform":
             values = self._uniform(item, None)
         else:
             raise self._refused(f"a DataItem of type {kind} is not read")
-        return self._shaped(values, item)
+        return self._reshape(values, item)
 
     def close(self) -> None:
         for file in self._files.values():
@@ -109,7 +109,7 @@ class Items:
         declared = item.get("Dimensions")
         return None if declared is None else tuple(int(part) for part in declared.split())
 
-    def _shaped(self, values: NDArray[Any], item: Element) -> NDArray[Any]:
+    def _reshape(self, values: NDArray[Any], item: Element) -> NDArray[Any]:
         shape = self._shape(item)
         if shape is None:
             return values
@@ -123,7 +123,7 @@ class Items:
         return values.reshape(shape)
 
     def _uniform(self, item: Element, selection: Selection | None) -> NDArray[Any]:
-        """Return the numbers of an item that holds them itself; of a selection, those alone."""
+        """Return the values of an item that holds them itself, or a selection of them."""
         form = item.get("Format", "XML").upper()
         if form == "HDF":
             return self._of_hdf5(item, selection)
@@ -133,7 +133,7 @@ class Items:
             values = self._of_binary(item)
         else:
             raise self._refused(f"data of format {item.get('Format')} is not read")
-        return values if selection is None else self._shaped(values, item)[selection]
+        return values if selection is None else self._reshape(values, item)[selection]
 
     def _of_hdf5(self, item: Element, selection: Selection | None) -> NDArray[Any]:
         text = (item.text or "").strip()
@@ -162,7 +162,7 @@ class Items:
                 f"dataset {text!r} has shape {dataset.shape}, and {declared} is declared; write it again",
                 path=self._path,
             )
-        return np.asarray(dataset[self._inside(selection, dataset.shape)])
+        return np.asarray(dataset[self._check_selection(selection, dataset.shape)])
 
     def _open(self, name: str, folder: Path) -> Any:
         path = folder / name
@@ -171,41 +171,41 @@ class Items:
         return self._files[path]
 
     def _of_binary(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of a file of nothing else, from the byte ``Seek`` on."""
+        """Return the values of a raw binary file, from the byte ``Seek`` on."""
         name, shape = (item.text or "").strip(), self._shape(item)
         number = item.get("NumberType", item.get("DataType", "Float")).upper()
         packing, order = item.get("Compression", "").upper(), item.get("Endian", "").upper()
-        if number not in _KINDS or packing not in _UNPACKED or order not in _ORDERS or shape is None:
+        if number not in _KINDS or packing not in _DECOMPRESSORS or order not in _ORDERS or shape is None:
             raise self._refused(f"the binary data in {name!r} ({dict(item.items())}) are not read")
         size = int(item.get("Precision", _SIZES.get(number, 4)))
         dtype = np.dtype(f"{_ORDERS[order]}{_KINDS[number]}{size}")
         wanted = math.prod(shape) * dtype.itemsize
         with self._document.scope.open(name, self._document.folder(item)) as file:
             file.seek(int(item.get("Seek", "0").split()[0]))
-            raw = _UNPACKED[packing](file, wanted)
+            raw = _DECOMPRESSORS[packing](file, wanted)
         if len(raw) < wanted:
             raise InputError(
                 f"{name!r} ends before the {math.prod(shape)} numbers of an item", code="damaged-input", path=self._path
             )
         return np.frombuffer(raw[:wanted], dtype).astype(dtype.newbyteorder("="))
 
-    def _slab(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of an item that is a part of another one: start, stride and count for each axis."""
+    def _read_slab(self, item: Element) -> NDArray[Any]:
+        """Return the values of a part of another item: start, stride and count per axis."""
         parts = self.of(item)
         if len(parts) != 2:
-            raise self._refused(f"a HyperSlab has {len(parts)} DataItems, and needs two: the part, and of what")
+            raise self._refused(f"a HyperSlab has {len(parts)} DataItems, but needs two: the selection and its source")
         start, stride, count = self.numbers(parts[0]).reshape(3, -1).astype(np.int64).tolist()
         selection, source = _selection(start, stride, count), parts[1]
         if source.get("ItemType", source.get("Type", "Uniform")).lower() == "uniform":
             values = self._uniform(source, selection)
         else:
             whole = self.numbers(source)
-            values = whole[self._inside(selection, whole.shape)]
+            values = whole[self._check_selection(selection, whole.shape)]
         if values.shape != tuple(count):
-            raise damaged(f"a HyperSlab takes {count} of what has fewer; write it again", path=self._path)
+            raise damaged(f"a HyperSlab selects {count} values of fewer; write it again", path=self._path)
         return values
 
-    def _inside(self, selection: Selection, shape: Sequence[int]) -> Selection:
+    def _check_selection(self, selection: Selection, shape: Sequence[int]) -> Selection:
         if len(selection) != len(shape) or any(part.stop > size for part, size in zip(selection, shape, strict=True)):
             raise InputError(
                 f"a part is outside its data, which have shape {tuple(shape)}", code="damaged-input", path=self._path
@@ -213,7 +213,7 @@ class Items:
         return selection
 
     def _function(self, item: Element) -> NDArray[Any]:
-        """Return numbers side by side, of JOIN($0, $1, ...), the function that is read."""
+        """Return the columns of JOIN($0, $1, ...), the only supported function."""
         text = item.get("Function", "").strip()
         found = _JOIN.fullmatch(text)
         parts = [self.numbers(one) for one in self.of(item)]
@@ -228,7 +228,7 @@ class Items:
 
 
 def _selection(start: Sequence[int], stride: Sequence[int], count: Sequence[int]) -> Selection:
-    """Return slices that end at the last number taken, so that they tell how far they reach."""
+    """Return slices that end just after the last value taken, so that `stop` shows how far they reach."""
     if min(*start, *count, 0) < 0 or min(stride) < 1:
         raise ValueError("a part of an array begins before it")
     return tuple(

@@ -1,4 +1,4 @@
-"""XDMF is written as one topology, a dataset of positions for every frame, and a small XML file that names them."""
+"""Write XDMF: one topology, a dataset of positions per frame, and a small XML file that names them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pdecodec.system.whole_output import check_writable, partial_folder, publish
 
 
 def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write ``name.xdmf`` and ``name.h5`` beside it; objects are joined to one grid."""
+    """Write ``name.xdmf`` with ``name.h5`` next to it; objects are joined to one grid."""
     path = output.path
     data_path = path.with_suffix(".h5")
     for one in (path, data_path):
@@ -50,7 +50,7 @@ _TAIL = "    </Grid>\n  </Domain>\n</Xdmf>\n"
 
 
 def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
-    """The topology's dataset, and the XML that says so; one kind of face plainly, anything else mixed."""
+    """Write the topology's dataset and return its XML: faces of one kind directly, anything else as mixed."""
     sizes = set(whole.face_counts.tolist())
     if not whole.face_count and not whole.line_count:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'

@@ -1,4 +1,4 @@
-"""VTK's XML files of grids and polygonal data: data as text, as base64 or appended, plain or compressed by zlib."""
+"""Read VTK's XML files of grids and polygonal data: ASCII, base64 or appended data, plain or compressed by zlib."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ TYPES = {
     for name, letter, sizes in (("Float", "f", (4, 8)), ("Int", "i", (1, 2, 4, 8)), ("UInt", "u", (1, 2, 4, 8)))
     for size in sizes
 }
-"""NumPy's types of numbers by VTK's names of them."""
+"""NumPy's names of number types by VTK's names."""
 
-GHOSTS, _HIDDEN = "vtkGhostType", 1 | 32
-"""Cell data that say which cells another part has, too (1), or nobody sees (32): both are left out."""
+GHOSTS, _HIDDEN_BITS = "vtkGhostType", 1 | 32
+"""Cell data that mark cells that another part has too (1) or that are hidden (32): both are left out."""
 
 XML_DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, zlib.error)
-"""What ElementTree, base64, zlib and NumPy raise on damaged or missing parts."""
+"""Exceptions of ElementTree, base64, zlib and NumPy on damaged or missing parts."""
 
 _RAW_BEGIN, _RAW_END = b"<AppendedData", b"</AppendedData>"
 
@@ -44,13 +44,13 @@ _KINDS = ("UnstructuredGrid", "PolyData")
 
 
 class XmlFile:
-    """One VTP or VTU file, read; its pieces are joined.
+    """Reads one VTP or VTU file; its pieces are joined.
 
     Parameters
     ----------
     path : pathlib.Path
     wanted : str or None
-        Vectors on points to read.
+        Name of the vectors on points to read.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class XmlFile:
     Raises
     ------
     InputError
-        If it holds what is not read.
+        If it uses an unsupported feature.
     ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, zlib.error
         If it is damaged (:data:`XML_DAMAGE`).
     """
@@ -69,7 +69,7 @@ class XmlFile:
         self._appended, self._is_raw = b"", False
         begin = text.find(_RAW_BEGIN)
         if begin >= 0:
-            # Appended data start after an underscore, and need not be XML.
+            # Appended data start after an underscore and need not be valid XML.
             start, end = text.index(b"_", text.index(b">", begin)) + 1, text.rindex(_RAW_END)
             self._appended, self._is_raw = text[start:end], b'encoding="raw"' in text[begin : begin + 200]
             text = text[:begin] + text[end + len(_RAW_END) :]
@@ -92,7 +92,7 @@ class XmlFile:
         self.grid = replace(joined_grids([self._grid(piece) for piece in pieces]), time=time, field_data=tuple(fields))
 
     def _time(self, array: ElementTree.Element | None) -> float | None:
-        """Return the time of the data set, which VTK keeps in its field data; None where there is none."""
+        """Return the time of the data set, which VTK stores in its field data; None if there is none."""
         values = np.zeros(0) if array is None else self._array(array)
         return float(values[0]) if values.size == 1 else None
 
@@ -106,10 +106,10 @@ class XmlFile:
         arrays = {str(one.get("Name")): self._data(one) for one in data if one.get("Name") != GHOSTS}
         ghosts = next((self._array(one) for one in cell_data if one.get("Name") == GHOSTS), None)
         if self._kind == "UnstructuredGrid":
-            hidden = None if ghosts is None or not (ghosts & _HIDDEN).any() else (ghosts & _HIDDEN) > 0
+            hidden = None if ghosts is None or not (ghosts & _HIDDEN_BITS).any() else (ghosts & _HIDDEN_BITS) > 0
             cells = self._grid_cells(piece.find("Cells"), hidden)
             return grid_of_cells(points, cells, arrays, cell_names, self._wanted, only_used=hidden is not None)
-        if ghosts is not None and (ghosts & _HIDDEN).any():
+        if ghosts is not None and (ghosts & _HIDDEN_BITS).any():
             raise InputError(
                 "holds ghost cells of polygons, which are not told apart; write it without them",
                 code="unsupported-feature",
@@ -122,14 +122,14 @@ class XmlFile:
         return GridFile(mesh, vectors, tuple(arrays), tuple(cell_names), added)
 
     def _data(self, array: ElementTree.Element) -> NDArray[Any]:
-        """Return data of points where they are wanted; of others what tells whether they are vectors, and no values."""
+        """Return point data named `wanted`; for others an empty array of the same type and number of components."""
         width = int(array.get("NumberOfComponents", "1"))
         if str(array.get("Name")) == self._wanted:
             return self._array(array).reshape(-1, width)
         return np.zeros((0, width), TYPES.get(str(array.get("type")), "i1"))
 
     def _cells(self, cells: ElementTree.Element | None) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Counts and indices."""
+        """Return the number of points of each cell, and the indices of all points."""
         arrays = {} if cells is None else {one.get("Name"): one for one in cells.findall("DataArray")}
         if "offsets" not in arrays:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
@@ -137,7 +137,7 @@ class XmlFile:
         return np.diff(ends, prepend=0).astype(np.int32), self._array(arrays["connectivity"]).astype(np.int64)
 
     def _grid_cells(self, element: ElementTree.Element | None, hidden: NDArray[np.bool_] | None) -> Cells:
-        """The cells of a grid but for hidden ones, those that follow each other and are alike as one block."""
+        """Return the cells of a grid except hidden ones; consecutive cells of one type and size form a block."""
         cells, (counts, indices) = Cells(vtk=True), self._cells(element)
         if element is None or not counts.size:
             return cells
@@ -174,7 +174,7 @@ class XmlFile:
         return np.frombuffer(self._unpacked(part) if self._is_raw else self._decoded(part), dtype)
 
     def _decoded(self, text: bytes) -> bytes:
-        """Bytes of base64 that holds a header, and behind it data; compressed, each has padding of its own."""
+        """Decode base64 of a header and data; if compressed, both are padded separately."""
         size = self._header.itemsize
         first = int(np.frombuffer(base64.b64decode(text[: _encoded(size)]), self._header, count=1)[0])
         if self._compressor is None:
@@ -186,7 +186,7 @@ class XmlFile:
         return self._unpacked(head + base64.b64decode(text[start : start + _encoded(packed)]))
 
     def _unpacked(self, data: bytes) -> bytes:
-        """Bytes behind a header of lengths."""
+        """Return the data after a header of lengths, decompressed."""
         size = self._header.itemsize
         first = int(np.frombuffer(data, self._header, count=1)[0])
         if self._compressor is None:
@@ -198,5 +198,5 @@ class XmlFile:
 
 
 def _encoded(length: int) -> int:
-    """Letters of base64 that so many bytes take."""
+    """Return the number of base64 characters for a number of bytes."""
     return (length + 2) // 3 * 4

@@ -109,7 +109,7 @@ def test_solids_give_their_closed_surface_outwards_with_the_numbers_of_its_nodes
         found = read.read_frames(0, 1)[0]
         assert np.array_equal(found, CUBE.astype(np.float32))
         assert closed_volume(found, read.connectivity) == pytest.approx(1)
-        lost = "no face or line has 1 of 9 nodes: left out, and the attribute 'node' numbers the others"
+        lost = "1 of 9 nodes are on no face or line: left out; the attribute 'node' numbers the others"
         assert lost in read.notices
 
 

@@ -307,7 +307,7 @@ def test_of_several_collections_the_one_is_read_that_has_the_displacement(tmp_pa
         assert read.read_frames(0, 2)[:, :, 2].tolist() == flat(0, 1)
         assert read.notices == (
             "of 2 temporal collections 'u' is read, not 'p'",
-            "grids beside the temporal collection are not read: 'wall'",
+            "grids outside the temporal collection are not read: 'wall'",
             "the vectors 'u' are added to the geometry: they move the mesh",
         )
     with open_sequence(path) as read:
@@ -322,7 +322,7 @@ REFUSED = {
     "no topology": (collection(STEP + grid(geometry(), "bare", 1)), "grid 'bare' has no topology"),
     "no such element": (
         collection(grid('<xi:include xpointer="xpointer(//Grid[@Name=\'x\']/*)"/>')),
-        "there is no such element",
+        "which does not exist",
     ),
     "includes itself": (
         collection(grid('<xi:include xpointer="xpointer(//Domain/Grid)"/>')),
