@@ -10,8 +10,8 @@ import numpy as np
 
 IMPORTERS = {
     "abc": lambda path: bpy.ops.wm.alembic_import(filepath=path),
-    "usdc": lambda path: bpy.ops.wm.usd_import(filepath=path),
-    "glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
+    **dict.fromkeys(("usd", "usda", "usdc", "usdz"), lambda path: bpy.ops.wm.usd_import(filepath=path)),
+    **dict.fromkeys(("glb", "gltf"), lambda path: bpy.ops.import_scene.gltf(filepath=path)),
 }
 
 
@@ -21,7 +21,7 @@ def seen(job):
     render = bpy.context.scene.render
     render.fps = max(1, round(job["fps"]))
     render.fps_base = render.fps / job["fps"]
-    IMPORTERS[job["path"].rpartition(".")[2]](job["path"])
+    IMPORTERS[job["path"].rpartition(".")[2].lower()](job["path"])
     points, normals, corners, materials, uvs = [], [], [], set(), 0
     for frame in job["frames"]:
         bpy.context.scene.frame_set(int(frame // 1), subframe=frame % 1)

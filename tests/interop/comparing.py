@@ -16,6 +16,10 @@ WEIGHT_BETWEEN = 0.01
 """Of places between frames where points are told from each other: programs turn parts there, which ours do not."""
 
 
+SAME_PLACE = 1e-3
+"""Share of the diagonal within which a program shows the points of a source where we read them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Expected:
     """A sequence at the times at which it is looked at.
@@ -65,23 +69,30 @@ def expected_of(sequence: ArraySequence) -> Expected:
 
 @dataclass(frozen=True)
 class Difference:
-    """Largest distances over the diagonal at frames and between; angles of normals [degrees], 99 % of them and all."""
+    """Largest distances over the diagonal at frames and between; angles of normals [degrees], 99 % of them and all.
+
+    `is_to_source` tells whether normals are compared with those of the source, not with those that we compute.
+    """
 
     frames: float
     between: float | None
     normals: tuple[float, float] | None
+    is_to_source: bool = False
 
     def __str__(self) -> str:
         parts = [f"{self.frames:.1e}", "" if self.between is None else f"{self.between:.1e}"]
         if self.normals is not None:
-            parts.append(f"{self.normals[0]:.2g}° ({self.normals[1]:.2g}°)")
+            words = " to source" * self.is_to_source
+            parts.append(f"{self.normals[0]:.2g}° ({self.normals[1]:.2g}°){words}")
         return " / ".join(part or "–" for part in parts)
 
 
-def difference(seen: Seen, expected: Expected) -> Difference | str:
+def difference(seen: Seen, expected: Expected, source: Seen | None = None) -> Difference | str:
     """How far it is off, each point from the vertex whose way it goes, each vertex of a face from such a point.
 
-    Text where the program did not show the file.
+    Normals are compared with those of `source`, the source in the same program, where the source has normals and the
+    program shows its points where they belong; else with those that we compute. Text where the program did not show
+    the file.
     """
     if seen.failed:
         return seen.failed
@@ -96,11 +107,29 @@ def difference(seen: Seen, expected: Expected) -> Difference | str:
     missed = np.linalg.norm(seen.points[:, point] - expected.points[:, expected.used], axis=2).max(axis=1)
     largest = np.maximum(off, missed) / scale
     at = expected.is_frame
+    owner = None if source is None else _source_owners(source, expected, ways)
     return Difference(
         float(largest[at].max()),
         float(largest[~at].max()) if (~at).any() else None,
-        _normals(seen, expected, vertex, ways),
+        _normals(seen, expected, vertex, ways, source if owner is not None else None, owner),
+        owner is not None,
     )
+
+
+def _source_owners(source: Seen, expected: Expected, ways: np.ndarray) -> np.ndarray | None:
+    """Return the vertex of each corner of the source, None if it has no normals or its points are elsewhere."""
+    items = [item for item in expected.sequence.objects if item.connectivity.face_count]
+    if not all(map(normal_rows, items)) or source.failed or source.normals is None or source.corners is None:
+        return None
+    if not len(source.corners):
+        return None
+    _, vertex = cKDTree(ways[expected.shown]).query(_ways(source.points, expected.is_frame))
+    vertex = expected.shown[vertex]
+    off = np.linalg.norm(source.points - expected.points[:, vertex], axis=2)[expected.is_frame]
+    if off.max() > SAME_PLACE * frame_scale(expected.sequence.points[0]):
+        return None
+    found: np.ndarray = vertex[source.corners]
+    return found
 
 
 def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
@@ -110,28 +139,39 @@ def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
     return ways
 
 
-def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarray) -> tuple[float, float] | None:
+def _normals(
+    seen: Seen,
+    expected: Expected,
+    vertex: np.ndarray,
+    ways: np.ndarray,
+    source: Seen | None,
+    source_vertex: np.ndarray | None,
+) -> tuple[float, float] | None:
     """Angles at frames between each corner's normal and the nearest of its vertex, and of those that go its way.
 
-    Where no face has an area nothing is seen, and normals are anyone's.
+    The normals of vertices are those of the source, of whose corners `source_vertex` has the vertices, or ours. Where
+    no face has an area nothing is seen, and normals are anyone's.
     """
     if seen.normals is None or seen.corners is None or not len(seen.corners):
         return None
     _, alike = np.unique(ways, axis=0, return_inverse=True)
     alike = alike.reshape(-1)
     wanted = alike[vertex[seen.corners]]
-    found = [
-        _angles(seen.normals[number], wanted, expected.sequence, expected.points[number].astype(np.float32), alike)
-        for number in np.flatnonzero(expected.is_frame)
-    ]
+    found = []
+    for number in np.flatnonzero(expected.is_frame):
+        points = expected.points[number].astype(np.float32)
+        if source is not None and source.normals is not None and source_vertex is not None:
+            owner, normals = source_vertex, _unit(source.normals[number])
+        else:
+            owner, normals = _our_normals(expected.sequence, points)
+        has_area = np.isin(wanted, alike[_of_area(expected.sequence, points)])
+        found.append(_angles(seen.normals[number][has_area], wanted[has_area], normals, alike[owner]))
     angles = np.concatenate(found)
     return (float(np.percentile(angles, 99)), float(angles.max())) if angles.size else None
 
 
-def _angles(
-    normals: np.ndarray, wanted: np.ndarray, sequence: ArraySequence, points: np.ndarray, alike: np.ndarray
-) -> np.ndarray:
-    """Of the normals of corners that go ways `wanted`, at one frame [degrees]."""
+def _our_normals(sequence: ArraySequence, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and their normals, one for each vertex and normal of a corner there, as we compute them."""
     owners, of_owners, first = [], [], 0
     for item in sequence.objects:
         rows = normal_rows(item) or smooth_rows(item)
@@ -141,17 +181,27 @@ def _angles(
             owners.append(pairs[:, 0] + first)
             of_owners.append(rows.of(own)[0][pairs[:, 1]])
         first += item.vertex_count
-    owner, normal = alike[np.concatenate(owners)], np.concatenate(of_owners).astype(np.float64)
+    return np.concatenate(owners), np.concatenate(of_owners).astype(np.float64)
+
+
+def _unit(normals: np.ndarray) -> np.ndarray:
+    found: np.ndarray = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return found
+
+
+def _angles(normals: np.ndarray, wanted: np.ndarray, expected: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return the angle [degrees] of each corner's normal to the nearest expected one.
+
+    Corners go the ways `wanted`, expected normals, of length 1, the ways `owner`.
+    """
     order = np.argsort(owner, kind="stable")
-    owner, normal = owner[order], normal[order]
-    shown = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    seen_there = np.isin(wanted, alike[_of_area(sequence, points)])
-    shown, wanted = shown[seen_there], wanted[seen_there]
+    owner, expected = owner[order], expected[order]
+    shown = _unit(normals)
     begin, end = np.searchsorted(owner, wanted), np.searchsorted(owner, wanted, side="right")
     best = np.full(len(wanted), -1.0)
     for step in range(int((end - begin).max(initial=0))):
         there = begin + step < end
-        dots = (shown[there] * normal[(begin + step)[there]]).sum(axis=1)
+        dots = (shown[there] * expected[(begin + step)[there]]).sum(axis=1)
         best[there] = np.maximum(best[there], dots)
     angles: np.ndarray = np.degrees(np.arccos(np.clip(best, -1, 1)))
     return angles

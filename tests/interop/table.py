@@ -33,9 +33,11 @@ Written by `make interop` from the shared files; do not edit. Every file is open
 and these are opened by other programs; of clips of more than 48 frames the first 48. Distances are the largest of any
 point from where it belongs, over the diagonal of the first frame's bounding box: at the first frame, one in the middle
 and the last, then at times between frames, beside the straight line from frame to frame. Where a part turns rigidly,
-its node turns between frames and does not go straight. Normals are those of corners at these frames beside ours: the
-angle that 99 % do not exceed, and the largest, where faces have an area; where a source has no normals, Alembic and
-USD are written without, and programs show flat faces. Of a glb Blender takes the normals at rest alone, not those of
+its node turns between frames and does not go straight. Normals are those of corners at these frames: the angle that
+99 % do not exceed, and the largest, where faces have an area. Those "to source" are compared with the normals of the
+source as the same program shows it; the others with ours: the source has none, or the program shows it elsewhere.
+Where a source has no normals, Alembic and USD are written without, and programs show flat faces. Of a glb Blender
+takes the normals at rest alone, not those of
 targets as three.js does, and turns them with the triangles at each vertex of the file. So they are off, by many degrees
 where it bends much, on faces of more than three corners, which are triangles there (arm, AnimCube, hypercube, lbs,
 deformingSubdTest, vellum_balloon), and where UV seams or hard edges cut a vertex, whose parts turn each by itself
@@ -120,6 +122,9 @@ def round_trips(data: Path, folder: Path) -> Iterator[str]:
             ("three.js", "glb"),
         )
     }
+    jobs = [Job(data / name, expected.times, expected.sequence.fps) for name, expected in clips.items()]
+    say(f"Blender: {len(jobs)} sources")
+    sources = blender_shows(jobs, folder)
     for (program, extension), found in shown.items():
         if isinstance(found, str):
             yield f"{program} did not look at .{extension}: {found}.\n"
@@ -131,7 +136,8 @@ def round_trips(data: Path, folder: Path) -> Iterator[str]:
         cells = [""] * (len(heads) + 2)
         if name in clips:
             seen = {key: None if isinstance(found, str) else found[numbers[name]] for key, found in shown.items()}
-            cells = ["–" if one is None else str(difference(one, clips[name])) for one in seen.values()]
+            source = None if isinstance(sources, str) else sources[numbers[name]]
+            cells = ["–" if one is None else str(difference(one, clips[name], source)) for one in seen.values()]
             cells += _kept(clips[name], seen[("Blender", "glb")])
         yield _row([f"`{name}`", what, *cells])
     yield ""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdecodec.formats import write_sequence
-from pdecodec.formats.base.normals import smooth_rows
+from pdecodec.formats.base.normals import normal_group, smooth_rows
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from tests.interop.comparing import Difference, difference, expected_of
 from tests.interop.viewers import Job, Seen, blender_shows, failure, openusd_shows, three_shows
@@ -77,6 +77,40 @@ def test_normals_of_faces_without_an_area_are_not_looked_at() -> None:
     assert isinstance(wrong, Difference)
     assert wrong.normals is not None
     assert wrong.normals[1] > 179
+
+
+def test_normals_are_compared_with_those_of_the_source_where_it_has_some() -> None:
+    clip = sheet()
+    (smooth,) = clip.objects
+    grouped = MeshObject("sheet", smooth.connectivity, (normal_group(smooth.connectivity, None),))
+    with_normals = expected_of(ArraySequence(clip.points, objects=[grouped], times=clip.times, metadata=SPACE))
+    corners = clip.connectivity.face_indices
+    up = np.tile([0.0, 0, 2], (len(with_normals.times), len(corners), 1))
+    order = np.random.default_rng(1).permutation(24)
+    source = Seen(with_normals.points[:, order], normals=up, corners=np.argsort(order)[corners])
+    shown = Seen(with_normals.points, normals=up, corners=corners)
+    same = difference(shown, with_normals, source)
+    assert same == Difference(0.0, 0.0, (0.0, 0.0), is_to_source=True)
+    assert str(same).endswith("0° (0°) to source")
+    tilted = up.copy()
+    tilted[0, 5] = [1, 0, 1]
+    turned = difference(Seen(shown.points, normals=tilted, corners=corners), with_normals, source)
+    assert isinstance(turned, Difference)
+    assert turned.normals is not None
+    assert turned.normals[1] == pytest.approx(45)
+    # A source that has no normals, or that the program shows elsewhere, is not compared with.
+    elsewhere = Seen(source.points * 100, normals=up, corners=source.corners)
+    for expected, other in (
+        (expected_of(clip), source),
+        (with_normals, elsewhere),
+        (with_normals, failure("it ended")),
+    ):
+        ours = difference(shown, expected, other)
+        assert isinstance(ours, Difference)
+        assert ours == difference(shown, expected)
+        assert not ours.is_to_source
+        assert ours.normals is not None
+        assert ours.normals[1] > 10
 
 
 def test_programs_may_show_lines_or_leave_them_out() -> None:
