@@ -1,4 +1,4 @@
-"""What callers give: numbers, lists of them and paths, or a SettingsError that names the setting in one line."""
+"""Arguments of callers: check numbers, lists of numbers and paths; a SettingsError names the setting in one line."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LONGEST_SHOWN = 80
-"""Characters of a value that an error shows."""
+"""Largest number of characters of a value in an error."""
 
 
 def shown(value: object) -> str:
-    """Return a value as an error shows it: in one line, not too long."""
+    """Return a value as errors show it: in one line, shortened."""
     try:
         text = " ".join(repr(value).split())
-    except ValueError:  # Python writes no integer of thousands of digits
+    except ValueError:  # Python refuses to print an integer of thousands of digits
         return "a number of thousands of digits"
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def as_number(value: Any, setting: str) -> float:
-    """Return a number as a float, infinite and no numbers too; SettingsError for text and anything else."""
+    """Return a number as a float, infinity and NaN included; SettingsError for text and anything else."""
     if not isinstance(value, Real) and getattr(value, "shape", None) != ():
         raise SettingsError(f"must be a number, not {shown(value)}", setting=setting)
     try:
@@ -63,7 +63,7 @@ def as_numbers(values: ArrayLike, setting: str) -> NDArray[Any]:
         array = np.asarray(values)
         if array.dtype.kind in "fiub":
             return np.asarray(array, np.float64)
-        # Numbers beyond 64 bits are objects. NumPy would read text, and take None for no number.
+        # Numbers beyond 64 bits are objects. NumPy would read text as numbers, and None as NaN.
         if array.dtype.kind == "O" and all(isinstance(one, Real) for one in array.flat):
             return array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):

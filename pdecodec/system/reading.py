@@ -1,7 +1,8 @@
-"""Files that are opened for reading: regular ones, and of those that a file names only the ones near it.
+"""Opening files for reading: only regular ones, and of the files that a file names only those near it.
 
-A pipe would hang who reads it, a device fill the memory, and a file of a stranger may name any other: what is in that
-would come back as positions. :func:`open_regular` opens what a caller names, a :class:`FileScope` what a file names.
+A pipe could block its reader and a device fill the memory. A file from a stranger could name any other file, whose
+content would come back as positions. :func:`open_regular` opens what a caller names, a :class:`FileScope` what a
+file names.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from pdecodec.system.arguments import as_path, shown
 from pdecodec.system.storage import RemoteFile
 
 FOLDERS_VARIABLE = "PDECODEC_ASSET_FOLDERS"
-"""Environment variable that lists more folders in which files may name others, as PATH lists its own."""
+"""Environment variable with more folders in which files may name others, in the syntax of PATH."""
 
 LONGEST_SHOWN = 200
-"""Characters of a name that an error shows."""
+"""Largest number of characters of a name in an error."""
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
@@ -32,7 +33,7 @@ _allowed: ContextVar[tuple[str, ...]] = ContextVar("folders in which files may n
 
 @contextmanager
 def asset_folders_allowed(folders: Iterable[str | os.PathLike[str]]) -> Iterator[None]:
-    """Within, files that are opened may name files in these folders as well, and below them."""
+    """Also allow files opened in this block to name files in and below these folders."""
     listed = [folders] if isinstance(folders, str | bytes | os.PathLike) else folders
     if not isinstance(listed, Iterable):
         raise SettingsError(f"must be a list of folders, not {shown(folders)}", setting="asset_folders")
@@ -48,12 +49,12 @@ def asset_folders_allowed(folders: Iterable[str | os.PathLike[str]]) -> Iterator
 
 
 def allowed_folders() -> tuple[str, ...]:
-    """Return the folders of :func:`asset_folders_allowed`, without the environment's."""
+    """Return the folders of :func:`asset_folders_allowed`, without those of the environment."""
     return _allowed.get()
 
 
 def open_regular(path: str | os.PathLike[str], *, is_buffered: bool = True) -> BinaryIO:
-    """Open a regular file for reading, without waiting for anybody who writes to it.
+    """Open a regular file for reading, without waiting for a process that writes to it.
 
     Raises
     ------
@@ -64,20 +65,20 @@ def open_regular(path: str | os.PathLike[str], *, is_buffered: bool = True) -> B
     """
     path = as_path(path)
     try:
-        _check_mode(path, os.stat(path).st_mode)  # a device may act when it is opened
+        _check_mode(path, os.stat(path).st_mode)  # check before opening, because a device may react to that
         return open(path, "rb", -1 if is_buffered else 0, opener=_opened)
     except ValueError as error:  # a NUL, or half a surrogate pair
         raise unreadable(error, path, "check the name", doing="opened") from error
 
 
 def read_regular(path: Path, most: int | None = None) -> bytes:
-    """Return the bytes of a regular file, at most so many from its beginning on; errors as of :func:`open_regular`."""
+    """Return the bytes of a regular file, at most `most` from its beginning; errors as of :func:`open_regular`."""
     with open_regular(path) as file:
         return file.read() if most is None else read_at_most(file, most)
 
 
 def read_at_most(file: BinaryIO, most: int) -> bytes:
-    """Return the next bytes of a regular file, at most so many: room is taken for those that are there alone."""
+    """Return the next bytes of a regular file, at most `most`; allocates memory only for existing bytes."""
     return file.read(max(0, min(most, os.fstat(file.fileno()).st_size - file.tell())))
 
 
@@ -100,17 +101,17 @@ def _check_mode(path: str | os.PathLike[str], mode: int) -> None:
 
 
 class FileScope:
-    """Where the files lie that a file may name: in its folder and below, and in folders that are allowed besides.
+    """The files that a file may name: those in its folder and below, and in additional allowed folders.
 
-    Links count by where they lead. What is allowed is that of :func:`asset_folders_allowed` and of the environment when
-    the scope is made: files may be opened later.
+    A link counts as the file it leads to. The folders of :func:`asset_folders_allowed` and of the environment are
+    those at the time when the scope is made: files may be opened later.
 
     Parameters
     ----------
     path : pathlib.Path or RemoteFile
-        The file that a caller opened; it stands for those that it names in turn.
+        The file that a caller opened; errors about the files it names refer to it.
     folders : iterable of str
-        Folders that are allowed besides.
+        Additional allowed folders.
     """
 
     def __init__(self, path: Path | RemoteFile, folders: Iterable[str] = ()) -> None:
@@ -121,14 +122,14 @@ class FileScope:
         self._folders = (*map(os.path.realpath, named), *_allowed.get())
 
     def checked(self, name: str, folder: Path | None = None) -> Path:
-        """Return the path of a file if it lies inside; whether it is there is not looked at.
+        """Return the path of a file if it lies inside; it need not exist.
 
         Parameters
         ----------
         name : str
-            What a file calls it.
+            The name in the file.
         folder : pathlib.Path, optional
-            Where the name is seen from. Default: the folder of :attr:`path`.
+            Folder that the name is relative to. Default: the folder of :attr:`path`.
 
         Raises
         ------
@@ -177,7 +178,7 @@ class FileScope:
             raise InputError(message, code="unreadable", path=self.path) from error
 
     def read(self, name: str, most: int | None = None, folder: Path | None = None) -> bytes:
-        """Return the bytes of a file, at most so many from its beginning on; errors as of :meth:`open`."""
+        """Return the bytes of a file, at most `most` from its beginning; errors as of :meth:`open`."""
         with self.open(name, folder) as file:
             return file.read() if most is None else read_at_most(file, most)
 

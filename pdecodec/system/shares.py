@@ -1,6 +1,6 @@
-"""Work on many items in shares, several at once: the compiled loops let other threads run.
+"""Division of work into shares that run in parallel threads: the compiled loops release the interpreter lock.
 
-Each share writes what no other one reads, so that no result depends on the number of threads.
+No share writes what another one reads, so no result depends on the number of threads.
 """
 
 from __future__ import annotations
@@ -20,20 +20,23 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 Other = TypeVar("Other")
 
-SHARES_A_THREAD = 4
-"""Shares are alike in size, not in work: who is done with one takes the next."""
+SHARES_PER_THREAD = 4
+"""Shares per thread: they are equal in size, not in work, so a thread that is done takes the next one."""
 
-LEAST_SHARED = 6000
-"""Vertices times frames of a clip from which on several threads are done sooner than one alone, by measurement: below,
-they mostly wait for each other."""
+MIN_SHARED_SIZE = 6000
+"""Smallest size of a clip, in vertices times frames, at which several threads are faster than one, as measured:
+below it they mostly wait for each other.
+"""
 
 _is_alone: ContextVar[bool] = ContextVar("is_alone", default=False)
 
 
 @contextmanager
 def threads_for(size: int) -> Iterator[None]:
-    """One thread works alone in this block where `size`, vertices times frames, is small and nobody asked for more."""
-    before = _is_alone.set(size < LEAST_SHARED and _asked_threads() is None)
+    """Use one thread in this block if `size`, vertices times frames, is small and the environment does not ask
+    for more.
+    """
+    before = _is_alone.set(size < MIN_SHARED_SIZE and _asked_threads() is None)
     try:
         yield
     finally:
@@ -46,7 +49,7 @@ def _asked_threads() -> int | None:
 
 
 def thread_count() -> int:
-    """Threads that work at once: as many as the environment's PDECODEC_THREADS says, else one a processor, or one."""
+    """Return the number of threads to use: PDECODEC_THREADS of the environment if set, else one per processor."""
     if _is_alone.get():
         return 1
     asked = _asked_threads()
@@ -57,19 +60,19 @@ def thread_count() -> int:
 
 @lru_cache
 def _helpers(count: int) -> ThreadPoolExecutor:
-    """Threads that wait for work: starting one takes longer than many a share."""
-    from concurrent.futures import ThreadPoolExecutor  # who only decodes has no use for it
+    """Return a pool of waiting threads: starting a thread takes longer than many shares."""
+    from concurrent.futures import ThreadPoolExecutor  # imported here because decoding alone never needs it
 
     return ThreadPoolExecutor(count)
 
 
 if hasattr(os, "register_at_fork"):
-    # A process that was forked off has none of its parent's threads.
+    # A forked process has none of its parent's threads.
     os.register_at_fork(after_in_child=_helpers.cache_clear)
 
 
 def side_by_side(*works: Callable[[], Result]) -> list[Result]:
-    """What several calls return, made at once as far as there are threads; they must not depend on each other."""
+    """Return the results of several independent calls, made in parallel as far as there are threads."""
     found: dict[int, Result] = {}
 
     def call(first: int, end: int) -> None:
@@ -81,23 +84,23 @@ def side_by_side(*works: Callable[[], Result]) -> list[Result]:
 
 
 def both(one: Callable[[], Result], other: Callable[[], Other]) -> tuple[Result, Other]:
-    """What two calls return, made at once where there is a thread for it."""
+    """Return the results of two independent calls, made in parallel if there are threads."""
     found = side_by_side(one, other)
     return cast(Result, found[0]), cast(Other, found[1])
 
 
 def in_shares(work: Callable[[int, int], None], count: int) -> None:
-    """Call ``work(first, end)`` for runs of the items 0 to `count` - 1 that cover each once.
+    """Call ``work(first, end)`` for consecutive ranges of the items 0 to `count` - 1 that cover each item once.
 
     Parameters
     ----------
     work : callable
-        Called from several threads at once, this one among them; it may have shares of its own.
+        Called from several threads at once, including this one; it may divide its own work into shares.
     count : int
-        No call where it is 0.
+        Number of items; no call if it is 0.
     """
     threads = min(thread_count(), count)
-    shares = min(SHARES_A_THREAD * threads, count) if threads > 1 else min(count, 1)
+    shares = min(SHARES_PER_THREAD * threads, count) if threads > 1 else min(count, 1)
     cuts = [count * k // max(shares, 1) for k in range(shares + 1)]
     left, works = deque(pairwise(cuts)), [work]
 
@@ -119,10 +122,10 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
         take()
     finally:
         left.clear()
-        # Helpers that are busy elsewhere have not begun; there is nothing left for them here.
+        # Helpers that are busy elsewhere have not begun; nothing is left for them here.
         begun = [other for other in others if not other.cancel()]
         wait(begun)
-        # A helper keeps what was cancelled until it has time to throw it away: not with the arrays that the work holds.
+        # A helper keeps a cancelled call until it finds time to drop it: do not let it keep the arrays of `work`.
         works.clear()
     for other in begun:
         other.result()

@@ -1,6 +1,7 @@
-"""Files that are elsewhere: addresses such as ``https://host/walk.pdeanim`` or ``s3://bucket/walk.h5``, by fsspec.
+"""Remote files: addresses such as ``https://host/walk.pdeanim`` or ``s3://bucket/walk.h5``, accessed by fsspec.
 
-What `fsspec` knows can be read and, where the protocol writes, written: S3 (with the package s3fs), HTTP, and others.
+All protocols of `fsspec` can be read and, if the protocol supports it, written: S3 (with the package s3fs), HTTP,
+and others.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from pdecodec.errors import InputError, MissingExtraError, PdecodecError
 from pdecodec.system.whole_output import output_exists
 
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
-"""How an address begins; a drive letter is no protocol."""
+"""Beginning of an address; a drive letter is not a protocol."""
 
 HEAD_BYTES = 1024
-"""What is read of a file at first: a table of sections is shorter than that."""
+"""Bytes that are read of a file at first: a table of sections is shorter."""
 
-AHEAD_BYTES = 2**20
-"""What is read ahead at most: beyond that, requests of their own for its parts cost little."""
+MAX_READ_AHEAD_BYTES = 2**20
+"""Largest number of bytes that are read ahead: beyond it, separate requests for parts cost little."""
 
 COPY_BYTES = 2**20
-"""Read and written at a time."""
+"""Bytes that are read and written at a time."""
 
-STAMPS = (
+CHANGE_MARKS = (
     "ETag",
     "etag",
     "Content-MD5",
@@ -42,19 +43,19 @@ STAMPS = (
     "mtime",
     "created",
 )
-"""What storages say of a file that changes when it is written."""
+"""Names of properties by which storages show that a file has changed."""
 
-BEYOND_END = 416
-"""A server's answer where a part that is asked for begins beyond the end of the file."""
+RANGE_NOT_SATISFIABLE = 416
+"""HTTP status for a requested range that begins beyond the end of the file."""
 
 
 def is_address(place: str | os.PathLike[str]) -> bool:
-    """Whether this is the address of a file elsewhere, and no path."""
+    """Whether this is the address of a remote file rather than a path."""
     return isinstance(place, str) and ADDRESS.match(place) is not None
 
 
 class RemoteFile:
-    """A file at an address, with what readers ask of a path: its name, its extension, and :meth:`open`.
+    """A file at an address, with the parts of a path that readers need: name, extension, and :meth:`open`.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ class RemoteFile:
     Raises
     ------
     MissingExtraError
-        If fsspec, or what it needs for the protocol, is not installed.
+        If fsspec, or a package that it needs for the protocol, is not installed.
     InputError
         If there is no such protocol.
     """
@@ -73,7 +74,7 @@ class RemoteFile:
         try:
             from fsspec.core import url_to_fs
         except ModuleNotFoundError as error:
-            raise _missing(error, address) from error
+            raise _missing_extra(error, address) from error
         with storage_errors(address):
             self.storage, self._path = url_to_fs(address)
 
@@ -85,7 +86,7 @@ class RemoteFile:
 
     @property
     def name(self) -> str:
-        """The last step of the address, without what is asked of a server."""
+        """The last part of the address, without the query for a server."""
         return PurePosixPath(urlsplit(self.address).path or self.address).name
 
     @property
@@ -93,7 +94,7 @@ class RemoteFile:
         return PurePosixPath(self.name).suffix
 
     def open(self, mode: Literal["rb"] = "rb") -> BinaryIO:
-        """As a file that can seek, read by blocks of which the latest are kept."""
+        """Open it as a seekable file, read in blocks of which the latest are cached."""
         with storage_errors(self.address):
             file: BinaryIO = self.storage.open(self._path, mode, block_size=COPY_BYTES, cache_type="blockcache")
             return file
@@ -103,7 +104,7 @@ class RemoteFile:
             return bool(self.storage.exists(self._path))
 
     def size(self) -> int:
-        """Bytes; InputError where there is no such file, or the server does not say."""
+        """Return its size [bytes]; InputError if there is no such file, or the server does not tell."""
         size = self._information().get("size")
         if size is None:
             raise InputError(
@@ -114,13 +115,15 @@ class RemoteFile:
         return int(size)
 
     def stamp(self) -> list[Any]:
-        """Name, size, and what changes when the file is written; None in place of the latter where nothing is known."""
+        """Return name, size, and properties that change when the file is written; None for the latter if there
+        are none.
+        """
         known = self._information()
-        marks = [str(known[name]) for name in STAMPS if known.get(name) is not None]
+        marks = [str(known[name]) for name in CHANGE_MARKS if known.get(name) is not None]
         return [self.name, known.get("size"), marks or None]
 
     def read_range(self, begin: int, end: int) -> bytes:
-        """Bytes `begin` to `end` - 1."""
+        """Return bytes `begin` to `end` - 1."""
         with storage_errors(self.address):
             data: bytes = self.storage.cat_file(self._path, start=begin, end=end)
         if len(data) < end - begin:
@@ -134,13 +137,13 @@ class RemoteFile:
         return data
 
     def read(self) -> bytes:
-        """All of it."""
+        """Return all of its bytes."""
         with storage_errors(self.address):
             data: bytes = self.storage.cat_file(self._path)
             return data
 
     def write(self, data: bytes) -> None:
-        """Write all of it; storages show it when it is whole."""
+        """Write the whole file; storages show it only when it is complete."""
         with storage_errors(self.address):
             self.storage.makedirs(self.storage._parent(self._path), exist_ok=True)
             self.storage.pipe_file(self._path, data)
@@ -156,7 +159,7 @@ class RemoteFile:
                 target.write(piece)
 
     def put(self, path: Path) -> None:
-        """Write a file's bytes here; storages show them when they are whole."""
+        """Write the bytes of a local file here; storages show them only when they are complete."""
         with storage_errors(self.address):
             self.storage.makedirs(self.storage._parent(self._path), exist_ok=True)
             self.storage.put_file(str(path), self._path)
@@ -168,13 +171,13 @@ class RemoteFile:
 
 
 class RangeReader(io.RawIOBase):
-    """A remote file that reads what is asked for and no more, but for its first bytes: those are read and kept.
+    """A remote file that reads no more than requested, except for its first bytes, which are read and kept.
 
     Attributes
     ----------
     name : str
     bytes_read : int
-        What went over the wire.
+        Number of bytes transferred.
     """
 
     def __init__(self, file: RemoteFile) -> None:
@@ -185,12 +188,12 @@ class RangeReader(io.RawIOBase):
 
     @property
     def head(self) -> bytes:
-        """The bytes from the beginning on that are kept."""
+        """The first bytes of the file, which are kept."""
         return self._head
 
     def read_ahead(self, end: int) -> None:
-        """Keep all before `end`, or as much of it as is read ahead, read by one request."""
-        begin, end = len(self._head), min(end, self._size, AHEAD_BYTES)
+        """Read and keep all bytes before `end`, up to MAX_READ_AHEAD_BYTES, by one request."""
+        begin, end = len(self._head), min(end, self._size, MAX_READ_AHEAD_BYTES)
         if begin < end:
             self._head += self._file.read_range(begin, end)
             self.bytes_read += end - begin
@@ -222,18 +225,18 @@ class RangeReader(io.RawIOBase):
 
 
 def open_range_reader(address: str) -> RangeReader:
-    """A remote file for reading parts of it."""
+    """Open a remote file for reading parts of it."""
     return RangeReader(RemoteFile(address))
 
 
 @contextmanager
 def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
-    """A path to write to whose file is put at the address when the block ends well.
+    """Yield a path to write to; its file is put at the address if the block succeeds.
 
     Raises
     ------
     InputError
-        If there is a file already, and `overwrite` is false, or nothing can be put there.
+        If there already is a file and `overwrite` is false, or nothing can be put there.
     """
     file = RemoteFile(address)
     if not overwrite and file.exists():
@@ -250,13 +253,13 @@ def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
 
 @contextmanager
 def storage_errors(address: str) -> Iterator[None]:
-    """Turn what storages raise, each its own, into one line."""
+    """Turn the errors of storages, which are of many kinds, into errors of one line."""
     try:
         yield
     except PdecodecError:
         raise
     except ImportError as error:
-        raise _missing(error, address) from error
+        raise _missing_extra(error, address) from error
     except FileNotFoundError as error:
         raise InputError(
             "there is no such file, or no answer; check the address", code="file-missing", path=address
@@ -266,7 +269,7 @@ def storage_errors(address: str) -> Iterator[None]:
             "may not be read or written with what this machine is known by there", code="unreadable", path=address
         ) from error
     except Exception as error:
-        if getattr(error, "status", None) == BEYOND_END:
+        if getattr(error, "status", None) == RANGE_NOT_SATISFIABLE:
             raise InputError(
                 "became shorter while it was read; open it again", code="file-changed", path=address
             ) from error
@@ -276,6 +279,6 @@ def storage_errors(address: str) -> Iterator[None]:
         ) from error
 
 
-def _missing(error: ImportError, address: str) -> MissingExtraError:
+def _missing_extra(error: ImportError, address: str) -> MissingExtraError:
     name = error.name or str(error)
     return MissingExtraError(f"addresses need the package {name}; run: pip install 'pdecodec[remote]'", path=address)

@@ -1,9 +1,9 @@
-"""Outputs that appear whole or not at all: written beside their place, then moved into it.
+"""Outputs that appear whole or not at all: written under a temporary name in the same folder, then moved.
 
-What is written stands in a hidden file or folder whose name says which process makes it. Several files, such as frames,
-become visible together: their folder is renamed to one that is ready, and its files are moved. A run that is killed
-leaves what it was writing, or what was ready: the next run that reads or writes there removes the one and finishes the
-other.
+Unfinished output lies in a hidden file or folder whose name tells which process writes it. Several files, such as
+frames, become visible together: their folder is renamed to mark it as ready, and its files are moved. A killed
+process leaves unfinished or ready output; the next process that reads or writes in that folder removes the former
+and moves the latter.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ from pathlib import Path
 from pdecodec.errors import InputError, unreadable
 
 PARTIAL, READY = ".partial", ".ready"
-"""Ends of names: of what is being written, and of what is whole and has to be moved."""
+"""Suffixes of names: for unfinished output, and for complete output that remains to be moved."""
 
 MANIFEST = ".manifest.json"
-"""In a folder that is ready: the names of files that its own replace, and of those that go."""
+"""File in a ready folder: the names of its files that replace others, and of the files to remove."""
 
-TOLD = 24
-"""Letters of an output's name that are in that of what is being written: with four bytes each, and all that follows, a
-name is below 143 bytes, the least that a file system in use allows (eCryptfs)."""
+NAME_CHARACTERS = 24
+"""Characters of an output's name in its temporary name: at four bytes each, and with the rest, a name stays
+below 143 bytes, the smallest limit of a file system in use (eCryptfs).
+"""
 
 PROBE_BYTES = 2**16
-"""What is written to learn whether a disk is full."""
+"""Bytes that are written to find out whether a disk is full."""
 
 _OWN = re.compile(r"\..+\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}(\.partial|\.ready)", re.DOTALL)
 
@@ -59,13 +60,13 @@ def check_path(path: Path) -> None:
 
 
 def check_writable(path: Path, *, overwrite: bool, through_links: bool = True) -> None:
-    """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
+    """Raise InputError if `path` cannot become an output file; call it before long work starts."""
     check_path(path)
     if path.is_dir() and (through_links or not path.is_symlink()):
         raise InputError("is a folder; name a file in it", code="output-unwritable", path=path)
     if os.path.lexists(path) and not overwrite:
         raise output_exists(path)
-    place = (_place(path) if through_links else path).parent
+    place = (_link_target(path) if through_links else path).parent
     _check_folder(place)
     if not os.access(place, os.W_OK):
         raise InputError(
@@ -77,9 +78,9 @@ def check_writable(path: Path, *, overwrite: bool, through_links: bool = True) -
 
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool, through_links: bool = True) -> Iterator[Path]:
-    """A path to write to that becomes `path` when the block ends well and vanishes when it does not.
+    """Yield a path to write to, which becomes `path` if the block succeeds and is removed if not.
 
-    A link is written through, unless `through_links` is false: then it is replaced. A file that is replaced keeps its
+    A link is written through, unless `through_links` is false: then it is replaced. A replaced file passes on its
     mode.
 
     Raises
@@ -88,7 +89,7 @@ def whole_file(path: Path, *, overwrite: bool, through_links: bool = True) -> It
         If `path` exists, or appears meanwhile, and `overwrite` is false, is a folder, or cannot be written.
     """
     check_writable(path, overwrite=overwrite, through_links=through_links)
-    place = _place(path) if through_links else path
+    place = _link_target(path) if through_links else path
     finish_interrupted(place.parent)
     partial = partial_path(place)
     try:
@@ -101,7 +102,7 @@ def whole_file(path: Path, *, overwrite: bool, through_links: bool = True) -> It
 
 @contextmanager
 def partial_folder(beside: Path) -> Iterator[Path]:
-    """A new empty folder beside `beside`, gone after the block unless it was renamed.
+    """Yield a new empty folder next to `beside`, removed after the block unless it was renamed.
 
     Raises
     ------
@@ -120,21 +121,21 @@ def partial_folder(beside: Path) -> Iterator[Path]:
 
 
 def publish(partial: Path, names: Sequence[str], *, overwrite: bool, remove: Sequence[str] = ()) -> None:
-    """Move files of a partial folder to the folder it is in, all of them, whatever happens in between.
+    """Move files of a partial folder to its parent folder: all of them, even if the process is interrupted.
 
     Parameters
     ----------
     partial : pathlib.Path
     names : sequence of str
-        Of files in it; those that are there already are replaced, if `overwrite` says so.
+        Names of files in it; they replace existing files if `overwrite` is true.
     overwrite : bool
     remove : sequence of str
-        Of files beside it that go.
+        Names of files in the parent folder to remove.
 
     Raises
     ------
     InputError
-        If a file is there, and may not be replaced; nothing is moved then.
+        If a file exists and may not be replaced; nothing is moved then.
     """
     folder = partial.parent
     taken = [] if overwrite else [name for name in names if os.path.lexists(folder / name)]
@@ -143,11 +144,11 @@ def publish(partial: Path, names: Sequence[str], *, overwrite: bool, remove: Seq
     (partial / MANIFEST).write_text(json.dumps({"move": list(names), "remove": list(remove)}), encoding="utf-8")
     ready = partial.with_name(partial.name.removesuffix(PARTIAL) + READY)
     os.replace(partial, ready)
-    _finish(ready)
+    _finish_ready(ready)
 
 
 def finish_interrupted(folder: Path) -> None:
-    """Finish or remove what killed runs of this machine and user left in a folder."""
+    """Finish or remove what killed processes of this machine and user left in a folder."""
     try:
         left = [entry for entry in os.scandir(folder) if entry.name.startswith(".")]
     except OSError:
@@ -157,7 +158,7 @@ def finish_interrupted(folder: Path) -> None:
         if found is None or found["host"] != _host() or _is_alive(int(found["process"])):
             continue
         path = Path(entry.path)
-        # Others may write here: what is not ours moves and removes nothing.
+        # Others may write to this folder: their files must not make us move or remove anything.
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             information = entry.stat(follow_symlinks=False)
             if information.st_uid != os.geteuid() or stat.S_ISLNK(information.st_mode):
@@ -165,21 +166,21 @@ def finish_interrupted(folder: Path) -> None:
             if not stat.S_ISDIR(information.st_mode):
                 path.unlink(missing_ok=True)
             elif entry.name.endswith(READY):
-                _finish(path)
+                _finish_ready(path)
             else:
                 shutil.rmtree(path, ignore_errors=True)
 
 
 def partial_path(path: Path) -> Path:
-    """A hidden name beside `path` that no other writer takes; it tells the beginning of the name alone, which may be as
-    long as names can be.
+    """Return a hidden name next to `path` that no other writer uses. It has only the beginning of the name,
+    which may be as long as a name can be.
     """
-    return path.with_name(f".{path.name[:TOLD]}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+    return path.with_name(f".{path.name[:NAME_CHARACTERS]}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
 
 
 @contextmanager
 def write_errors(path: Path) -> Iterator[None]:
-    """Turn the operating system's refusals into one line that names `path`."""
+    """Turn errors of the operating system into one line that names `path`."""
     try:
         yield
     except OSError as error:
@@ -187,7 +188,7 @@ def write_errors(path: Path) -> Iterator[None]:
 
 
 def is_full(folder: Path) -> bool:
-    """Whether there is no space left where a folder is: libraries do not say why they could not write."""
+    """Return whether the disk of a folder is full: libraries do not tell why they could not write."""
     probe = partial_path(folder / "probe")
     try:
         with probe.open("wb", buffering=0) as file:
@@ -201,7 +202,7 @@ def is_full(folder: Path) -> bool:
 
 
 def write_failure(path: Path, partial: Path, said: str) -> InputError:
-    """Return the error about an output that a library could not write, which does not say why.
+    """Return the error about an output that a library could not write without telling why.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def write_failure(path: Path, partial: Path, said: str) -> InputError:
     partial : pathlib.Path
         The file, or the folder of files, that the library wrote.
     said : str
-        What it said, where neither the limit of file sizes nor a full disk is the reason.
+        The library's message, used if neither the limit of file sizes nor a full disk is the reason.
     """
     files = [one for one in (partial, *partial.rglob("*")) if one.is_file()]
     number = errno.ENOSPC if is_full(path.parent) else 0
@@ -221,7 +222,7 @@ def write_failure(path: Path, partial: Path, said: str) -> InputError:
 
 
 def largest_file() -> float:
-    """Bytes that a file may have by the limit of this process (``ulimit -f``); infinite where there is none."""
+    """Return the limit of this process for the size of a file (``ulimit -f``) [bytes]; infinite if there is none."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -230,21 +231,21 @@ def largest_file() -> float:
     return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
-def _finish(ready: Path) -> None:
-    # What was killed while it removed the folder had moved everything before: the manifest went then, or is going now.
+def _finish_ready(ready: Path) -> None:
+    # A process killed while removing the folder had moved all files before: then the manifest is gone, or goes now.
     if (ready / MANIFEST).exists():
         _move_out(ready)
     shutil.rmtree(ready, ignore_errors=True)
 
 
 def _move_out(ready: Path) -> None:
-    """Do what the manifest of a folder says."""
+    """Move and remove files as the manifest of a folder says."""
     manifest: Mapping[str, list[str]] = json.loads((ready / MANIFEST).read_text(encoding="utf-8"))
     for name in (*manifest["move"], *manifest["remove"]):
         if Path(name).name != name or name == MANIFEST:
             raise ValueError(f"{name!r} is no name of a file here")
     for name in manifest["move"]:
-        # What is no longer there was moved before the run was killed.
+        # A file that is no longer there was moved before the process was killed.
         if (ready / name).exists():
             _replace(ready / name, ready.parent / name)
     for name in manifest["remove"]:
@@ -252,7 +253,7 @@ def _move_out(ready: Path) -> None:
 
 
 def move_into(partial: Path, path: Path, *, overwrite: bool, through_links: bool = True) -> None:
-    """Put a file where it is to be; InputError where there is one that may not be replaced."""
+    """Move a file to its final path; InputError if a file is there that may not be replaced."""
     if overwrite:
         if not through_links and path.is_symlink():
             os.replace(partial, path)
@@ -260,12 +261,12 @@ def move_into(partial: Path, path: Path, *, overwrite: bool, through_links: bool
             _replace(partial, path)
         return
     try:
-        # A link is made only where there is nothing, whoever was here meanwhile.
+        # Making a link fails if the path exists, even if another process created it just now.
         os.link(partial, path)
     except FileExistsError as error:
         raise output_exists(path) from error
     except OSError:
-        # Some file systems have no links: an empty file keeps the place.
+        # Some file systems have no links: an empty file reserves the name.
         try:
             path.open("xb").close()
         except FileExistsError as error:
@@ -274,8 +275,8 @@ def move_into(partial: Path, path: Path, *, overwrite: bool, through_links: bool
 
 
 def _replace(new: Path, path: Path) -> None:
-    """Put a file in the place of another, through links, with its mode."""
-    place = _place(path)
+    """Put a file in the place of another, through links, keeping the mode of the replaced file."""
+    place = _link_target(path)
     with contextlib.suppress(FileNotFoundError):
         os.chmod(new, stat.S_IMODE(place.stat().st_mode))
     if place.parent == path.parent or new.stat().st_dev == place.parent.stat().st_dev:
@@ -287,13 +288,13 @@ def _replace(new: Path, path: Path) -> None:
         new.unlink()
 
 
-def _place(path: Path) -> Path:
-    """Where a path leads: of a link, what it is a link to."""
+def _link_target(path: Path) -> Path:
+    """Return the target of a link; any other path as it is."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def output_exists(path: str | Path) -> InputError:
-    """Return the error about a place to write to that is taken."""
+    """Return the error about an output path that already exists."""
     return InputError("exists already", code="output-exists", path=path, setting="overwrite", purpose="to replace it")
 
 
@@ -308,7 +309,7 @@ def _host() -> str:
 
 def _is_alive(process: int) -> bool:
     if os.name == "nt":
-        # A signal is no question there.
+        # Windows has no signal 0 to test whether a process exists.
         return True
     try:
         os.kill(process, 0)
@@ -316,7 +317,7 @@ def _is_alive(process: int) -> bool:
         return False
     except OSError:
         return True
-    # One that was killed is there until whoever started it has looked, which in a container may be never.
+    # A killed process stays listed until its parent collects it, which in a container may be never.
     with contextlib.suppress(OSError):
         known = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
         return not known.rpartition(") ")[2].startswith("Z")
@@ -324,50 +325,50 @@ def _is_alive(process: int) -> bool:
 
 
 KEEP_SIZE = 1
-"""Linux' FALLOC_FL_KEEP_SIZE: room is made behind the end of a file, which stays where it is."""
+"""Linux' FALLOC_FL_KEEP_SIZE: allocate beyond the end of a file without changing its size."""
 
-MARGIN = 2**20
-"""Bytes beyond what was asked for."""
+RESERVE_MARGIN = 2**20
+"""Bytes that are reserved in addition to those requested."""
 
 
 class ReservedRoom:
-    """Room for a file that something else writes: what cannot report a full disk meets none.
+    """Disk space reserved for a file that other code writes, so that code which cannot report a full disk meets none.
 
-    Where a file system cannot keep room, it is only looked at how much there is. What is left over goes with the file's
-    last change of length, or when it is moved: it never counts as its size.
+    On a file system that cannot reserve space, only the free space is checked. Unused space is given back when the
+    file's length changes for the last time, or when it is moved; it never counts as part of the file's size.
 
     Parameters
     ----------
     path : pathlib.Path
-        Of the file, which is there.
+        Path of the file, which exists.
     """
 
     def __init__(self, path: Path) -> None:
         self._path, self._wanted = path, 0
 
     def reserve(self, more: int) -> None:
-        """Keep room for so many more bytes; OSError where there is none, or files may not become so large."""
+        """Reserve space for `more` further bytes; OSError if there is none, or if files may not become so large."""
         self._wanted += more
-        if self._wanted + MARGIN > largest_file():
+        if self._wanted + RESERVE_MARGIN > largest_file():
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(self._path))
         with self._path.open("r+b", buffering=0) as file:
-            failure = _allocate(file.fileno(), self._wanted + MARGIN)
+            failure = _allocate(file.fileno(), self._wanted + RESERVE_MARGIN)
         if failure in (errno.ENOSPC, errno.EDQUOT):
             raise OSError(failure, os.strerror(failure), str(self._path))
-        left = self._wanted + MARGIN - self._path.stat().st_size
+        left = self._wanted + RESERVE_MARGIN - self._path.stat().st_size
         if failure and shutil.disk_usage(self._path.parent).free < left:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
 
     def release(self) -> None:
-        """Give back what the file did not need."""
+        """Give back the space that the file did not need."""
         size = self._path.stat().st_size
-        # A length that stays as it is changes nothing on some file systems.
+        # On some file systems, setting an unchanged length frees nothing.
         for length in (size + 1, size):
             os.truncate(self._path, length)
 
 
 def _allocate(file: int, length: int) -> int:
-    """Allocate the first bytes of a file; an error number, or 0."""
+    """Allocate the first bytes of a file; return an error number, or 0."""
     try:
         allocate = ctypes.CDLL(None, use_errno=True).fallocate64
     except (AttributeError, OSError, TypeError):

@@ -1,11 +1,12 @@
-"""Worker processes: a call goes to a process of its own, and whatever ends that process is an error here.
+"""Worker processes: each runs calls in a separate process, and whatever ends that process becomes an error here.
 
-A request is a pickle of a function, by its name, and its arguments. An answer is what the function returned or raised:
-a pickle too, or, where a damaged file might take over the process, a NumPy archive without pickles. Each goes through a
-pipe behind its length. Begin with :class:`Worker`; :func:`call_workers` shares items among several.
+A request is a pickle of a function, by its name, and its arguments. An answer is what the function returned or
+raised: also a pickle, or, if a damaged file might take over the process, a NumPy archive without pickles. Each
+message is sent through a pipe, preceded by its length. Begin with :class:`Worker`; :func:`call_workers` shares items
+among several.
 
-A terminal sends an interrupt to all processes at once. A worker ignores it, from the moment it is started: whoever
-started it ends it.
+A terminal sends an interrupt to all processes at once. A worker ignores it from its start: the process that started
+it ends it.
 """
 
 from __future__ import annotations
@@ -39,26 +40,26 @@ from pdecodec.errors import (
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-CAN_HOLD = hasattr(signal, "pthread_sigmask")
-"""Not on Windows, where a process that is being started prints where an interrupt met it."""
+CAN_HOLD_INTERRUPTS = hasattr(signal, "pthread_sigmask")
+"""Whether interrupts can be held back. Not on Windows, where a starting process prints where an interrupt hit it."""
 
 _LENGTH_BYTES = 8
 
 _NO_ANSWER = (EOFError, OSError, ValueError, OverflowError, MemoryError)
-"""What reading from a process raises that ended, was ended meanwhile, or names a length that nothing has."""
+"""Errors of reading from a process that ended, was ended meanwhile, or sent an impossible length."""
 
 _FAILURE = "failure of the call"
-"""Name of the array that holds a failure, as JSON, where no pickles are taken."""
+"""Name of the array that holds a failure, as JSON, in answers without pickles."""
 
 _LEAVES = {
     one.__name__: one
     for one in (SettingsError, InputError, MissingFileError, CorruptFileError, LimitError, MissingExtraError)
 }
-"""Errors that come back where no pickles are taken."""
+"""Errors that can be returned without pickles."""
 
 
 class WorkerError(Exception):
-    """A worker that could not answer; the message is the reason, in words that go into parentheses."""
+    """A worker could not answer; the message is the reason, worded to stand in parentheses."""
 
 
 class WorkerNotStartedError(WorkerError):
@@ -66,7 +67,7 @@ class WorkerNotStartedError(WorkerError):
 
 
 class WorkerEndedError(WorkerError):
-    """The process ended during a call: by itself with an exit code, or minus a signal's number; None: by us."""
+    """The process ended during a call: by itself with an exit code, or minus a signal's number; None if we ended it."""
 
     def __init__(self, exit_code: int | None) -> None:
         self.exit_code = exit_code
@@ -81,18 +82,18 @@ class WorkerEndedError(WorkerError):
 
 
 class Worker:
-    """A process that answers calls, one at a time; started at the first call, and again after it ended or a fork.
+    """A process that answers calls, one at a time; started by the first call, and again after it ended or after a fork.
 
     Parameters
     ----------
     arrays_only : bool
-        Take no pickles from the process, and hide what it prints: functions return arrays by name.
+        Accept no pickles from the process, and hide what it prints: functions return arrays by name.
     environment : mapping of str to str, optional
         Variables that the process has in addition to those of this process.
     """
 
     _starting = Lock()
-    """Processes start one after the other: the files that one opens meanwhile may be all that there are."""
+    """Processes start one after the other: starting one may need all remaining file descriptors for a moment."""
 
     def __init__(self, *, arrays_only: bool = False, environment: Mapping[str, str] | None = None) -> None:
         self._arrays_only, self._environment = arrays_only, environment or {}
@@ -102,14 +103,14 @@ class Worker:
         self._is_over = False
 
     def call(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
-        """Return what a function of a module returns in the process.
+        """Call a function of a module in the process, and return its result.
 
         Raises
         ------
         WorkerNotStartedError, WorkerEndedError
             If there is no answer.
         Exception
-            Whatever the function raised; with `arrays_only` a leaf of PdecodecError, without its path.
+            Any error of the function; with `arrays_only` a leaf of PdecodecError, without its path.
         """
         request = pickle.dumps((function, arguments, named))
         with self._calling:
@@ -122,7 +123,7 @@ class Worker:
             except _NO_ANSWER as reason:
                 raise self._ended(process) from reason
             except BaseException:
-                # The answer would be taken for that of the next request.
+                # Its late answer would be taken for that of the next request.
                 self._stop(process)
                 raise
         if error is not None:
@@ -130,7 +131,7 @@ class Worker:
         return answer
 
     def end(self) -> None:
-        """End the process, whatever it is doing; there are no more calls."""
+        """End the process, whatever it is doing; no more calls are possible."""
         with self._changing:
             self._is_over = True
             process = self._process
@@ -142,7 +143,7 @@ class Worker:
 
     @property
     def process_id(self) -> int | None:
-        """Number of the process; None where none has been started, or one has ended in a call."""
+        """Number of the process; None if none has been started, or it ended in a call."""
         process = self._process
         return None if process is None else process.pid
 
@@ -151,7 +152,7 @@ class Worker:
             if self._is_over:
                 raise WorkerEndedError(None)
             if self._process is None or self._owner != os.getpid():
-                # Modules are found where this process finds them.
+                # The process must find modules where this process finds them.
                 code = f"import sys; sys.path[:] = {sys.path!r}; from pdecodec.system.workers import serve; "
                 try:
                     with self._starting, interrupts_held():
@@ -168,9 +169,9 @@ class Worker:
             return self._process
 
     def _ended(self, process: subprocess.Popen[bytes]) -> WorkerEndedError:
-        """Return the error for a process that answers no more."""
+        """Return the error for a process that no longer answers."""
         if not self._arrays_only:
-            process.wait()  # it closed its pipes because it ends: by itself, so that it tells how
+            process.wait()  # it closed its pipes because it is ending; its exit code tells why
         self._stop(process)
         with self._changing:
             return WorkerEndedError(None if self._is_over else process.returncode)
@@ -196,23 +197,23 @@ def call_workers(
     ----------
     items : sequence
     work : callable
-        ``work(worker, item)`` calls the worker; it runs in a thread for each worker. An item whose worker cannot be
+        ``work(worker, item)`` calls the worker; it runs in one thread per worker. An item whose worker cannot be
         started goes to another one, as long as there is one.
     workers : sequence of Worker
-        Ended when the iterator is.
+        Ended together with the iterator.
     """
     left, takers, lock, is_stopped = deque(items), len(workers), Lock(), Event()
     found = SimpleQueue[tuple[Item, Result | Exception] | None]()
 
     def next_items() -> list[Item]:
-        """One item, or none where there are no more: then this thread takes no further ones."""
+        """Return the next item; empty if there are no more, and then this thread stops."""
         nonlocal takers
         with lock:
             takers -= not left
             return [left.popleft()] if left else []
 
     def is_given_back(item: Item) -> bool:
-        """Leave an item to the other threads, and take no further ones; False where there is no other thread."""
+        """Leave an item to the other threads, and stop this one; return False if there is no other thread."""
         nonlocal takers
         with lock:
             if takers == 1:
@@ -231,7 +232,7 @@ def call_workers(
                     if is_given_back(item):
                         break
                     found.put((item, error))
-                except Exception as error:  # whatever one item meets, the others go on
+                except Exception as error:  # an error of one item must not stop the others
                     found.put((item, error))
         finally:
             worker.end()
@@ -256,8 +257,8 @@ def call_workers(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold interrupts back from this thread until the block ends; processes started inside inherit that."""
-    if not CAN_HOLD:
+    """Hold back interrupts from this thread until the block ends; processes started inside inherit that."""
+    if not CAN_HOLD_INTERRUPTS:
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -268,11 +269,11 @@ def interrupts_held() -> Iterator[None]:
 
 
 def serve(*, arrays_only: bool) -> None:
-    """Answer requests until there are no more; in the process of a worker."""
+    """Answer requests until there are no more; runs in the process of a worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if CAN_HOLD:
+    if CAN_HOLD_INTERRUPTS:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # Functions may read and print, and start processes: none of them gets the pipes.
+    # Functions may read, print and start processes: none of them may get the pipes.
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     for standard in (0, 1):
@@ -285,7 +286,7 @@ def serve(*, arrays_only: bool) -> None:
                 function, arguments, named = pickle.loads(request)
                 answer = function(*arguments, **named)
                 data = _pack_arrays(answer) if arrays_only else pickle.dumps((answer, None))
-            except Exception as error:  # whatever a function meets is told to whoever called it
+            except Exception as error:  # every error of a function is returned to the caller
                 data = _pack_failure(error) if arrays_only else _pickle_failure(error)
             _send(answers, data)
 
@@ -297,7 +298,7 @@ def _send(pipe: IO[bytes], data: bytes) -> None:
 
 
 def _receive(pipe: IO[bytes]) -> bytes:
-    """Return what comes next; EOFError where the other end is closed."""
+    """Return the next message; EOFError if the other end is closed."""
     head = pipe.read(_LENGTH_BYTES)
     size = int.from_bytes(head, "little")
     data = pipe.read(size) if len(head) == _LENGTH_BYTES else b""
@@ -337,5 +338,5 @@ def _unpack_arrays(data: bytes) -> tuple[dict[str, Any], PdecodecError | None]:
             return arrays, None
         kind, fields = json.loads(str(arrays[_FAILURE]))
         return {}, _LEAVES[kind](**fields)
-    except Exception as error:  # a process that was taken over answers anything
+    except Exception as error:  # a process that was taken over can answer anything
         raise EOFError from error

@@ -15,7 +15,7 @@ import pytest
 
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.system.workers import (
-    CAN_HOLD,
+    CAN_HOLD_INTERRUPTS,
     Worker,
     WorkerEndedError,
     WorkerNotStartedError,
@@ -23,7 +23,7 @@ from pdecodec.system.workers import (
     interrupts_held,
 )
 
-can_hold = pytest.mark.skipif(not CAN_HOLD, reason="signals cannot be held back here")
+can_hold = pytest.mark.skipif(not CAN_HOLD_INTERRUPTS, reason="signals cannot be held back here")
 
 
 @pytest.fixture

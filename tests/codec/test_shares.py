@@ -112,11 +112,11 @@ def test_both_of_two_calls_run_at_once_and_return_what_each_does(monkeypatch: py
 def test_a_small_clip_has_one_thread_in_its_own_thread_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PDECODEC_THREADS", raising=False)
     usual = shares.thread_count()
-    with shares.threads_for(shares.LEAST_SHARED - 1):
+    with shares.threads_for(shares.MIN_SHARED_SIZE - 1):
         assert shares.thread_count() == 1
         with ThreadPoolExecutor(1) as other:
             assert other.submit(shares.thread_count).result() == usual
-        with shares.threads_for(shares.LEAST_SHARED):
+        with shares.threads_for(shares.MIN_SHARED_SIZE):
             assert shares.thread_count() == usual
         assert shares.thread_count() == 1
     assert shares.thread_count() == usual
