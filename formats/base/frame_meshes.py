@@ -20,7 +20,15 @@ from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import (
+    BLOCK_BYTES,
+    Attribute,
+    Connectivity,
+    Content,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 from pdecodec.system.whole_output import partial_folder, publish, write_errors
 
 Positions = NDArray[Any]
@@ -45,10 +53,21 @@ class MeshFile:
         return is_same and self.connectivity.same_as(other.connectivity)
 
 
+class NotKept(str):
+    """A line that names data of a file that is not kept, and the `names`."""
+
+    __slots__ = ("names",)
+    names: tuple[str, ...]
+
+
 def not_kept(names: Iterable[str]) -> tuple[str, ...]:
     """Return the line that names data of a file that is not kept; nothing if there is none."""
-    listed = ", ".join(dict.fromkeys(names))
-    return (f"not kept: {listed}",) if listed else ()
+    found = tuple(dict.fromkeys(names))
+    if not found:
+        return ()
+    line = NotKept(f"not kept: {', '.join(found)}")
+    line.names = found
+    return (line,)
 
 
 def joined_meshes(parts: list[MeshFile]) -> MeshFile:
@@ -138,6 +157,17 @@ class FrameChanges:
             for kind, frame in sorted(self._frames.items(), key=lambda item: (item[1], item[0]))
         ]
         return (*self._notices.values(), *changes)
+
+    def contents(self, first: MeshObject) -> tuple[Content, ...]:
+        """List what the files hold: positions, faces, lines and attributes of the first frame, and what is not kept."""
+        faces, lines = first.connectivity.face_count, first.connectivity.line_count
+        kept = ["positions", *["faces"] * bool(faces), *["lines"] * bool(lines), *map(kind_of, first.attributes)]
+        lost = [name for line in self._notices.values() if isinstance(line, NotKept) for name in line.names]
+        lost += sorted(self._absent)
+        return (
+            *(Content(f"{first.name}/{kind}", kind, "coded") for kind in kept),
+            *(Content(f"{first.name}/{kind}", kind, "dropped") for kind in dict.fromkeys(lost)),
+        )
 
 
 class FrameMeshes:
@@ -232,7 +262,10 @@ def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fp
     first frame.
     """
     files = find_frames(path, extension)
-    return sequence_of_files([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
+    meshes = FrameMeshes([[file] for file in files.paths], read)
+    sequence = _sequence_of_meshes(meshes, timing_of_numbers(files.numbers, fps))
+    sequence.list_contents = lambda: meshes.changes.contents(sequence.runs[0].objects[0])
+    return sequence
 
 
 def sequence_of_files(
@@ -243,7 +276,10 @@ def sequence_of_files(
     Every file is read once to find out whether it and other data change; positions are kept while they fit in a
     block. If `timing` is a function, it is called after all files were read.
     """
-    meshes = FrameMeshes(files, read)
+    return _sequence_of_meshes(FrameMeshes(files, read), timing)
+
+
+def _sequence_of_meshes(meshes: FrameMeshes, timing: Timing | Callable[[], Timing]) -> MeshSequence:
     starts = meshes.run_starts()
     times, fps, notices = timing() if callable(timing) else timing
     told = (*notices, *meshes.changes.notices(len(starts)))

@@ -104,7 +104,20 @@ def gltf(folder: Path) -> tuple[Path, Counter[str]]:
     return path, kinds_in(root)
 
 
+def ply(folder: Path) -> tuple[Path, Counter[str]]:
+    """Frames with colours and data that have no place, and how often their headers have each kind."""
+    from tests.formats.test_frame_inventory import CHANNELS, RED
+    from tests.formats.test_frame_inventory import ply as text_of
+
+    for number, more in enumerate(([], ["float late"])):
+        columns = ((*CHANNELS, "float heat", *more), ("float flags",))
+        text = text_of([f"{RED} 5{' 1' * len(more)}"] * 3, ["3 0 1 2 1"], columns=columns)
+        (folder / f"x.{number}.ply").write_text(text)
+    return folder / "x.#.ply", Counter(("positions", "faces", "vertex colours", "heat", "late", "face flags"))
+
+
 EXPECTED = {
+    ply: {"coded": ("positions", "faces", "vertex colours"), "dropped": ("heat", "late", "face flags")},
     alembic: {"coded": ("P", ".faces", "visible"), "dropped": ("studio", "width"), "implied": (".selfBnds",)},
     usd: {
         "coded": ("points", "Mesh", "primvars:kept", "upAxis"),
@@ -127,7 +140,7 @@ EXPECTED = {
 def test_info_counts_what_a_file_holds_by_what_becomes_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Callable[[Path], tuple[Path, Counter[str]]]
 ) -> None:
-    needed({alembic: "abc", usd: "usda", gltf: "gltf"}[make])
+    needed({alembic: "abc", usd: "usda", gltf: "gltf", ply: "ply"}[make])
     path, listed = make(tmp_path)
     shown = []
     for options in ([], ["--isolate"]):
