@@ -1,4 +1,4 @@
-"""Read what a USD prim carries beside points: primvars, normals, face subsets and materials."""
+"""Read the data of a USD prim other than points: primvars, normals, face subsets and materials."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ _DOMAINS: dict[str, AttributeDomain] = {
 }
 
 _UV_NAMES = ("st", "uv", "UVMap", "map1")
-"""Names under which float2 primvars are UVs, though their type does not say so."""
+"""Names of float2 primvars that are UVs, though their type does not say so."""
 
 NORMALS = "normals"
-"""Name of the primvar that goes before the attribute of that name."""
+"""Name of the primvar that takes precedence over the attribute of that name."""
 
 _OTHERS_OWN = ("skel:",)
-"""Beginnings of primvars that belong to something else: what they do is in the points."""
+"""Prefixes of primvars that are already applied to the points."""
 
 
 def read_extras(
     prim: Any, connectivity: Connectivity, order: Int64Array, *, moves: bool = False, at: float | None = None
 ) -> Extras:
-    """Everything constant that the prim carries; `order` as of :class:`Extras`, `moves` whether its points do.
+    """Read all constant data of the prim; `order` as in :class:`Extras`, `moves` tells whether its points move.
 
-    Where a time code says `at` which sample, everything is read there, be it constant or not.
+    If the time code `at` is given, everything is read there, whether constant or not.
     """
     extras = Extras(connectivity, order)
     for primvar in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance():
@@ -81,7 +81,7 @@ def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool, at: floa
         return
     stored = value_at(primvar.GetAttr(), at)
     if at is not None and not np.size(stored):
-        # What other runs of frames have.
+        # Only other runs of frames have it.
         return
     labels: tuple[str, ...] = ()
     if type_name.scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):
@@ -114,7 +114,7 @@ def _read_subsets(prim: Any, extras: Extras, at: float | None) -> None:
         if at is None and changes_with_time(subset.GetIndicesAttr()):
             extras.left_out.append(f"changes of subset {name} with time (its first sample is kept)")
         if at is not None and not members.size:
-            # A set that other runs of frames have.
+            # Only other runs of frames have this set.
             continue
         inside = not members.size or 0 <= members.min() <= members.max() < faces
         if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face or not inside:

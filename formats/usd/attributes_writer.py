@@ -1,4 +1,4 @@
-"""Write what a USD prim carries beside points: primvars, face subsets and materials."""
+"""Write the data of a USD prim other than points: primvars, face subsets and materials."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _TYPES = {
     ("i", 8, 1): (Sdf.ValueTypeNames.Int64Array, Vt.Int64Array),
     ("u", 1, 1): (Sdf.ValueTypeNames.UCharArray, Vt.UCharArray),
 }
-"""USD's types of values: by NumPy kind, bytes, and columns."""
+"""USD's value types by NumPy kind, bytes, and columns."""
 
 _FAMILIES = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)}
-"""Families of subsets of faces, by what they stand for."""
+"""Families of face subsets by role."""
 
 MATERIALS = "pdecodecMaterials"
-"""What holds the materials of subsets, below the default prim: they come along where that is referenced."""
+"""Scope of the subsets' materials, below the default prim, so that references to that include them."""
 
 _ROLE_TYPES = {
     (COLOR, 3): (Sdf.ValueTypeNames.Color3fArray, Vt.Vec3fArray),
@@ -46,16 +46,16 @@ _ROLE_TYPES = {
     (UV, 2): (Sdf.ValueTypeNames.TexCoord2fArray, Vt.Vec2fArray),
     (UV, 3): (Sdf.ValueTypeNames.TexCoord3fArray, Vt.Vec3fArray),
 }
-"""Types of colours and UVs, by numbers in a row."""
+"""Types of colours and UVs by role and numbers per row."""
 
 
 def int_array(values: NDArray[np.integer]) -> Any:
-    """(n,) as Vt.IntArray."""
+    """Return integers (n,) as Vt.IntArray."""
     return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
 
 
 class ExtrasWriter:
-    """Writes what an object carries beside points, for one or several runs of frames.
+    """Writer of an object's data other than points, for one or several runs of frames.
 
     Parameters
     ----------
@@ -71,10 +71,11 @@ class ExtrasWriter:
         self._first: Any = None
 
     def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str], at: Sequence[Any]) -> list[str]:
-        """Write a run of frames, but for attributes of these names; what had no place.
+        """Write the attributes of a run of frames, except those named in `written`; return notices about what cannot be
+        stored.
 
-        `at` are the time codes of its first and last frame, or USD's code for what has no samples: numbers would not
-        stand still between samples of two runs.
+        `at` holds the time codes of the run's first and last frame, or USD's code for values without samples:
+        between samples of two runs, numbers would be interpolated.
         """
         self._first = at[0] if self._first is None else self._first
         put: set[str] = set()
@@ -87,7 +88,7 @@ class ExtrasWriter:
         return notices
 
     def _put_primvar(self, item: MeshObject, one: Parameter, at: Sequence[Any], put: set[str]) -> bool:
-        """Whether there was a type of primvar for it, and no primvar of its name of another kind, or in `put`."""
+        """Write a primvar; return False if no type fits it, or a primvar of its name is of another kind or in `put`."""
         attribute, values, indices = one.attribute, one.values, one.indices
         name, interpolation = attribute.name, _INTERPOLATIONS[attribute.domain]
         if one.role == "label":
@@ -101,7 +102,7 @@ class ExtrasWriter:
             name = source_name(attribute, COLOR, "displayColor" if one.width == 3 else COLOR)
         elif one.role == UV:
             name = source_name(attribute, UV, "st")
-            # Interpolation is said once for all runs.
+            # Interpolation is stored once for all runs.
             if at[0].IsDefault() and is_by_vertex(attribute, item.connectivity):
                 interpolation, indices = "vertex", None
         name = ":".join(map(valid_name, name.split(":")))
@@ -147,7 +148,7 @@ class ExtrasWriter:
         return subset
 
     def _write_own(self, connectivity: Connectivity, drawn: Drawn, at: Any) -> None:
-        """What USD's shapes cannot say, in attributes of our own."""
+        """Write what USD's shapes cannot hold as attributes in pdecodec's namespace."""
         arrays = {name: np.zeros(0, np.int32) for name in self._own}
         if drawn.gather is not None:
             arrays["vertex"] = drawn.gather
@@ -164,7 +165,7 @@ class ExtrasWriter:
 
 
 def _material(stage: Any, label: str) -> Any:
-    """The material of a name, without a surface: programs know sets of faces by the materials bound to them."""
+    """Return the material of a name, without a surface: programs identify sets of faces by their bound materials."""
     above = UsdGeom.Scope.Define(stage, stage.GetDefaultPrim().GetPath().AppendChild(MATERIALS))
     others = {}
     for prim in above.GetPrim().GetChildren():
@@ -185,16 +186,16 @@ class _PrimvarWriter:
         self._primvar, self._array_type, self._is_indexed = primvar, array_type, is_indexed
 
     def takes(self, type_name: Any, interpolation: str) -> bool:
-        """Whether it is of this type and for these elements."""
+        """Return whether the primvar has this type and interpolation."""
         return bool(self._primvar.GetTypeName() == type_name and self._primvar.GetInterpolation() == interpolation)
 
     def set(self, values: NDArray[Any] | None, indices: NDArray[np.integer] | None, at: Sequence[Any]) -> None:
-        """Set it at time codes, with indices or without them as it was made; to nothing without values."""
+        """Set the primvar at time codes, with indices if it was created with them; None clears it."""
         if values is None:
             array, rows = self._array_type(), Vt.IntArray()
         else:
             if indices is not None and not self._is_indexed:
-                # Index -1 is an element that has none.
+                # Index -1 stands for an element without a value.
                 values, indices = np.concatenate([values, np.zeros_like(values[:1])])[indices], None
             rows = int_array(np.arange(len(values)) if indices is None else indices)
             is_text = self._array_type is Vt.StringArray

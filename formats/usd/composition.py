@@ -1,4 +1,4 @@
-"""What USD says of a stage: failures, and files that cannot be opened, without which USD goes on."""
+"""Report USD's failures with a stage, and files that cannot be opened, which USD only skips."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.scene_reading import Refusals, listed
 
 PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: (?:parse error matching \S+ (?P<place>at .*)|(?P<what>.*))")
-"""What USD says of text that it does not take; behind "matching" stands a name of its sources."""
+"""USD's message about text that it cannot parse; "matching" is followed by a name from its sources."""
 
 WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
-"""What USD's messages begin with: a place in its own sources."""
+"""Beginning of USD's messages: a place in its own sources."""
 
 MISSING = re.compile(
     r"(?P<kind>asset|sublayer|(?P<arc>\w+) prim path) @(?P<file>[^@]*)@(?P<prim><[^>]*>)?(?: for (?P<by>\w+))?"
 )
-"""What USD's messages say of files and prims that are not there; its Python has no other access to their names."""
+"""USD's messages about missing files and prims; its Python interface gives no other access to their names."""
 
 ABSENCES = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
-"""USD's errors about them."""
+"""USD's errors about missing files and prims."""
 
 SESSION = re.compile(r",@anon:[^@]*@")
-"""USD's own layer over every stage, in messages."""
+"""USD's own session layer over every stage, in messages."""
 
 
 @contextmanager
 def stage_errors(path: Path) -> Iterator[None]:
-    """Turn what USD raises into an InputError about a file, and keep USD's warnings off the standard error."""
+    """Turn USD's exceptions into an InputError about a file, and keep USD's warnings off the standard error."""
     warnings = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield
@@ -54,7 +54,7 @@ def stage_errors(path: Path) -> Iterator[None]:
 
 
 def check_rates(stage: Any) -> None:
-    """Refuse rates that are no positive numbers: USD divides the time codes of other layers by them."""
+    """Raise InputError if a rate is no positive number: USD divides the time codes of other layers by it."""
     for layer in stage.GetUsedLayers():
         for name, is_there, rate in (
             ("timeCodesPerSecond", layer.HasTimeCodesPerSecond(), layer.timeCodesPerSecond),
@@ -68,7 +68,7 @@ def check_rates(stage: Any) -> None:
 
 
 def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:
-    """Refuse files and prims that geometry may come from and that are not there; lines about all else that fails."""
+    """Refuse missing files and prims that geometry may come from; return notices about all other failures."""
     missing: dict[tuple[str, str], dict[str, None]] = {}
     notices: dict[str, None] = {}
     folder = Path(stage.GetRootLayer().realPath).parent
@@ -103,12 +103,12 @@ def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:
 
 
 def _from(folder: Path, name: str) -> str:
-    """The name of a file from a folder, where it is within."""
+    """Return the name of a file relative to a folder, if it is inside."""
     return str(Path(name).relative_to(folder)) if Path(name).is_relative_to(folder) else name
 
 
 def _is_look(prim: Any) -> bool:
-    """Whether a prim is of how things look, and no geometry comes from it."""
+    """Return whether a prim only describes appearance, so that no geometry comes from it."""
     return bool(prim) and (
         any(prim.IsA(schema) for schema in (UsdShade.Material, UsdShade.Shader, UsdShade.NodeGraph, UsdGeom.Camera))
         or "Light" in str(prim.GetTypeName())

@@ -1,4 +1,4 @@
-"""USD's implicit shapes (Sphere, Cube, Cylinder, Cone, Capsule, Plane) as polygons.
+"""Turn USD's implicit shapes (Sphere, Cube, Cylinder, Cone, Capsule, Plane) into polygons.
 
 Points are sums of fixed vectors times the shape's sizes, so that sizes may change with time.
 """
@@ -19,18 +19,18 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
 SIDES = 32
-"""Sides of what is round: half a percent of the radius off."""
+"""Sides of round shapes: they are off by half a percent of the radius."""
 
 _AXES = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
-"""Coordinates of a shape along Z that are those of one along an axis."""
+"""Order of the coordinates of a shape along Z that turns it to another axis."""
 
 _Solid = tuple[Mapping[str, Float64Array], list[list[int]], list[int]]
-"""Vectors (points, 3) by size, faces, and which faces share normals."""
+"""Vectors (points, 3) by size, faces, and for each face the number of its smooth part."""
 
 
 @dataclass(frozen=True, eq=False)
 class Implicit:
-    """A shape's points, as an attribute of them would give them.
+    """Points of a shape, with the methods of a USD attribute.
 
     Attributes
     ----------
@@ -44,21 +44,21 @@ class Implicit:
     _axis: list[int]
 
     def GetTimeSamples(self) -> list[float]:  # noqa: N802 - as USD's attributes have it
-        """Time codes at which a size is sampled, in order."""
+        """Return the time codes at which a size is sampled, in order."""
         return sorted({code for attribute in self._sizes for code in attribute.GetTimeSamples()})
 
     def spline_codes(self, stage: Any) -> list[float]:
-        """Time codes between which a size follows its spline, in order."""
+        """Return the time codes between which a size follows its spline, in order."""
         return sorted({code for attribute in self._sizes for code in spline_codes(attribute, stage)})
 
     def Get(self, code: float) -> Float32Array:  # noqa: N802 - as USD's attributes have it
-        """(points, 3) float32 at a time code."""
+        """Return the points (points, 3) float32 at a time code."""
         points = sum(float(attribute.Get(Usd.TimeCode(code))) * part for attribute, part in self._sizes.items())
         return np.asarray(points)[:, self._axis].astype(np.float32)
 
 
 def read_implicit(prim: Any) -> Implicit:
-    """The polygons of an implicit shape, a prim of one of :data:`IMPLICIT_TYPES`."""
+    """Return the polygons of an implicit shape, a prim of one of :data:`IMPLICIT_TYPES`."""
     vectors, faces, parts = _SOLIDS[str(prim.GetTypeName())]()
     counts = np.array([len(face) for face in faces], np.int32)
     points = len(next(iter(vectors.values())))
@@ -74,19 +74,19 @@ def _ring() -> Float64Array:
 
 
 def _band(first: int, second: int) -> list[list[int]]:
-    """Quads between a ring of points and the one above it, which begin at these."""
+    """Return the quads between a ring of points and the one above it, given the first point of each."""
     steps = [(k, (k + 1) % SIDES) for k in range(SIDES)]
     return [[first + a, first + b, second + b, second + a] for a, b in steps]
 
 
 def _fan(ring: int, tip: int, *, up: bool) -> list[list[int]]:
-    """Triangles between a ring and a point above or below it."""
+    """Return the triangles between a ring and a point above or below it."""
     steps = [(k, (k + 1) % SIDES) for k in range(SIDES)]
     return [[ring + a, ring + b, tip] if up else [ring + b, ring + a, tip] for a, b in steps]
 
 
 def _latitudes(angles: NDArray[np.floating]) -> Float64Array:
-    """Rings of the unit sphere at latitudes [radians], one after the other."""
+    """Return rings of the unit sphere at latitudes [radians], one after the other."""
     rings = [np.cos(angle) * _ring() + [0, 0, np.sin(angle)] for angle in angles]
     return np.concatenate(rings)
 
@@ -137,7 +137,7 @@ def _cube() -> _Solid:
 
 
 def _plane() -> _Solid:
-    """Along Z it is wide along X and long along Y; along X wide along Z, along Y long along Z."""
+    """Along Z, the plane's width is along X and its length along Y; along X, width is along Z; along Y, length is."""
     width, length = np.zeros((4, 3)), np.zeros((4, 3))
     width[:, 0], length[:, 1] = [-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]
     return {"width": width, "length": length}, [[0, 1, 2, 3]], [0]
@@ -153,7 +153,7 @@ _SOLIDS: Mapping[str, Callable[[], _Solid]] = {
     "Capsule_1": lambda: _capsule("radiusBottom", "radiusTop"),
     "Plane": _plane,
 }
-"""Polygons of shapes by type, along Z."""
+"""Functions that return the polygons of each type of shape, along Z."""
 
 IMPLICIT_TYPES = frozenset(_SOLIDS)
 """Types of prims that are implicit shapes."""

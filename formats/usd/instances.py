@@ -1,4 +1,4 @@
-"""USD's point instancers: where each instance of a prototype is."""
+"""USD's point instancers: the placement of each instance of a prototype."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES
 from pdecodec.mesh.arrays import BoolArray, Float64Array, Int64Array
 
 MOST_KEPT = 2**28
-"""Bytes of transforms that are kept until they are needed again."""
+"""Bytes of transforms that are cached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,11 @@ class Instancer:
     roots : tuple
         Root prims of its prototypes.
     prototypes : (instances,) int64
-        Of each instance, which of them.
+        Index of each instance's prototype.
     shown : (instances,) bool
-        Whether it is ever there.
+        Whether the instance is ever visible.
     hidden : (instances,) bool
-        Whether it is not there at times.
+        Whether the instance is invisible at times.
     """
 
     prim: Any
@@ -45,21 +45,23 @@ class Instancer:
 
     @property
     def turning(self) -> list[Any]:
-        """Attributes along which instances move in no straight line."""
+        """Attributes that do not move instances in straight lines."""
         return [self.arrays.GetOrientationsAttr(), self.arrays.GetOrientationsfAttr(), self.arrays.GetScalesAttr()]
 
     def root(self, instance: int) -> Any:
-        """The root prim of an instance's prototype."""
+        """Return the root prim of an instance's prototype."""
         return self.roots[self.prototypes[instance]]
 
     def placed(self, instance: int, prim: Any, cache: Any) -> Float64Array:
-        """Return (4, 4) from the space of a prim of a prototype to the instancer's, for points that are rows."""
+        """Return the matrix (4, 4) from the space of a prim of a prototype to the instancer's, for points that
+        are rows.
+        """
         inner = np.array(cache.ComputeRelativeTransform(prim, self.root(instance))[0], np.float64)
         placed: Float64Array = inner @ self._at(cache.GetTime())[instance]
         return placed
 
     def _at(self, code: Any) -> Float64Array:
-        """(instances, 4, 4): each instance's transform, its prototype's own one included."""
+        """Return each instance's transform, including its prototype's own: (instances, 4, 4)."""
         key = code.GetValue()
         if key not in self._kept:
             if len(self._kept) * self.prototypes.size * 128 > MOST_KEPT:
@@ -75,9 +77,9 @@ class Instancer:
 
 
 def placed_in_scene(instances: Sequence[tuple[Instancer, int]], prim: Any, cache: Any) -> Float64Array:
-    """Return (4, 4) from the space of a prim to the scene's, for points that are rows, at a cache's time.
+    """Return the matrix (4, 4) from the space of a prim to the scene's, for points that are rows, at a cache's time.
 
-    `instances` are the instances that the prim is of, each of a prototype that holds the instancer before it.
+    `instances` are the nested instances that contain the prim: each prototype holds the instancer before it.
     """
     matrix = np.eye(4)
     for instancer, instance in instances:
@@ -88,7 +90,7 @@ def placed_in_scene(instances: Sequence[tuple[Instancer, int]], prim: Any, cache
 
 
 def open_instancer(prim: Any) -> Instancer | str:
-    """A prim as an instancer, or what about it cannot be read."""
+    """Return a prim as an instancer, or a text about what in it cannot be read."""
     arrays = UsdGeom.PointInstancer(prim)
     stage = prim.GetStage()
     roots = tuple(stage.GetPrimAtPath(path) for path in arrays.GetPrototypesRel().GetForwardedTargets())

@@ -23,7 +23,7 @@ from pdecodec.mesh.sequence import Fate as ContentFate
 
 
 class Fate(Enum):
-    """What becomes of something that a file holds."""
+    """What happens to something that a file holds."""
 
     CODED = "coded"
     APPLIED = "applied to positions"
@@ -63,7 +63,7 @@ _IN_CONTENTS: dict[Fate, ContentFate] = {
     Fate.TOLD: "dropped",
     Fate.DROPPED: "dropped",
 }
-"""Fates as sequences of all formats tell them."""
+"""Fates in the words that sequences of all formats use."""
 
 _EVERYWHERE = {
     "visibility": Fate.TOLD,
@@ -71,7 +71,7 @@ _EVERYWHERE = {
     "extent": Fate.COMPUTED,
     "extentsHint": Fate.COMPUTED,
 }
-"""Properties of any prim."""
+"""Properties that any prim can have."""
 
 _MESH = "points normals faceVertexCounts faceVertexIndices orientation subdivisionScheme"
 
@@ -101,16 +101,16 @@ _BY_SHAPE = {
     "tetVertexIndices": "tetrahedra (their surface is kept)",
     "material:binding": "material",
 }
-"""What shapes call properties that they do not keep."""
+"""Names that shapes give to properties that they do not keep."""
 
 _STRUCTURE = ("", "Xform", "Scope", "SkelRoot")
-"""Types of prims that hold others."""
+"""Types of prims that only hold other prims."""
 
 _READ_SCHEMAS = ("SkelBindingAPI", "MaterialBindingAPI")
 """API schemas whose properties are read."""
 
 BINDING = str(UsdShade.Tokens.materialBinding)
-"""The relationship of a prim to its material, and the beginning of other names of such."""
+"""The relationship of a prim to its material, and the prefix of other such names."""
 
 _COMPOSED = """specifier typeName active instanceable clips clipSets variantSelection variantSetNames references payload
 inheritPaths specializes relocates apiSchemas primOrder propertyOrder"""
@@ -124,7 +124,7 @@ _STAGE_METADATA = {
 }
 
 _OWN_DATA = {METADATA, SAMPLED, OWN, NAME, ADDED}
-"""Keys of custom data that our writer leaves."""
+"""Keys of custom data that pdecodec's writer stores."""
 
 
 class Inventory:
@@ -170,7 +170,7 @@ class Inventory:
         self._look_at_metadata("/", metadata, _STAGE_METADATA, "metadata of the stage")
 
     def lost_textures(self) -> tuple[str, ...]:
-        """Return the line that names textures; none where there are none."""
+        """Return the line that names textures; nothing if there are none."""
         return lost_textures(len(self._textures), [*self._textures])
 
     def contents(self) -> tuple[Content, ...]:
@@ -185,7 +185,7 @@ class Inventory:
         )
 
     def left_out(self) -> list[str]:
-        """Return the names of what else is dropped, but for what shapes name themselves."""
+        """Return the names of other dropped things, except those that shapes name themselves."""
         prims = [f"{kind} {listed([*names])}" for kind, names in self._prims.items()]
         return prims + [f"{kind} ({', '.join(names)})" for kind, names in self._names.items()]
 
@@ -201,7 +201,7 @@ class Inventory:
                 prim = prim.GetParent()
 
     def _drop(self, path: str, key: str, kind: str, name: str, *, is_prim: bool = False) -> None:
-        """Note something that is dropped, under a word for its kind."""
+        """Note something that is dropped, under the word for its kind."""
         (self._prims if is_prim else self._names).setdefault(kind, {})[name] = None
         self.items.append(Item(path, key, Fate.DROPPED, kind if is_prim else name))
 
@@ -221,7 +221,7 @@ class Inventory:
         if is_shader or "Light" in kind:
             self._note_textures(prim, names)
         if fate not in (Fate.CODED, Fate.COMPOSED):
-            # What is said of a prim goes where the prim goes.
+            # Properties and metadata of a prim share its fate.
             self.items += [Item(f"{path}.{name}", "", fate, word) for name in names]
             self.items += [Item(path, key, fate, word) for key in prim.GetAllAuthoredMetadata()]
             return
@@ -239,7 +239,7 @@ class Inventory:
                     self._drop(path, f"{each}={one}", "variants that are not selected", f"{each}={one}")
 
     def _fate_of(self, prim: Any, path: str, kind: str) -> tuple[Fate, str]:
-        """What becomes of a prim; and the word for it, where it is dropped."""
+        """Return what happens to a prim, and the word for it if it is dropped."""
         if path in self._applied:
             return Fate.APPLIED, ""
         if prim.GetPath() in self._within:
@@ -293,7 +293,7 @@ class Inventory:
             return Fate.APPLIED if self._applied else Fate.DROPPED
         if space == "primvars":
             primvar = UsdGeom.Primvar(prim.GetAttribute(name.removesuffix(":indices")))
-            # Shapes have constant primvars of the prims above them.
+            # Shapes inherit the constant primvars of their ancestors.
             is_read = str(prim.GetPath()) in self._left_out or (primvar and primvar.GetInterpolation() == "constant")
             return Fate.CODED if is_read and kind != "PointInstancer" else Fate.DROPPED
         return Fate.DEFAULT if _is_default(prim, name) else Fate.DROPPED
@@ -321,18 +321,18 @@ class Inventory:
 
 
 def _left_out_as(name: str, left_out: set[str]) -> str | None:
-    """Return what a shape calls a property that it does not keep; None where it keeps it."""
+    """Return what a shape calls a property that it does not keep; None if it keeps it."""
     word = _BY_SHAPE.get(name, name.removeprefix("primvars:").removesuffix(":indices"))
     return next((one for one in left_out if one == word or one.startswith(f"{word} (")), None)
 
 
 def _binds(name: str) -> bool:
-    """Whether a relationship says of which material a prim is, for all purposes."""
+    """Return whether a relationship binds a material to a prim for all purposes."""
     return name == BINDING or (name.startswith(f"{BINDING}:collection:") and name.count(":") == BINDING.count(":") + 2)
 
 
 def _is_default(prim: Any, name: str) -> bool:
-    """Whether an attribute has the value that its schema gives where nobody says it."""
+    """Return whether an attribute has its schema's fallback value."""
     attribute = prim.GetAttribute(name)
     if not attribute or attribute.ValueMightBeTimeVarying() or attribute.HasAuthoredConnections():
         return False

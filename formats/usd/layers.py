@@ -1,7 +1,8 @@
-"""The layers that a USD stage is made of: regular files, in the folder of the first one or where that is allowed.
+"""Check the layers of a USD stage: they must be regular files in the folder of the first one, or in an allowed folder.
 
-USD opens whatever a layer names, so layers are gone through before a stage is made of them: what they name is looked at
-before it is opened. Which layers a stage uses is known when it is made: those that it does not use may lie anywhere.
+USD opens whatever a layer refers to, so layers are followed before a stage is made of them: each reference is
+checked before it is opened. Which layers a stage uses is known only then: those that it does not use may be
+anywhere.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ from pdecodec.formats.usd.composition import stage_errors
 from pdecodec.system.reading import FileScope, open_regular
 
 SEARCH_VARIABLE = "PXR_AR_DEFAULT_SEARCH_PATH"
-"""Environment variable of USD that lists folders in which layers are sought: whoever sets it allows them."""
+"""Environment variable of USD that lists folders to search for layers: setting it allows them."""
 
 
 def open_stage(path: Path) -> Any:
-    """Return the stage of a file.
+    """Open the stage of a file.
 
     Raises
     ------
     InputError
-        If a layer or a value clip of it lies outside the folder of the file, or is no regular file.
+        If one of its layers or value clips is outside the folder of the file, or no regular file.
     Tf.ErrorException
         If it is no USD file, or a damaged one.
     """
     known = Sdf.Layer.Find(str(path))
     if known is not None:
-        # USD keeps files that are open: this one may have been written again since.
+        # USD caches open files: this one may have been written again since.
         known.Reload()
     scope = usd_scope(path)
-    layers, _ = _layers(path, scope)  # held, so that USD does not read them again
+    layers, _ = _layers(path, scope)  # held so that USD does not read them again
     stage = Usd.Stage.Open(str(path))
     for layer in stage.GetUsedLayers():
         _check(layer.realPath, scope)
@@ -48,20 +49,20 @@ def open_stage(path: Path) -> Any:
 
 
 def usd_scope(path: Path) -> FileScope:
-    """Return where the layers of a stage may lie."""
+    """Return the scope in which the layers of a stage may be."""
     listed = os.environ.get(SEARCH_VARIABLE, "").split(os.pathsep)
     return FileScope(path, [folder for folder in listed if folder])
 
 
 def layer_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a stage is made of, those of value clips too; of packages, none."""
+    """Yield the files that a stage consists of, including value clips; none for packages."""
     if path.suffix.lower() != ".usdz":
         with stage_errors(path):
             yield from _layers(path, usd_scope(path))[1]
 
 
 def check_package(file: Path, scope: FileScope) -> None:
-    """Raise InputError where what goes into the package of a layer lies outside the scope."""
+    """Raise InputError if a file that goes into the package of a layer is outside the scope."""
     layers, assets, _ = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(file)))
     own = os.path.dirname(os.path.realpath(file))
     for place in (*(layer.realPath for layer in layers), *assets):
@@ -70,14 +71,14 @@ def check_package(file: Path, scope: FileScope) -> None:
 
 
 def _layers(path: Path, scope: FileScope) -> tuple[list[Any], dict[Path, None]]:
-    """Return the layers that a file is made of, of those in the scope, and the files of these and of value clips."""
+    """Return the layers inside the scope that a file consists of, and the files of these and of value clips."""
     left, layers, files, resolver = [str(path)], [], {path: None}, Ar.GetResolver()
     seen = set(left)
     while left:
         try:
             layer = Sdf.Layer.FindOrOpen(left.pop())
         except Tf.ErrorException:
-            continue  # USD says it of the stage
+            continue  # USD reports it for the stage
         if not layer:
             continue
         layers.append(layer)
@@ -94,7 +95,7 @@ def _layers(path: Path, scope: FileScope) -> tuple[list[Any], dict[Path, None]]:
 
 
 def _is_inside(file: Path, scope: FileScope) -> bool:
-    """Whether a file that USD finds lies in the scope; InputError where it is no regular file."""
+    """Return whether a file that USD finds is in the scope; raise InputError if it is no regular file."""
     if os.path.lexists(file):
         with open_regular(file):
             pass
@@ -106,7 +107,7 @@ def _is_inside(file: Path, scope: FileScope) -> bool:
 
 
 def _clip_names(layer: Any) -> list[str]:
-    """Return what a layer calls the files of value clips: USD opens them when it makes the stage."""
+    """Return the names of the value clip files of a layer: USD opens them when it makes the stage."""
     names: list[str] = []
 
     def visit(path: Any) -> None:
@@ -125,7 +126,7 @@ def _clip_names(layer: Any) -> list[str]:
 
 
 def _check_clips(stage: Any, scope: FileScope) -> None:
-    """Look at the files of value clips, which USD opens when their values are asked for."""
+    """Check the files of value clips, which USD opens when their values are read."""
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
         if prim.HasAuthoredMetadata("clips"):
             clips = Usd.ClipsAPI(prim)
@@ -136,11 +137,11 @@ def _check_clips(stage: Any, scope: FileScope) -> None:
 
 
 def _check(place: str, scope: FileScope) -> None:
-    """Raise InputError where a file, or the package that a layer is in, is not one to read; layers in memory are."""
+    """Raise InputError if a file, or the package that holds a layer, must not be read; layers in memory may be."""
     if place:
         scope.regular(str(_file_of(place)))
 
 
 def _file_of(place: str) -> Path:
-    """Return the file of a layer: of one in a package, ``shot.usdz[walk.usda]``, that of the package."""
+    """Return the file of a layer; for one in a package, ``shot.usdz[walk.usda]``, the package."""
     return Path(Ar.SplitPackageRelativePathOuter(place)[0] if Ar.IsPackageRelativePath(place) else place)

@@ -1,4 +1,4 @@
-"""Names of prims and metadata of stages, in and out; and what only we write and read there."""
+"""Convert names of prims and metadata of stages in both directions, including data that only pdecodec uses."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float64Array
 
 OWN = "pdecodec"
-"""Namespace of attributes that only we write and read."""
+"""Namespace of attributes that only pdecodec writes and reads."""
 
 NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
-"""Custom data of a prim: the name it stands for where USD could not hold it; whether the tree did not have it."""
+"""Custom data of a prim: the original name if USD could not hold it; whether the prim was added to the tree."""
 
 METADATA = f"{OWN}Metadata"
-"""Custom data of a layer: metadata that USD has no place for."""
+"""Custom data of a layer: metadata that USD cannot hold."""
 
 SAMPLED = f"{OWN}Sampled"
-"""Custom data of a layer: whether every frame is a sample, so that nothing lies between samples."""
+"""Custom data of a layer: whether every frame is a sample, so that no motion lies between samples."""
 
 TIME_RANGE, TIME_CODE_RATE = "time_range", "time_codes_per_second"
 """Keys of metadata: a stage's first and last time [s] where frames do not span them, and those of the frames; its time
@@ -32,14 +32,14 @@ codes a second where its frames a second are others."""
 def valid_name(step: str) -> str:
     """Return the prim name for a step of a path, as OpenUSD's importers make it.
 
-    A name that begins with a digit gets an underscore before it, and each character that USD does not take becomes one.
+    A name that begins with a digit gets an underscore before it, and each character that USD rejects becomes one.
     """
     found = "".join(one if Sdf.Path.IsValidIdentifier(f"_{one}") else "_" for one in step)
     return found if Sdf.Path.IsValidIdentifier(found) else f"_{found}"
 
 
 def object_name(prim: Any, known: dict[Any, str] | None = None) -> str:
-    """Return the path of an object: names from the root, without the leading slash; names found are kept in `known`."""
+    """Return an object's path: names from the root, without a leading slash; `known` caches names."""
     known = {} if known is None else known
     unknown, name = [], ""
     while prim and not prim.IsPseudoRoot():
@@ -57,7 +57,7 @@ def object_name(prim: Any, known: dict[Any, str] | None = None) -> str:
 
 
 def read_metadata(stage: Any, times: Float64Array, per_second: float) -> dict[str, str]:
-    """Return the metadata of a stage whose frames stand at `times` [s], of so many time codes a second."""
+    """Return the metadata of a stage with frames at `times` [s] and `per_second` time codes per second."""
     stored = stage.GetRootLayer().customLayerData.get(METADATA, {})
     metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
     if stage.HasAuthoredMetadata("upAxis"):
@@ -76,7 +76,7 @@ def read_metadata(stage: Any, times: Float64Array, per_second: float) -> dict[st
 
 
 def time_range(text: str | None, times: Float64Array) -> tuple[float, float]:
-    """Return the first and last time [s] of a stage: those of the metadata, unless frames came or went since."""
+    """Return the first and last time [s] of a stage: from the metadata, unless frames were added or removed since."""
     own = float(times[0]), float(times[-1])
     try:
         first, last, *ends = map(float, (text or "").split())
@@ -87,7 +87,7 @@ def time_range(text: str | None, times: Float64Array) -> tuple[float, float]:
 
 
 def time_code_rate(text: str | None, rate: float) -> float:
-    """Return time codes a second: those of the metadata, else the frame rate."""
+    """Return time codes per second: from the metadata, else the frame rate."""
     try:
         found = float(text or "nan")
     except ValueError:

@@ -1,8 +1,8 @@
-"""Motion onto USD: stronger opinions about points, normals and velocities, over a stage that stays as it is.
+"""Write motion onto USD: stronger opinions about points, normals and velocities, over an unchanged stage.
 
-They stand in a copy of the original's root layer, or in a layer of their own that has the original as its sublayer.
-Transforms stay; points are brought into the space of their prims. Skeletons and blend shapes stay too, and no longer
-deform what we move; instances that we move are instances no more.
+They go into a copy of the original's root layer, or into a separate layer that has the original as its sublayer.
+Transforms stay; points are brought into the space of their prims. Skeletons and blend shapes stay too, but no longer
+deform the moved prims; moved instances become separate prims.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pdecodec.system.whole_output import check_writable, move_into
 def write_usd_onto(
     sequence: MeshSequence, original: UsdSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
-    """Write a copy of the original's root layer, or with ``output.layer`` a layer over it, that moves its prims."""
+    """Write a copy of the original's root layer that moves its prims, or with ``output.layer`` a layer over it."""
     path = output.path
     check_writable(path, overwrite=output.overwrite)
     to_package, from_package = path.suffix.lower() == ".usdz", source.suffix.lower() == ".usdz"
@@ -66,7 +66,7 @@ def write_usd_onto(
         else:
             place = path.parent.resolve()
             UsdUtils.ModifyAssetPaths(layer, lambda text: _relative(text, place))
-            # Saved again, a binary file would keep what it held before.
+            # A binary file that is saved again would keep its previous content.
             file = file.with_name(f"whole{path.suffix}")
             layer.Export(str(file))
         move_into(file, path, overwrite=output.overwrite)
@@ -74,7 +74,7 @@ def write_usd_onto(
 
 
 def _notice(original: UsdSequence, path: Path, *, of_root: bool) -> tuple[str, ...]:
-    """Return a line where layers that a new file names lie outside its folder, the root layer with `of_root`."""
+    """Return a notice if layers that a new file refers to are outside its folder; `of_root` includes the root layer."""
     place = os.path.join(path.parent.resolve(), "")
     files = [one.realPath for one in original.layers if one.realPath and (of_root or one != original.root_layer)]
     folders = sorted({os.path.dirname(one) for one in map(os.path.realpath, files) if not one.startswith(place)})
@@ -85,25 +85,25 @@ def _notice(original: UsdSequence, path: Path, *, of_root: bool) -> tuple[str, .
 
 
 def _hand_on(below: Any, layer: Any, name: str) -> None:
-    """Say of a layer what the one below it says of itself: sublayers say nothing of a stage."""
+    """Copy a stage's setting from a layer to the one over it: those of sublayers do not count."""
     root, wanted = below.pseudoRoot, layer.pseudoRoot
     if root.HasInfo(name):
         wanted.SetInfo(name, root.GetInfo(name))
 
 
 def _anchored(layer: Any, text: str) -> str:
-    """The absolute name of an asset that a layer names."""
+    """Return the absolute name of an asset that a layer refers to."""
     if not text or "://" in text or os.path.isabs(text):
         return text
     found: str = layer.ComputeAbsolutePath(text)
     if os.path.isabs(found):
         return found
-    # Names that are looked for elsewhere first, and patterns of names.
+    # These are names that are searched for elsewhere first, and patterns of names.
     return os.path.normpath(Path(layer.realPath).parent / text)
 
 
 def _relative(text: str, folder: Path) -> str:
-    """The name of an asset from the folder that names it, where it has an absolute one."""
+    """Return the name of an asset relative to the folder that refers to it, if it is absolute."""
     if not os.path.isabs(text.partition("[")[0]):
         return text
     found = Path(os.path.relpath(text, folder)).as_posix()
@@ -111,11 +111,11 @@ def _relative(text: str, folder: Path) -> str:
 
 
 def _unpacked(source: Path, folder: Path) -> Path:
-    """The files of a package in a folder, and the layer that stands first there."""
+    """Extract the files of a package into a folder; return its first layer."""
     folder.mkdir()
     with zipfile.ZipFile(source) as package:
         names = package.namelist()
-        # USD reads packages that are not compressed alone, so that none is larger than its file.
+        # USD reads only uncompressed packages, so no file is larger than the package.
         if any(item.compress_type != zipfile.ZIP_STORED for item in package.infolist()):
             raise InputError(
                 "is a package with compressed files, which USD does not read", code="unsupported-feature", path=source
@@ -152,7 +152,7 @@ class _Over:
         ]
 
     def _alone(self, path: Any) -> None:
-        """Let a prim be one of its own where it is part of an instance."""
+        """Make a prim editable by ending the instancing of its ancestors."""
         while self._stage.GetPrimAtPath(path).IsInstanceProxy():
             above = self._stage.GetPrimAtPath(path)
             while above.IsInstanceProxy():
@@ -165,7 +165,7 @@ class _Over:
 
 
 def _note_range(stage: Any, codes: Float64Array) -> None:
-    """Let the stage last at least as long as the motion; it has every frame of it as a sample."""
+    """Extend the stage's time range to the motion, and note that every frame is a sample."""
     first, last = float(codes[0]), float(codes[-1])
     if stage.HasAuthoredTimeCodeRange():
         first, last = min(first, stage.GetStartTimeCode()), max(last, stage.GetEndTimeCode())
@@ -175,7 +175,7 @@ def _note_range(stage: Any, codes: Float64Array) -> None:
 
 
 class _PrimOver(ShapeOver):
-    """Opinions about one prim."""
+    """Writer of the stronger opinions about one prim."""
 
     def __init__(
         self,
@@ -219,13 +219,13 @@ class _PrimOver(ShapeOver):
 
 
 def _silence(attribute: Any) -> None:
-    """Let an attribute have no value, where it has one."""
+    """Block the value of an attribute, if it has one."""
     if attribute and attribute.HasAuthoredValue():
         attribute.Block()
 
 
 def _let_go(prim: Any) -> None:
-    """Let neither joints nor blend shapes deform a prim; they stay where they are."""
+    """Stop joints and blend shapes from deforming a prim; they themselves stay."""
     binding = UsdSkel.BindingAPI.Apply(prim)
     for name in (UsdSkel.Tokens.skelSkeleton, UsdSkel.Tokens.skelAnimationSource, UsdSkel.Tokens.skelBlendShapeTargets):
         prim.CreateRelationship(name, custom=False).SetTargets([])
@@ -234,7 +234,7 @@ def _let_go(prim: Any) -> None:
 
 
 def _make_mesh(prim: Any, connectivity: Connectivity) -> None:
-    """Let an implicit shape be the mesh that it was read as."""
+    """Turn an implicit shape into the mesh that it was read as."""
     prim.SetTypeName("Mesh")
     mesh = UsdGeom.Mesh(prim)
     mesh.CreateFaceVertexCountsAttr(int_array(connectivity.face_counts))
@@ -248,7 +248,7 @@ def _has_normals(geometry: Any) -> bool:
 
 
 def _open_normals(geometry: Any, rows: NormalRows, connectivity: Connectivity) -> Any:
-    """The attribute for rows of normals, the prim's own silent: by vertex, or by corner where there are hard edges."""
+    """Return the attribute for rows of normals, by vertex or, with hard edges, by corner; the prim's own is blocked."""
     _silence(geometry.GetNormalsAttr())
     stored = np.array(UsdGeom.Mesh(geometry).GetFaceVertexIndicesAttr().Get(), np.int64)
     order = corner_order(stored, connectivity)

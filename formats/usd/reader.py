@@ -1,8 +1,8 @@
-"""USD stages: meshes, curves and points, with UsdSkel, blend shapes and transforms applied, read when asked for.
+"""Read USD stages on request: meshes, curves and points, with UsdSkel, blend shapes and transforms applied.
 
-Frames stand at every time code at which something of the scene is sampled, and, where transforms or skeletons move
-along no straight line, between those at the stage's frame rate; or at the rate that is asked for alone. What is not
-sampled there is USD's own value at that code.
+There is a frame at every time code at which anything in the scene is sampled, and, if transforms or skeletons do not
+move in straight lines, between those at the stage's frame rate; or only at a requested rate. Values that are not
+sampled there are USD's own at that code.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from pdecodec.mesh.sequence import MeshSequence
 def open_usd(
     path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
 ) -> MeshSequence:
-    """Open the geometry of a USD stage; runs of frames where faces, or which points there are, change.
+    """Open the geometry of a USD stage; in runs of frames if faces, or the set of points, change.
 
-    Where `fps` is given, frames stand at that rate from the first sample to the last; where the stage does not say
-    how many time codes are a second, it is that instead.
+    With `fps`, frames are at that rate from the first sample to the last; if the stage does not state its time codes
+    per second, `fps` is taken for that instead.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def open_usd(
 
 
 def inventory_of(path: Path) -> Inventory:
-    """Return everything that a USD file holds, and what becomes of it where what cannot be read is left out."""
+    """Return everything that a USD file holds, and what happens to it if unreadable shapes are left out."""
     with stage_errors(path):
         stage = open_stage(path)
         scan = ShapeScan(Refusals(skip=True))
@@ -136,16 +136,18 @@ class UsdSequence(SceneSequence):
 
     @property
     def root_layer(self) -> Any:
-        """The layer that the stage begins with."""
+        """The root layer of the stage."""
         return self._stage.GetRootLayer()
 
     @property
     def layers(self) -> list[Any]:
-        """All layers that the stage is made of."""
+        """All layers that the stage uses."""
         return list(self._stage.GetUsedLayers())
 
     def prim_matrices(self, prim: Any, times: Float64Array) -> Float64Array:
-        """(times, 4, 4) from the space of a prim of the stage to the scene's at times [s], for points that are rows."""
+        """Return the matrices (times, 4, 4) from a prim's space to the scene's at times [s], for points that
+        are rows.
+        """
         codes = codes_of(times, self._stage.GetTimeCodesPerSecond())
         return _placed_at(codes, lambda cache: cache.GetLocalToWorldTransform(prim))
 
@@ -156,7 +158,7 @@ class UsdSequence(SceneSequence):
 
 
 def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array:
-    """(codes, 4, 4): what gives a matrix of a cache of transforms, at time codes."""
+    """Return the matrices (codes, 4, 4) that `place` gets from a cache of transforms at time codes."""
     cache, found = UsdGeom.XformCache(), []
     for code in codes.tolist():
         cache.SetTime(Usd.TimeCode(code))
@@ -165,10 +167,10 @@ def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array
 
 
 def _says_rate(stage: Any) -> bool:
-    """Whether it is known how many time codes a second are.
+    """Return whether a stage states its time codes per second.
 
-    Where no layer says it the rate may be asked for. Where one below the root does, USD has scaled its time codes to
-    those of the stage already, 24 a second unless the root says otherwise.
+    If no layer states it, the caller may give it. If a layer below the root does, USD has already scaled its time
+    codes to those of the stage, 24 per second unless the root states another rate.
     """
     return any(layer.HasTimeCodesPerSecond() or layer.HasFramesPerSecond() for layer in stage.GetUsedLayers())
 
@@ -179,7 +181,7 @@ def _codes_per_second(stage: Any, fps: float | None) -> float:
 
 
 def _timing(stage: Any, shapes: Sequence[UsdShape], fps: float | None) -> tuple[Float64Array, Timing]:
-    """Time codes of the frames, and their times."""
+    """Return the time codes of the frames, and their times."""
     says = _says_rate(stage)
     rate = stage.GetTimeCodesPerSecond() if says else None
     per_second, notices = rate_or_default(rate, None if says else fps)

@@ -1,6 +1,6 @@
-"""Shapes of USD stages that can be read: meshes, curves, points, implicit shapes and instances.
+"""Open the shapes of USD stages that can be read: meshes, curves, points, implicit shapes and instances.
 
-Faces of left-handed meshes are turned around.
+Faces of left-handed meshes are reversed.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class UsdShape(Shape):
     points: Any
     skinning: Skinning | None
     instances: Sequence[tuple[Instancer, int]] = ()
-    """The instances that it is of, the innermost first."""
+    """The nested instances that it belongs to, innermost first."""
     described_at: Sequence[float] = ()
-    """Time codes at which its connectivity is sampled, where that changes."""
+    """Time codes at which its connectivity is sampled, if that changes."""
 
     @property
     def placed_by(self) -> Any:
@@ -59,9 +59,9 @@ class UsdShape(Shape):
         return self.skinning.skeleton_prim if self.skinning is not None and self.skinning.has_joints else self.prim
 
     def code_within(self, code: float) -> float:
-        """The code at which points are read: not later than their last sample of the connectivity at `code`.
+        """Return the code at which to read points: at most that of their last sample with the connectivity at `code`.
 
-        USD goes straight on to the next sample where that has as many points.
+        Beyond it, USD would interpolate to the next sample if that has the same number of points.
         """
         later = [other for other in self.described_at if other > code]
         if not later:
@@ -71,14 +71,14 @@ class UsdShape(Shape):
 
 
 class ShapeScan(SceneWalk):
-    """A walk through a stage; its times are time codes.
+    """State of a walk through a stage; its times are time codes.
 
     Attributes
     ----------
     within : list of Usd.Prim
-        Instancers whose prototypes are being looked at.
+        Instancers whose prototypes are being read.
     names, hidden : dict
-        Names of prims, and whether they or prims above them are invisible, by path.
+        Names of prims, and whether they or their ancestors are invisible, by path.
     """
 
     def __init__(
@@ -90,9 +90,9 @@ class ShapeScan(SceneWalk):
         self.hidden: dict[Any, bool] = {}
 
     def look(self, prim: Any, attributes: Sequence[Any], *, by_size: bool = False) -> float | None:
-        """The code at which array attributes of a prim that may change are to be read; None for their first values.
+        """Return the code at which to read array attributes of a prim that may change; None for their first values.
 
-        Where they are compared `by_size`, they only change when their lengths do.
+        With `by_size`, only a change of their lengths counts.
         """
         path = str(prim.GetPath())
         if self.is_first:
@@ -105,12 +105,12 @@ class ShapeScan(SceneWalk):
         return float(Usd.TimeCode.EarliestTime().GetValue()) if self.at is None else self.at
 
     def described_at(self, prim: Any) -> Sequence[float]:
-        """Codes at which the connectivity of a prim changes."""
+        """Return the codes at which the connectivity of a prim changes."""
         return self.changes.get(str(prim.GetPath()), ())
 
 
 def change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
-    """Codes from which on one of several array attributes is not what it was before."""
+    """Return the codes at which one of several array attributes changes."""
     changed: list[float] = []
     for attribute in attributes:
         before = None
@@ -140,7 +140,7 @@ def open_implicit(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | No
 
 
 def _integers(attribute: Any, at: float | None) -> Int32Array:
-    """An integer array attribute's value at a code, else its first one; empty where it has none."""
+    """Return an integer array attribute's value at a code, else its first one; empty if it has none."""
     found = value_at(attribute, at)
     return np.zeros(0, np.int32) if found is None else np.array(found, np.int32).reshape(-1)
 
@@ -151,7 +151,7 @@ def _points_alone(schema: Any, at: float | None) -> Connectivity:
 
 
 def _moves(schema: Any, skinning: Skinning | None) -> bool:
-    """Whether points move in the shape's own space."""
+    """Return whether points move in the shape's own space."""
     return skinning is not None or schema.GetPointsAttr().GetNumTimeSamples() > 1
 
 
@@ -179,7 +179,7 @@ def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
 
 
 def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
-    """The surface of tetrahedra: the one that is authored, else the one that USD computes; every point is kept."""
+    """Open the surface of tetrahedra, the authored one, else the one that USD computes; every point is kept."""
     tets = UsdGeom.TetMesh(prim)
     authored = tets.GetSurfaceFaceVertexIndicesAttr()
     at = scan.look(prim, [authored, tets.GetTetVertexIndicesAttr()])
@@ -189,7 +189,7 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     indices = np.array(surface, np.int32).reshape(-1)
     connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
     extras = read_extras(prim, connectivity, order, moves=_moves(tets, skinning), at=at)
-    # What is said of each element is said of tetrahedra, but for sets of faces.
+    # Data of elements belong to the tetrahedra, except for sets of faces.
     inner = [one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _OF_SURFACES]
     extras.attributes = [one for one in extras.attributes if not any(one is other for other in inner)]
     extras.left_out += ["tetrahedra (their surface is kept)", *(one.name for one in inner)]
@@ -199,10 +199,10 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
 def _facing_out(
     schema: Any, counts: Int32Array, indices: Int32Array, skinning: Skinning | None, at: float | None
 ) -> tuple[Connectivity, Int64Array]:
-    """The connectivity of faces, those that are left-handed turned around, and which corner each of its corners was."""
+    """Return the connectivity with left-handed faces reversed, and the original corner of each corner."""
     turned = schema.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
     if skinning is not None and skinning.has_joints:
-        # Where the mesh stands itself says which side of it is outside; its points come out where the skeleton stands.
+        # The mesh's own transform decides which side is outside; its points end up in the skeleton's space.
         cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
         own, joints = (cache.GetLocalToWorldTransform(one) for one in (schema.GetPrim(), skinning.skeleton_prim))
         turned ^= mirrors([np.array(own * joints, np.float64)])
@@ -232,7 +232,7 @@ def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None
 def open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
     points = UsdGeom.Points(prim)
     ids = points.GetIdsAttr()
-    # Points without ids are others where there are more of them, or fewer.
+    # Points without ids are different points if their number changes.
     counted = ids.GetNumTimeSamples() < 2
     at = scan.look(prim, [points.GetPointsAttr() if counted else ids], by_size=counted)
     alone = _points_alone(points, at)

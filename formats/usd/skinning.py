@@ -1,4 +1,4 @@
-"""UsdSkel: joints and blend shapes, which deform the points of prims."""
+"""Apply UsdSkel: joints and blend shapes that deform the points of prims."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pdecodec.mesh.arrays import Float32Array
 
 
 class Skinning:
-    """UsdSkel's blend shapes and joints, which deform one prim."""
+    """UsdSkel's blend shapes and joints that deform one prim."""
 
     def __init__(self, query: Any, skeleton: Any) -> None:
         self._query, self._skeleton = query, skeleton
@@ -26,13 +26,13 @@ class Skinning:
 
     @property
     def is_linear(self) -> bool:
-        """Whether points move in straight lines between codes at which the animation is sampled."""
+        """Whether points move in straight lines between the codes at which the animation is sampled."""
         shapes = self._shapes
         return not self.has_joints and shapes is not None and shapes.GetNumSubShapes() == shapes.GetNumBlendShapes()
 
     @property
     def has_joints(self) -> bool:
-        """Whether points end up in the skeleton's space."""
+        """Whether deformed points are in the skeleton's space."""
         return bool(self._query.HasJointInfluences())
 
     @property
@@ -45,11 +45,11 @@ class Skinning:
 
     @property
     def sampled_by(self) -> tuple[str, bool]:
-        """Path of the animation, and whether blend shapes are taken from it: what its time codes depend on."""
+        """Path of the animation, and whether it drives blend shapes: its time codes depend on both."""
         return str(self._animation.GetPrim().GetPath()) if self._animation else "", self._shapes is not None
 
     def time_codes(self) -> list[float]:
-        """Time codes at which the animation is sampled."""
+        """Return the time codes at which the animation is sampled."""
         if not self._animation:
             return []
         codes = list(self._animation.GetJointTransformTimeSamples())
@@ -58,9 +58,9 @@ class Skinning:
         return codes
 
     def deform(self, points: Float32Array, code: float) -> Float32Array:
-        """Points (vertices, 3) at rest in the prim's space, moved to a time code.
+        """Deform points (vertices, 3) at rest in the prim's space to a time code.
 
-        They end up in the skeleton's space where :attr:`has_joints`, else in the prim's.
+        The result is in the skeleton's space if :attr:`has_joints`, else in the prim's.
         """
         moved = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points))
         if self._shapes is not None:
@@ -81,7 +81,7 @@ class Skinning:
 
 
 def find_skinning(stage: Any) -> dict[str, Skinning]:
-    """What deforms each skinned prim of a stage, by the prim's path."""
+    """Return the skinning of each skinned prim of a stage, by the prim's path."""
     cache = UsdSkel.Cache()
     predicate = Usd.TraverseInstanceProxies()
     found = {}

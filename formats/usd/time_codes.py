@@ -1,4 +1,4 @@
-"""When something of a USD scene is sampled: points, what deforms them, and the transforms that place them."""
+"""Collect the time codes at which a USD scene is sampled: points, what deforms them, and the transforms above them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pdecodec.mesh.arrays import Float64Array
 
 
 class TimeCodes:
-    """Time codes at which shapes of a stage are sampled; prims that several shapes share are looked at once.
+    """Time codes at which shapes of a stage are sampled; prims that several shapes share are visited once.
 
     Attributes
     ----------
     straight, curved : list of (codes,) float64
-        Between codes of `straight` points move in straight lines; between those of `curved` they need not.
+        Between codes of `straight` points move in straight lines; between those of `curved` they may not.
     """
 
     def __init__(self, shapes: Sequence[UsdShape]) -> None:
@@ -59,7 +59,7 @@ class TimeCodes:
         self._add_transforms(prim)
 
     def _add_transforms(self, prim: Any, last: Any = None) -> None:
-        """Add the codes of a prim and of those above it whose transforms place it, up to a last one if it is given."""
+        """Add the codes of the transforms of a prim and its ancestors, up to `last` if it is given."""
         end = None if last is None else last.GetPath()
         while prim and not prim.IsPseudoRoot() and self._is_new("transform", prim.GetPath(), end):
             xformable = UsdGeom.Xformable(prim)

@@ -1,4 +1,4 @@
-"""Values of USD attributes in time: samples, splines, or neither."""
+"""Read values of USD attributes in time: samples, splines, or neither."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pxr import Ts
 
 
 def value_at(attribute: Any, at: float | None) -> Any:
-    """Return an attribute's value at a time code; where that is None, its first one that is not blocked."""
+    """Return an attribute's value at a time code; if that is None, its first value that is not blocked."""
     if at is not None:
         return attribute.Get(at)
     codes = attribute.GetTimeSamples()
@@ -19,7 +19,7 @@ def value_at(attribute: Any, at: float | None) -> Any:
 
 
 def changes_with_time(attribute: Any) -> bool:
-    """Whether an attribute has different values at different times: one sample, or equal ones, are a constant."""
+    """Return whether an attribute has different values at different times: one sample, or equal ones, are constant."""
     if attribute.HasSpline():
         return True
     codes = attribute.GetTimeSamples()
@@ -28,9 +28,9 @@ def changes_with_time(attribute: Any) -> bool:
 
 
 def spline_codes(attribute: Any, stage: Any) -> list[float]:
-    """Time codes between which an attribute follows its spline; none where it has no spline.
+    """Return the time codes between which an attribute follows its spline; none if it has no spline.
 
-    Where the spline goes on before its first knot or after its last one, the stage's range counts too.
+    If the spline extends before its first knot or after its last one, the stage's range counts too.
     """
     if not attribute.HasSpline():
         return []

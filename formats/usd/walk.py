@@ -1,4 +1,4 @@
-"""The walk through a USD stage: what can be read, instances once for each, and what is refused or hidden."""
+"""Walk through a USD stage: find shapes that can be read, one for each instance, and note what is refused or hidden."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _OPENERS = (
     (UsdGeom.BasisCurves, open_curves),
     (UsdGeom.Points, open_points),
 )
-"""What opens prims of a type."""
+"""Functions that open prims, by their type."""
 
 _PURPOSES = ("default", "render")
-"""Purposes of prims that are read; proxies and guides stand beside what they stand for."""
+"""Purposes of prims that are read; proxies and guides duplicate the prims they stand for."""
 
 
 def shapes_of(stage: Any, scan: ShapeScan) -> list[UsdShape]:
@@ -61,16 +61,16 @@ def shapes_again(shapes: Sequence[UsdShape], scan: ShapeScan) -> list[UsdShape]:
 
 
 def _opener(prim: Any) -> Callable[[Any, str, ShapeScan, Skinning | None], UsdShape | None] | None:
-    """What opens a prim, by its type; None where nothing does."""
+    """Return the function that opens a prim of its type; None if there is none."""
     if str(prim.GetTypeName()) in IMPLICIT_TYPES:
         return open_implicit
     return next((open_prim for schema, open_prim in _OPENERS if prim.IsA(schema)), None)
 
 
 def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
-    """Shapes at and below a prim; those of instancers once for each instance."""
+    """Return the shapes at and below a prim; those of instancers once for each instance."""
     shapes: list[UsdShape] = []
-    # Prototypes may stand below prims that no layer defines, so that they are not drawn themselves.
+    # Prototypes may be below prims that no layer defines, so that they are not drawn themselves.
     predicate = Usd.PrimIsActive & Usd.PrimIsLoaded if scan.within else Usd.PrimDefaultPredicate
     prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(predicate)))
     for prim in prims:
@@ -80,12 +80,12 @@ def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -
         if imageable and prim.IsA(UsdGeom.Gprim) and imageable.ComputePurpose() not in _PURPOSES:
             scan.refusals.others[f"prim of purpose {imageable.ComputePurpose()}"] += 1
         elif prim.IsA(UsdGeom.PointInstancer):
-            # Prototypes below it stand nowhere by themselves.
+            # Prototypes below it are not placed by themselves.
             prims.PruneChildren()
             shapes += _instances(prim, name, skinned, scan)
         elif (open_prim := _opener(prim)) is not None:
             opened = open_prim(prim, name, scan, skinning)
-            # Times are of all that changes, be it there at first or not.
+            # Shapes that change count for the times even if they are empty at first.
             if opened is not None and (opened.connectivity.vertex_count or opened.described_at):
                 opened.hidden = _is_hidden(prim, scan.hidden)
                 shapes.append(opened)
@@ -97,7 +97,7 @@ def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -
 
 
 def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
-    """A shape for each instance and each shape of its prototype."""
+    """Return a shape for each instance and each shape of its prototype."""
     arrays, refusals = UsdGeom.PointInstancer(prim), scan.refusals
     changed = change_codes([arrays.GetProtoIndicesAttr(), arrays.GetIdsAttr()], by_size=False)
     if changed:
@@ -145,7 +145,7 @@ def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], scan: Shap
 
 
 def _is_hidden(prim: Any, known: dict[Any, bool]) -> bool:
-    """Whether a prim or one above it is invisible, always or at times; what is found is kept by path in `known`."""
+    """Return whether a prim or an ancestor is invisible, always or at times; `known` caches results by path."""
     unknown, found = [], False
     while prim and not prim.IsPseudoRoot():
         if prim.GetPath() in known:

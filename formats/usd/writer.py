@@ -1,4 +1,4 @@
-"""USD stages out: one prim an object, in the tree that names say, its points sampled at every frame.
+"""Write USD stages: one prim per object, in the tree of the objects' names, with points sampled at every frame.
 
 A file is saved after every block of frames, so that memory does not grow with the clip.
 """
@@ -50,16 +50,16 @@ from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import check_writable, move_into, partial_folder, write_errors, write_failure
 
 ROOT = "scene"
-"""Name of the prim above all others where the tree has several roots: a stage has one default prim."""
+"""Name of a root prim that is added if the tree has several roots: a stage has one default prim."""
 
 USD_METRES = 0.01
-"""Length of a unit of a stage that does not say it [m], by USD's rule."""
+"""Length of a unit [m] if a stage does not state it, by USD's rule."""
 
 MOST_STREAMED = 2_000_000_000
 """Bytes of a layer beyond which Python's archives have 64-bit sizes, which USD does not read."""
 
 ZIP_HEADER_BYTES, PACKAGE_ALIGNMENT = 34, 64
-"""Bytes before a file's name and padding in an archive, the padding's own header included; USD's alignment of data."""
+"""Bytes before a file's name and padding in an archive, including the padding's own header; USD's alignment of data."""
 
 PADDING_FIELD = 0x1986
 """Number of the field that pads headers in USD's packages."""
@@ -73,7 +73,7 @@ _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
 
 
 def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
+    """Write a stage: text if the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
     moved: tuple[str, ...] = ()
     if output.velocities is None and len(sequence.runs) == 1:
@@ -90,7 +90,7 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 @contextmanager
 def stage_folder(output: Output) -> Iterator[Path]:
-    """A folder for what is written before it is whole; what USD raises is an InputError."""
+    """Provide a folder for incomplete output; turn USD's exceptions into InputError."""
     with partial_folder(output.path) as folder, write_errors(output.path):
         try:
             yield folder
@@ -100,24 +100,24 @@ def stage_folder(output: Output) -> Iterator[Path]:
 
 
 def layer_file(folder: Path, path: Path) -> Path:
-    """Where in a folder to write a layer that becomes `path`, or the layer that its package holds."""
+    """Return where in a folder to write the layer that becomes `path`, or that its package holds."""
     return folder / (f"{valid_name(path.stem)}.usdc" if path.suffix.lower() == ".usdz" else path.name)
 
 
 def packed(file: Path, path: Path, *, alone: bool = False) -> Path:
-    """The package of a layer, beside it, named as `path` is; `alone` where the layer names no other file."""
+    """Make the package of a layer, next to it, named like `path`; `alone` if the layer refers to no other file."""
     package = file.with_name(path.name)
     if alone and file.stat().st_size < MOST_STREAMED:
         _stream_package(file, package)
         return package
-    # USD does not tell that it could not write the end of the package.
+    # USD does not report that it could not write the end of the package.
     if not (UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)) and zipfile.is_zipfile(package)):
         raise write_failure(path, file.parent, "USD says it cannot make this package")
     return package
 
 
 def _stream_package(file: Path, package: Path) -> None:
-    """Write an archive that holds one file as it is, aligned: USD's own function maps the file and takes longer."""
+    """Write an archive that holds one uncompressed file, aligned: USD's own function maps the file and is slower."""
     entry = zipfile.ZipInfo(file.name)
     entry.file_size = file.stat().st_size
     padding = -(ZIP_HEADER_BYTES + len(file.name.encode())) % PACKAGE_ALIGNMENT
@@ -138,7 +138,7 @@ class _Stage:
         self._describe(paths)
         changes = len(sequence.runs) > 1
         prims = [stage.GetPrimAtPath(self._make_path(key, steps)) for key, steps in zip(keys, paths, strict=True)]
-        # Names that USD cannot hold come back, from the prims' custom data; those with a number behind them do not.
+        # Names that USD cannot hold are stored in the prims' custom data; those with a number appended are not.
         self.notices += renamed((key.name, object_name(prim)) for key, prim in zip(keys, prims, strict=True))
         self._shapes = {
             key: _PrimWriter(prim, key, self._rate, changes=changes) for key, prim in zip(keys, prims, strict=True)
@@ -163,7 +163,7 @@ class _Stage:
         if axis == "X":
             text = "USD has no up axis X: none is written, programs take it as Y"
             self.notices.append(Notice(text, setting="up_axis", purpose="to turn it"))
-        # What nobody stated is not authored: a reader would take it for a fact.
+        # Metadata that nobody stated is not authored: a reader would take it for a fact.
         if axis in ("Y", "Z"):
             UsdGeom.SetStageUpAxis(stage, axis)
         elif axis is None:
@@ -191,7 +191,7 @@ class _Stage:
             stage.SetDefaultPrim(root)
 
     def _make_path(self, key: ShapeKey, steps: tuple[str, ...]) -> Any:
-        """The path of a shape's prim, those above it made where they are not there yet."""
+        """Return the path of a shape's prim; make missing ancestors."""
         path = self._root
         names = path_steps(key.name)
         for index, step in enumerate(steps):
@@ -210,14 +210,14 @@ class _Stage:
 
 
 def vectors(rows: Float32Array) -> Any:
-    """(n, 3) as Vt.Vec3fArray."""
+    """Return rows (n, 3) as Vt.Vec3fArray."""
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows))
 
 
 class _PrimWriter(ShapeWriter):
-    """One shape: its prim, and samples as frames come.
+    """Writer of one shape: its prim, and samples frame by frame.
 
-    What is described is a sample at the first frame of a run where there are several runs.
+    If there are several runs, connectivity and attributes are samples at the first frame of each run.
     """
 
     def __init__(self, prim: Any, key: ShapeKey, rate: float, *, changes: bool) -> None:
@@ -231,13 +231,13 @@ class _PrimWriter(ShapeWriter):
         self._transform: Attribute | None = None
         self._op: Any = None
         self._still: Float32Array | None = None
-        """Its positions in the first frame, while it stands still under a transform that moves it."""
+        """Positions of the first frame, as long as the shape is static under a transform that moves it."""
         self._last, self._moves = 0.0, False
-        """Time code of the last frame in which it stood still; whether it moves by itself."""
+        """Time code of the last frame in which the shape was static; whether its points move."""
         self._first: Any = None
-        """Time code at which the first run begins, or USD's for what has no samples."""
+        """Time code at which the first run begins, or USD's code for values without samples."""
         self._at: Any = None
-        """The same of this run."""
+        """The same for this run."""
         if key.kind == "mesh":
             schemes = {ours: theirs for theirs, ours in SUBDIVISION_SCHEMES.items()}
             self._geometry.CreateSubdivisionSchemeAttr(schemes.get(key.subdivision or "", "none"))
@@ -270,7 +270,7 @@ class _PrimWriter(ShapeWriter):
             return
         codes = codes_of(times, self._rate).tolist()
         velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
-        # Every value set outside of a block is a notice to the stage.
+        # Outside of a block, every value that is set notifies the stage.
         with Sdf.ChangeBlock():
             self._write_points(*self._samples(points, codes, every=speeds is not None))
             if speeds is not None:
@@ -286,7 +286,7 @@ class _PrimWriter(ShapeWriter):
                 self._op.Set(Gf.Matrix4d(*numbers), code)
 
     def _samples(self, points: Float32Array, codes: list[float], *, every: bool) -> tuple[Float32Array, list[float]]:
-        """Positions and time codes to write: of what a transform moves at every frame, one sample while it is still."""
+        """Return positions and time codes to write: one sample while the points are static under a moving transform."""
         if every or self._moves or self._transform is None or len(self._transform.values) == 1:
             return points, codes
         known, self._still = self._still, points[0].copy() if self._still is None else self._still
@@ -294,11 +294,11 @@ class _PrimWriter(ShapeWriter):
             self._last = codes[-1]
             return (points[:1], codes[:1]) if known is None else (points[:0], [])
         self._moves = True
-        # It stood still until now, so the last of these frames needs a sample too.
+        # The points were static until now, so the last static frame needs a sample too.
         return (points, codes) if known is None else (np.concatenate([known[None], points]), [self._last, *codes])
 
     def _write_points(self, points: Float32Array, codes: list[float]) -> None:
-        # Coordinate by coordinate: minima along rows of three are ten times as slow.
+        # Coordinate by coordinate: minima along rows of three are ten times slower.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
         extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
         for frame, (code, normals) in enumerate(zip(codes, self.normals_at(points), strict=True)):
@@ -308,7 +308,7 @@ class _PrimWriter(ShapeWriter):
                 self._normals.Set(vectors(normals), code)
 
     def _describe(self) -> None:
-        """Faces, curves or ids of points: what does not change within a run."""
+        """Write faces, curves or ids of points, which are constant within a run."""
         connectivity, geometry, at = self.item.connectivity, self._geometry, self._at
         if self.key.kind == "mesh":
             geometry.CreateFaceVertexCountsAttr().Set(int_array(connectivity.face_counts), at)
@@ -321,7 +321,9 @@ class _PrimWriter(ShapeWriter):
             geometry.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(np.ascontiguousarray(numbers, np.int64)), at)
 
     def _describe_normals(self) -> None:
-        """Of vertices where that is enough; where connectivity changes, always of corners: that is said once."""
+        """Normals are by vertex if that suffices; with changing connectivity always by corner, as this is
+        stored once.
+        """
         if self.normals is None:
             if self._normals is not None:
                 self._normals.Set(Vt.Vec3fArray(), self._at)
