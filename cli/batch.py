@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from pdecodec.batch.work import Result, Work
 
 SAID_EVERY = 30.0
-"""Seconds between progress lines, where there is no terminal for a progress bar."""
+"""Time between progress lines if standard error is not a terminal [s]."""
 
 _OF_CLIPS = (
     "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",

@@ -13,8 +13,8 @@ HEAD = """\
 
 Written by `make docs` from the registry of formats; do not edit.
 
-A file's format is known by its extension, else by its first bytes. What a format cannot hold is said, by name, when it
-is written. Positions and times come back to float32 precision and better, unless noted.
+A file's format is found by its extension, or else by its first bytes. When a file is written, notes name everything
+that its format cannot store. Positions and times are preserved to float32 precision or better, unless noted.
 
 | format | extensions | read | write | needs |
 |---|---|---|---|---|
@@ -23,43 +23,43 @@ is written. Positions and times come back to float32 precision and better, unles
 CONVENTIONS = """\
 ## What passes between formats
 
-- **Names.** An object of a tree has its path for a name, `root/arm/hand`. Formats with trees make one of it.
-- **UVs.** The main set is the attribute `uv`, others are `uv:NAME`; both belong to corners, and corners that share a
-  row share it again afterwards, so seams stay. The origin is at the bottom (glTF's is turned).
+- **Names.** An object of a scene tree is named by its path, `root/arm/hand`. Formats with trees turn it into a tree.
+- **UVs.** The main set is the attribute `uv`, others are `uv:NAME`; both belong to corners. Corners that share a
+  row still share it afterwards, so seams are preserved. The origin is at the bottom (glTF's is flipped).
 - **Colours** are `color` and `color:NAME`, of vertices, faces, corners or the object. **Face sets** are `group`, one
-  number a face with names, or `group:NAME`, one or zero a face, where sets share faces; **materials** are `material`.
-- **Hard edges** are `normal_group`, a number a corner: corners of a vertex with equal numbers share a normal. Normals
-  themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
-  groups; glTF, which shows faces without normals flat, gets smooth ones otherwise, and none where all faces are flat
-  triangles. glTF cuts vertices at hard edges, UV seams and material borders: there they stay apart, and those that
-  shared a normal have one number in `shared_normal` and share it in every frame. A line says how
-  many normals of a glTF file differ from those computed from its faces by more than 5 degrees. Formats
-  with a normal a vertex get those of meshes without hard edges.
-- **Size of glTF.** Where motion is not few functions of time, each frame is a morph target. Positions and normals of
-  targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.
-  `--quantize` (KHR_mesh_quantization, which viewers must know) makes it 12: positions of 16 bits, normals of 8, at most
-  0.4 degrees off, each in rows of a multiple of four bytes; with `--meshopt`, 2 to 8. Where targets are functions of
-  time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are more
-  than 0.4 degrees off, and are at most 0.03 degrees off there. The command says how much, and by how much a file is
-  larger than what it was made from; `--web` is `--quantize --meshopt --rigid`.
+  number per face with names, or, if sets share faces, `group:NAME`, one or zero per face; **materials** are `material`.
+- **Hard edges** are `normal_group`, one number per corner: corners of a vertex with equal numbers share a normal.
+  Normals themselves are computed from the positions of each frame, and written if the source had normals or smoothing
+  groups. Otherwise glTF, which shows faces without normals flat, gets smooth normals, or none if all faces are flat
+  triangles. glTF cuts vertices at hard edges, UV seams and material borders. They stay cut; those that shared a normal
+  have one number in `shared_normal` and share it in every frame. A note gives the number of normals of a glTF file that
+  differ by more than 5 degrees from those computed from its faces. Formats with one normal per vertex get normals only
+  for meshes without hard edges.
+- **Size of glTF.** Unless the motion has few functions of time, each frame is a morph target. Positions and normals of
+  targets are float32 there, and viewers do not compute smooth normals: 24 bytes per row and frame, twice the positions.
+  `--quantize` (KHR_mesh_quantization, which viewers must support) makes it 12: positions of 16 bits, normals of 8, at
+  most 0.4 degrees off, each in rows of a multiple of four bytes; with `--meshopt`, 2 to 8. Where targets are functions
+  of time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are
+  more than 0.4 degrees off, and are at most 0.03 degrees off there. A note gives the error, and another one tells if a
+  file is larger than its source; `--web` is `--quantize --meshopt --rigid`.
 - **Materials of glTF**: `convert` from glTF to glTF keeps them with textures, images and extensions, by their names,
-  and so does `decode --onto`. Of several materials of one name the first is taken.
-- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
-  and so are those of objects to whose positions a transform is applied that mirrors.
+  and so does `decode --onto`. If several materials share a name, the first is used.
+- **Faces** run counterclockwise seen from outside; faces of Alembic and of left-handed USD meshes are reversed,
+  and so are those of objects whose applied transform mirrors them.
 - **Time** is in seconds. The frame rate is the file's (in glTF the one that all keys show, from 12 a second), else
-  `--fps`, else 24, and then a line says so. Irregular times stay irregular. glTF's animations are written to start at
-  0 s: another first time is noted there and comes back, and a line says so. Scenes have a value at any time: glTF's
-  animations are sampled at the rate, their last key included, and a line counts keys between frames;
+  `--fps`, else 24 with a note. Irregular times stay irregular. glTF's animations are written to start at
+  0 s: another first time is stored there and restored, with a note. Scenes have a value at any time: glTF's
+  animations are sampled at the rate, their last key included, and a note counts keys between frames;
   Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
   stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
   `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
-- **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
-  rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to
-  glTF, USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its
-  bound, too. Alembic and glTF do that unasked (`--no-rigid` does not). glTF's nodes go straight and turn evenly
-  between frames, and a mesh of several such parts, each of connected faces, becomes a skin whose joints are the
-  parts: 1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target. Formats without transforms get
-  positions with transforms applied.
+- **Transforms** above objects are applied to positions, or stored (`--transforms keep`) as the attribute `transform`:
+  rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
+  USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
+  too. For Alembic and glTF this is the default (`--no-rigid` turns it off). Between frames, glTF's nodes move straight
+  and turn evenly, and a mesh of several such parts, each of connected faces, becomes a skin whose joints are the parts:
+  1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target. Formats without transforms get positions
+  with transforms applied.
 - **Alembic as programs show it**: each shape has a transform of its own right above it, by which programs name the
   object; one that was added for that does not show in names here. Colours of a mesh are of its vertices, or of its
   corners with a lookup, where programs know no others; those of faces and objects come back as what they were. Face
@@ -75,8 +75,8 @@ CONVENTIONS = """\
   out, aloud; instances that are moved are instances no more. OBJ: every frame is the original's first with other
   numbers.
 - **Positions** are float32; what is stored as float64, as text, or comes from transforms is rounded. `encode`,
-  `convert` and `compare` say how far that moves positions where it is more than the bound, or a millionth of the
-  diagonal: in scenes far from their origin. It is not measured of OFF and STL text, nor of OBJ nearer to the origin.
+  `convert` and `compare` print how far that moves positions if it exceeds the bound, or a millionth of the diagonal,
+  as in scenes far from their origin. It is not measured for OFF and STL text, nor for OBJ nearer to the origin.
 - **What moves a simulation** (VTK, XDMF, Exodus): geometry that the file stores for every step; in Exodus the nodal
   variables that its own programs take for displacements (of every axis, beginning with `disp`); or the vectors on
   nodes that `--displacement NAME` adds to the geometry, `none` for none. Nothing else does, whatever its name: a note
@@ -84,26 +84,27 @@ CONVENTIONS = """\
 - **Values that were never written** (missing sources of virtual HDF5 datasets, chunks that no program wrote, netCDF's
   fill value) are refused; HDF5 would give zeros for them.
 - **Connectivity that changes** is runs of frames, each of one connectivity: Alembic, USD, OBJ, PLY, VTU and PVD are
-  read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
-  Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not
-  have it; its transforms are applied, points have ids, and attributes are samples of their run.
-- **Time that writing takes**, beside decoding and writing raw float32 positions (200 frames of 35,400 vertices in 59
-  objects, measured as time of the processor): point caches, NPZ, HDF5, XDMF and PLY as long, VTU 1.6 times (each file
-  repeats the faces), Alembic 2 times, OBJ, which is text, 9 times. Normals are as many bytes again and are computed: 5
-  times with XDMF and PLY, 6 with Alembic and VTU.
-- **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
-  `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
-  and Alembic are Y-up, so that other scenes are turned, aloud.
+  read as such and written from them. Between the last frame of a run and the first of the next one, the mesh keeps the
+  last positions. Frames without vertices are left out, with a note. In Alembic and USD an object is one shape, empty
+  where a run does not have it; its transforms are applied, points have ids, and attributes are samples of their run.
+- **Time that writing takes**, relative to decoding and writing raw float32 positions (200 frames of 35,400 vertices in
+  59 objects, measured as time of the processor): point caches, NPZ, HDF5, XDMF and PLY as long, VTU 1.6 times (each
+  file repeats the faces), Alembic 2 times, OBJ, which is text, 9 times. Normals are as many bytes again and are
+  computed: 5 times with XDMF and PLY, 6 with Alembic and VTU.
+- **Up axis and unit** are the metadata `up_axis` and `unit`, if a file states them. `--up-axis` rotates the scene,
+  `--scale` scales it and its unit, `--unit` gives a unit that the file does not state. USD files state only what is
+  known; glTF and Alembic are Y-up, so other scenes are rotated, with a note.
 """
 
 
 HELD = """\
-## What each can hold, and what becomes of it
+## What each format can hold, and what becomes of it
 
-By each format's own specification, in its words, when a file is read. Coded: it is kept, through `.pdeanim` files too.
-Carried: it is kept from a file to one of the same format (`convert`), else dropped. Dropped: a line names what a file
-has of it. Refused: the file is, or what has it is left out with `--skip-unsupported`. Implied: it follows from what is
-kept, or is for people who read the file. Tests read files with these things and compare.
+The features of each format, in the words of its own specification, and what happens to them when a file is read. Coded:
+kept, also through `.pdeanim` files. Carried: kept from a file to another of the same format (`convert`), otherwise
+dropped. Dropped: left out, and a note names it. Refused: the file is refused, or with `--skip-unsupported` the object
+is left out. Implied: it follows from the rest, or is meant for people who read the file. Tests read files with these
+features and compare the results.
 
 | format | coded | carried | dropped, by name | refused | implied |
 |---|---|---|---|---|---|
@@ -111,12 +112,12 @@ kept, or is for people who read the file. Tests read files with these things and
 
 
 def formats_page() -> str:
-    """The table, then of each format what is kept and what is not."""
+    """Return the table of formats, then for each format what it keeps and loses."""
     entries = list_formats()
     rows = "".join(_row(entry) for entry in entries)
     parts = "\n".join(_part(entry) for entry in entries)
     held = "".join(_held(entry) for entry in entries if entry.name in SPECIFICATIONS)
-    return f"{HEAD}{rows}\n{CONVENTIONS}\n{HELD}{held}\n## What each keeps\n\n{parts}"
+    return f"{HEAD}{rows}\n{CONVENTIONS}\n{HELD}{held}\n## What each format keeps\n\n{parts}"
 
 
 def _held(entry: Format) -> str:
@@ -143,7 +144,7 @@ def _part(entry: Format) -> str:
         names = ", ".join(f"`--{option}`" for option in entry.write_options)
         lines.append(f"Writing takes {names}.")
     if entry.holds_velocities:
-        lines.append("Velocities are written where they are asked for (`--velocities`).")
+        lines.append("Velocities are written on request (`--velocities`).")
     return "\n".join([*lines, ""])
 
 

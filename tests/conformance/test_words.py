@@ -1,0 +1,49 @@
+"""Phrases that readers stumble over, kept out of the folders whose texts are clean."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+CLEAN = ("batch", "cli", "pdecodec/errors.py", "CONTRIBUTING.md")
+"""Folders and files without the phrases; a folder joins when it is rewritten."""
+
+PHRASES = {
+    r"beside": "say next to, besides, or compared with",
+    r"(no|some)body": "name who does it, or use the passive",
+    r"what is left": "name it: the remaining frames, bytes, time",
+    r"where (it is|there is|there are) (none|no)": "a condition takes 'if'; 'where' is for places",
+    r"where nothing is said|where it does not say": "say 'by default' or 'if IN does not state it'",
+    r"those of every": "repeat the noun",
+    r"from afar": "say over the network",
+    r"is (said|told)": "say prints, or a note tells",
+    r"put aside": "say cached or kept",
+    r"aloud": "say with a note",
+    r"goes on where it was": "say resumes where it stopped",
+}
+"""Regular expressions of whole words, and what to write instead."""
+
+
+def found_phrases(text: str) -> list[str]:
+    """Return each phrase in a text with its advice; line breaks within phrases do not hide them."""
+    plain = re.sub(r"\s+(?:#\s|//\s|\"f?\"?)?\s*", " ", text)
+    hits = [(re.search(rf"\b({phrase})\b", plain, re.IGNORECASE), advice) for phrase, advice in PHRASES.items()]
+    return [f"{hit[0]!r}: {advice}" for hit, advice in hits if hit is not None]
+
+
+@pytest.mark.parametrize("place", CLEAN)
+def test_clean_texts_use_plain_phrases(place: str) -> None:
+    files = sorted((ROOT / place).rglob("*.py")) or [ROOT / place]
+    found = {str(file.relative_to(ROOT)): found_phrases(file.read_text(encoding="utf-8")) for file in files}
+    assert {name: hits for name, hits in found.items() if hits} == {}
+
+
+def test_a_phrase_is_found_across_lines() -> None:
+    assert found_phrases("# Words that\n# nobody reads") == ["'nobody': name who does it, or use the passive"]
+    assert found_phrases("It is what is\n    left of it.") == [
+        "'what is left': name it: the remaining frames, bytes, time"
+    ]
