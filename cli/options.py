@@ -280,12 +280,13 @@ def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
 def rigid_bound(source: MeshSequence, scale: float, output: str, asked: bool | None) -> float | None:
     """Return the bound for ``--rigid``: that of the decoded file, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
-    from pdecodec.codec.stored_choices import bound_of
     from pdecodec.formats.base.registry import format_to_write
 
     is_unasked = asked is None and format_to_write(output).finds_rigid_parts
     if not (asked or is_unasked):
         return 0.0 if asked is False else None
+    from pdecodec.codec.stored_choices import bound_of  # loads the encoder, which other outputs do not need
+
     is_animation = isinstance(source, Animation) and len(source.runs) == 1
     bound = bound_of(source) if isinstance(source, Animation) and is_animation else None
     if bound is None and asked:

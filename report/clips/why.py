@@ -19,7 +19,14 @@ def measure_alternatives(sequence: MeshSequence, *, tolerance: float, effort: Ef
 def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figure:
     """Show a row for each alternative next to the choice."""
     rows = [
-        (question.what, item.way, question.frames, item.size, item.size / taken.size, item.chosen)
+        (
+            question.what,
+            item.way,
+            question.frames,
+            item.size,
+            item.size / taken.size if taken.size else None,
+            item.chosen,
+        )
         for question in questions
         for taken in [next(way for way in question.ways if way.chosen)]
         for item in question.ways
@@ -35,3 +42,8 @@ def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figu
         table=Table(("choice", "way", "frames", "bytes", "times what was taken", "taken"), tuple(rows)),
         shows_table=True,
     )
+
+
+def _ratio(size: int, chosen: int) -> float | None:
+    """Return a size over that of the choice; None if the choice takes nothing, as motion that is not there does."""
+    return size / chosen if chosen else None

@@ -140,4 +140,4 @@ def test_a_batch_notes_where_rounding_takes_more_than_the_bound(
     assert "rounded to float32" in notes["clips/far.npz"]
     assert "rounded to float32" not in notes["clips/near.npz"]
     assert "far.pdeanim: note: positions are rounded" in said
-    assert "warning: rounding to float32 takes more than the bound of 1 clip; -v says of which" in said
+    assert "warning: rounding to float32 exceeds the bound of 1 clip; -v lists them" in said
