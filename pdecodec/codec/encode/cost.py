@@ -291,7 +291,7 @@ class Estimate:
         if (moved, time) not in self._coefficients:
             self._coefficients[moved, time] = (
                 moved.some_coefficients(time, sight=self._sight).astype(np.float32, copy=False)
-                if self._fitter.is_heavy
+                if self._fitter.is_heavy or not moved.has_coefficients(time)
                 else self.basis.project_some(moved.coefficients(time), self.sample.chosen)
             )
         return self._coefficients[moved, time]

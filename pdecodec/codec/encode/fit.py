@@ -646,12 +646,12 @@ def finish(fitter: GroupFitter, choice: Candidate, basis: SpaceBasis) -> Finishe
     Candidates are the steps and dead zones of the tuning; after each of its numbers of passes the better half stays.
     """
     tuning = fitter.tuning
+    steps, zones = tuning.refined_steps, tuning.dead_zones
+    if len(steps) * len(zones) > 1 and not fitter.moves:  # asked while trajectories are still there
+        steps, zones = (0,), zones[:1]
     fitter.settle(choice)
     if not tuning.refining_passes:
         return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
-    steps, zones = tuning.refined_steps, tuning.dead_zones
-    if not fitter.moves:
-        steps, zones = (0,), zones[:1]
     tried = [replace(choice, step=choice.step + more) for more in steps]
     left = [Refinement(fitter, basis, other, zone) for other in tried for zone in zones]
     done = 0

@@ -125,7 +125,9 @@ class GroupSearch:
         )
         found = list(dict.fromkeys(found))
         self.look(found)
-        return found if self.fitter.is_large else sorted(found, key=self.bits)
+        if not self.fitter.is_large:
+            return sorted(found, key=self.bits)
+        return list(dict.fromkeys((found[0], *keep_close(found, self.bits, self._tuning.untuned_exit_ratio))))
 
     def choose(self, candidates: Sequence[Candidate]) -> ChosenGroup:
         """Walk the first candidate's step downhill; then those of others that are close with the same step."""
@@ -230,8 +232,10 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     frames, vertices = fitter.points.shape[:2]
     if not tuning.divides_groups or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
         return Division([search.choose(choices)])
-    usual = replace(fitter.first_choice, origin=choices[0].origin)
-    whole = _untuned(search, usual, ("trajectories", "shapes", "cosines"))
+    # Poses are those of all frames: parts are compared in shapes.
+    kinds: list[TimeFunctions] = ["shapes" if item.time == "poses" else item.time for item in choices]
+    usual = replace(fitter.first_choice, time=kinds[0], origin=choices[0].origin)
+    whole = _untuned(search, usual, tuple(dict.fromkeys(kinds)))
     bits, lengths = _division(search, whole, usual)
     if len(lengths) == 1:
         return Division([search.choose(choices)])
@@ -240,7 +244,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     side_by_side(*(partial(part.prepare, usual) for part in searches))
     parts: list[ChosenGroup] = []
     for part in searches:
-        like = parts[-1].choice if parts else fitter.first_choice
+        like = parts[-1].choice if parts else usual
         parts.append(part.choose(part.candidates(like, (usual.origin,))))
         part.fitter.put_aside()
     together = sum(part.bits + GROUP_BITS for part in parts)
@@ -561,7 +565,13 @@ class ModelSearch:
 
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
         """Return the model with the reference frame, finer or else coarser, that costs least with all else as it is."""
+        if not any(group.bits for group in usual.groups):
+            # One pose keeps the bound: of a coarser one, which does not, motion would be made that there is none of.
+            start -= sum(step > self.unit for step in steps)
+            steps = [step for step in steps if step <= self.unit]
         beside = [steps[start + way] for way in (1, -1) if 0 <= start + way < len(steps)]
+        for group in usual.groups:
+            group.fitter.prepare(group.choice)  # from which those of other reference frames follow
         found = side_by_side(*(partial(self._with_other_reference, usual, step) for step in beside))
         tried = dict(zip(beside, found, strict=True))
         costs, patience = {usual.reference.coded_step: self._cost(usual)}, 1 if self._is_large else SMALL_MESH_PATIENCE

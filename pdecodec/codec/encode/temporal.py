@@ -317,6 +317,10 @@ class Displacements:
         axes = 3 if kind == "trajectories" else 1
         return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
 
+    def has_coefficients(self, kind: TimeFunctions) -> bool:
+        """Whether coefficients of all vertices are there, or follow at once from those that are."""
+        return kind in self._coefficients or (self._alike is not None and self._alike.has_coefficients(kind))
+
     def coefficients(self, kind: TimeFunctions) -> Rows:
         """(vertices, functions or 3 functions), as precise as displacements: of all functions of a kind, kept."""
         if kind not in self._coefficients:

@@ -134,7 +134,7 @@ class Tuning:
     mean_error: float = 0.3
     mean_error_of_dense: float = 0.4
     early_exit_ratio: float = 1.02
-    untuned_exit_ratio: float = 1.05
+    untuned_exit_ratio: float = 1.1
     bits_worth_dividing: float = 0.65
     divides_groups: bool = True
     shortest_group: int = 8
