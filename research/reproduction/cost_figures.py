@@ -296,10 +296,10 @@ def surface_figure(findings: Findings) -> Figure:
 
     def told(point: Point) -> str:
         surface = point.surface
-        return (
-            f"a KG error of {point.kg_error:.2f}%, an edge difference of {surface.sted:.3f} and normals that are off "
-            f"by {surface.normal_error:.1f} degrees, 99% within {surface.normal_p99:.0f}"
-        )
+        normals = "no face with a normal"  # a coarse grid may flatten every face
+        if surface.normal_error is not None:
+            normals = f"normals that are off by {surface.normal_error:.1f} degrees, 99% within {surface.normal_p99:.0f}"
+        return f"a KG error of {point.kg_error:.2f}%, an edge difference of {surface.sted:.3f} and {normals}"
 
     return Figure(
         name="surface-errors",
