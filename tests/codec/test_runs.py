@@ -150,7 +150,7 @@ def test_what_takes_constant_connectivity_says_in_one_line_that_there_is_none(tm
         with pytest.raises(SettingsError, match="of one run"):
             animation.coefficients(0)
     for extension in ("mdd", "pc2", "npz", "h5", "xdmf", "glb"):
-        with pytest.raises(InputError, match=r"that of the sequence changes; write \.obj") as refused:
+        with pytest.raises(InputError, match=r"cannot hold connectivity that changes; write \.obj") as refused:
             write_sequence(sequence, tmp_path / f"x.{extension}")
         assert refused.value.frame == 2
         assert not list(tmp_path.iterdir())
