@@ -20,18 +20,13 @@ from pdecodec.cli.main import run
 from pdecodec.report.viewer.serve import FolderServer
 from spec.vector_files import ACCEPT
 from tests.support.driven_browser import browsing
+from tests.support.remote_server import answering
 
 
 @contextmanager
 def served(folder: Path) -> Iterator[FolderServer]:
-    with FolderServer(folder) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield server
-        finally:
-            server.shutdown()
-            thread.join()
+    with FolderServer(folder) as server, answering(server):
+        yield server
 
 
 @pytest.fixture(scope="module")

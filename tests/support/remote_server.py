@@ -70,10 +70,17 @@ def serving(folder: Path) -> Iterator[Server]:
     """A server of the files of a folder, on a free port, while the block runs."""
     with Server(("127.0.0.1", 0), _Handler) as server:
         server.folder = folder
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        try:
+        with answering(server):
             yield server
-        finally:
-            server.shutdown()
-            thread.join()
+
+
+@contextmanager
+def answering(server: ThreadingHTTPServer) -> Iterator[None]:
+    """Answer a server's requests in a thread of its own, while the block runs."""
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        thread.join()
