@@ -47,9 +47,9 @@ ifeq ($(COMPILER),)
 sanitize: .venv/tools
 	$(SANITIZE) -S core -B build/sanitize -DPDEANIM_SANITIZE=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug
 	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants misuse
-	build/sanitize/misuse spec/vectors/accept/polygons_attributes.pdeanim spec/vectors/accept/runs.pdeanim
-	$(BIN)/python -m spec.vector_files build/refused
-	build/sanitize/mutants $(MUTANTS) spec/vectors/accept/*.pdeanim build/refused/*.pdeanim
+	$(BIN)/python -m spec.vector_files build/vectors
+	build/sanitize/misuse build/vectors/accept/polygons_attributes.pdeanim build/vectors/accept/runs.pdeanim
+	build/sanitize/mutants $(MUTANTS) build/vectors/*/*.pdeanim
 
 # Threads that share animations through the C interface, under ThreadSanitizer.
 CALLS ?= 6000
@@ -57,7 +57,8 @@ races: .venv/tools
 	$(SANITIZE) -S core -B build/races -DPDEANIM_SANITIZE=ON -DPDEANIM_SANITIZERS=thread -DPDEANIM_LIBRARY=OFF \
 		-DCMAKE_BUILD_TYPE=Debug
 	$(SANITIZE) --build build/races --parallel 2 --target races
-	build/races/races $(CALLS) $(addprefix spec/vectors/accept/,groups.pdeanim polygons_attributes.pdeanim \
+	$(BIN)/python -m spec.vector_files build/vectors
+	build/races/races $(CALLS) $(addprefix build/vectors/accept/,groups.pdeanim polygons_attributes.pdeanim \
 		raw_vertices.pdeanim runs.pdeanim many_patches.pdeanim)
 else
 sanitize races:
@@ -71,10 +72,10 @@ CLANG ?= $(shell command -v clang++ || ls /usr/bin/clang++-* | sort -V | tail -1
 fuzz: .venv/tools
 	$(SANITIZE) -S core -B build/fuzz -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_CXX_COMPILER=$(CLANG)
 	$(SANITIZE) --build build/fuzz --parallel 2 --target $(TARGETS)
-	$(BIN)/python -m spec.vector_files build/refused
+	$(BIN)/python -m spec.vector_files build/vectors
 	for target in $(TARGETS); do mkdir -p build/corpus/$$target && build/fuzz/$$target -max_total_time=$$(($(MINUTES) * 60)) \
 		-timeout=20 -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/$$target- build/corpus/$$target \
-		spec/vectors/accept build/refused || exit 1; done
+		build/vectors/accept build/vectors/reject || exit 1; done
 
 # Readers of other formats for so many MINUTES each, or those that READERS names. What it finds is left in build/.
 READERS ?=

@@ -16,9 +16,8 @@ from spec.decoder.contexts import Contexts
 from spec.decoder.fields import Fields
 from spec.decoder.rangecoder import Rehearsal
 from spec.sealing import HEADER, table_end, take_apart
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_vectors
 
-VECTOR = ACCEPT / "example.pdeanim"
 LONG_REPETITION = 12
 MAX_SHARED_BYTES = 8
 """Bytes in a row that several fields share."""
@@ -169,4 +168,4 @@ def section(data: bytes) -> str:
 
 
 if __name__ == "__main__":
-    print(section(VECTOR.read_bytes()), end="")
+    print(section(accepted_vectors()["example"]), end="")

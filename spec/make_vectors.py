@@ -22,7 +22,7 @@ from spec.accepted import accepted
 from spec.decoder.animation import Animation, decode_runs, run_at
 from spec.refused import refused
 from spec.sealing import take_apart
-from spec.vector_files import ACCEPT, MANIFEST, Manifest, accepted_vectors, refused_vectors
+from spec.vector_files import MANIFEST, Manifest, accepted_vectors, refused_vectors
 
 LISTED_TIMES = (0.0, 0.3, 0.77, 1.0)
 """Times at which positions are listed, as fractions of the clip."""
@@ -56,6 +56,7 @@ def describe(data: bytes) -> dict[str, Any]:
         **{name: [run[name] for run in of_runs] if has_runs else value for name, value in of_runs[0].items()},
         "integers": hash_integers(runs),
         "positions": positions,
+        "data": base64.b64encode(data).decode(),
     }
 
 
@@ -90,7 +91,7 @@ def main(arguments: list[str]) -> None:
         different.append(name)
         return made if "--replace" in arguments else known[name]
 
-    known = accepted_vectors()
+    known = accepted_vectors() if MANIFEST.exists() else {}
     files = {name: choose(name, made, known) for name, made in accepted()}
     manifest["accept"] = {name: describe(data) for name, data in files.items()}
     known = refused_vectors() if MANIFEST.exists() else {}
@@ -100,11 +101,6 @@ def main(arguments: list[str]) -> None:
         entry = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
         section = {} if item.section is None else {"section": item.section}
         manifest["reject"][item.name] = {**entry, **section, "data": base64.b64encode(data).decode()}
-    ACCEPT.mkdir(parents=True, exist_ok=True)
-    for path in ACCEPT.iterdir():
-        path.unlink()
-    for name, data in files.items():
-        (ACCEPT / f"{name}.pdeanim").write_bytes(data)
     lines = (
         f' "{folder}": {{\n'
         + ",\n".join(f'  "{name}": {json.dumps(entry, ensure_ascii=False)}' for name, entry in entries.items())

@@ -1,49 +1,65 @@
-"""The vectors of the specification: accepted ones are files, refused ones are in the manifest.
+"""The vectors of the specification, all in `vectors/manifest.json`: what to expect of each file, and its bytes.
 
-    python -m spec.vector_files FOLDER      write the refused ones as files, for programs that need files
+    python -m spec.vector_files FOLDER      write them as FOLDER/accept/NAME.pdeanim and FOLDER/reject/NAME.pdeanim
 
-There are three times as many refused files as accepted ones, about three hundred bytes each.
+The files are small, about six hundred bytes each, and tests read them together. This module needs Python alone.
 """
 
 from __future__ import annotations
 
 import base64
 import json
+import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).resolve().parent / "vectors"
-ACCEPT = FOLDER / "accept"
-MANIFEST = FOLDER / "manifest.json"
+ROOT = Path(__file__).resolve().parents[1]
+MANIFEST = ROOT / "spec" / "vectors" / "manifest.json"
 
 Manifest = dict[str, dict[str, dict[str, Any]]]
 
 
+@cache
 def read_manifest() -> Manifest:
-    """Return what is expected of each vector, by `accept` or `reject` and by name."""
+    """Return what is expected of each vector, and its bytes in base64, by `accept` or `reject` and by name."""
     manifest: Manifest = json.loads(MANIFEST.read_text("utf-8"))
     return manifest
 
 
 def accepted_vectors() -> dict[str, bytes]:
     """Return the files that every decoder must read, by name."""
-    return {path.stem: path.read_bytes() for path in sorted(ACCEPT.glob("*.pdeanim"))}
+    return _unpack("accept")
 
 
 def refused_vectors() -> dict[str, bytes]:
     """Return the files that every decoder must refuse, by name."""
-    return {name: base64.b64decode(entry["data"]) for name, entry in read_manifest()["reject"].items()}
+    return _unpack("reject")
 
 
-def write_refused(folder: Path) -> list[Path]:
-    """Write the refused files into a folder, which is made; return their paths in the manifest's order."""
+def write_vectors(folder: Path, kind: str) -> dict[str, Path]:
+    """Write the vectors of a kind, `accept` or `reject`, into a folder, which is made; return their paths by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.pdeanim" for name in refused_vectors()]
-    for path, data in zip(paths, refused_vectors().values(), strict=True):
-        path.write_bytes(data)
+    paths = {name: folder / f"{name}.pdeanim" for name in read_manifest()[kind]}
+    for name, data in _unpack(kind).items():
+        if not paths[name].exists() or paths[name].read_bytes() != data:
+            partial = paths[name].with_suffix(f".{os.getpid()}")  # other processes may read the file meanwhile
+            partial.write_bytes(data)
+            partial.replace(paths[name])
     return paths
 
 
+@cache
+def accepted_files() -> dict[str, Path]:
+    """Write the accepted files under `build/vectors`, once per process, and return their paths by name."""
+    return write_vectors(ROOT / "build" / "vectors" / "accept", "accept")
+
+
+def _unpack(kind: str) -> dict[str, bytes]:
+    return {name: base64.b64decode(entry["data"]) for name, entry in read_manifest()[kind].items()}
+
+
 if __name__ == "__main__":
-    write_refused(Path(sys.argv[1]))
+    for kind in read_manifest():
+        write_vectors(Path(sys.argv[1], kind), kind)

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from spec.vector_files import ACCEPT, read_manifest, write_refused
+from spec.vector_files import accepted_files, read_manifest, write_vectors
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -83,7 +83,7 @@ def decoded(build: Build) -> Path:
     out = folder / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
-    files = [*sorted(ACCEPT.glob("*.pdeanim")), *write_refused(folder / "refused")]
+    files = [*accepted_files().values(), *write_vectors(folder / "refused", "reject").values()]
     run(*build.runner, folder / "exactness", out, *files)
     return out
 

@@ -20,7 +20,7 @@ from core.bindings.wasm import build
 from pdecodec import Animation, encode, open_animation
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from spec.decoder import animation as independent
-from spec.vector_files import ACCEPT, read_manifest, write_refused
+from spec.vector_files import accepted_files, accepted_vectors, read_manifest, write_vectors
 from tests.support.decoders import assert_close
 from tests.support.remote_server import serving
 
@@ -58,7 +58,7 @@ def accepted() -> dict[str, dict[str, Any]]:
     """What the player makes of the accepted vectors, each with the times that it was asked for."""
     jobs = []
     for name in MANIFEST["accept"]:
-        path = ACCEPT / f"{name}.pdeanim"
+        path = accepted_files()[name]
         with open_animation(path) as animation:
             jobs.append({"path": str(path), "times": times_of(animation.times)})
     found = decode_in_node(jobs)
@@ -72,9 +72,9 @@ def accepted() -> dict[str, dict[str, Any]]:
 def test_positions_are_within_the_margin_of_the_specification(accepted: dict[str, Any], name: str) -> None:
     found = accepted[name]
     assert "error" not in found, found
-    with open_animation(ACCEPT / f"{name}.pdeanim") as animation:
+    with open_animation(accepted_files()[name]) as animation:
         assert (found["times"], found["frameRate"]) == (animation.times.tolist(), animation.fps)
-        plain = independent.decode_runs((ACCEPT / f"{name}.pdeanim").read_bytes())
+        plain = independent.decode_runs(accepted_vectors()[name])
         for time, here in zip(found["asked"], found["at"], strict=True):
             other = independent.run_at(plain, time)
             if min(time, other.times[-1]) in other.times:
@@ -88,7 +88,7 @@ def test_positions_are_within_the_margin_of_the_specification(accepted: dict[str
 
 @pytest.mark.parametrize("name", MANIFEST["accept"])
 def test_velocities_and_accelerations_are_those_of_the_library(accepted: dict[str, Any], name: str) -> None:
-    with open_animation(ACCEPT / f"{name}.pdeanim") as animation:
+    with open_animation(accepted_files()[name]) as animation:
         for time, here in zip(accepted[name]["asked"], accepted[name]["at"], strict=True):
             run = animation.run_at(time)
             assert isinstance(run, Animation)
@@ -100,7 +100,7 @@ def test_velocities_and_accelerations_are_those_of_the_library(accepted: dict[st
 
 @pytest.mark.parametrize("name", MANIFEST["accept"])
 def test_meshes_and_attributes_are_those_of_the_library(accepted: dict[str, Any], name: str) -> None:
-    with open_animation(ACCEPT / f"{name}.pdeanim") as animation:
+    with open_animation(accepted_files()[name]) as animation:
         for meshes, run in zip(accepted[name]["runs"], animation.runs, strict=True):
             assert isinstance(run, Animation)
             for mesh, item in zip(meshes, run.objects, strict=True):
@@ -119,7 +119,7 @@ def test_meshes_and_attributes_are_those_of_the_library(accepted: dict[str, Any]
 
 def test_refused_vectors_end_in_the_pinned_error(tmp_path: Path) -> None:
     expected = MANIFEST["reject"]
-    jobs = [{"path": str(path), "times": []} for path in write_refused(tmp_path)]
+    jobs = [{"path": str(path), "times": []} for path in write_vectors(tmp_path, "reject").values()]
     for name, found in zip(expected, decode_in_node(jobs), strict=True):
         if expected[name].get("section") == "META":
             assert "error" not in found, "the player leaves remarks unread, as a decoder may"

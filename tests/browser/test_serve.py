@@ -18,7 +18,7 @@ import pytest
 from pdecodec import open_animation
 from pdecodec.cli.main import run
 from pdecodec.report.viewer.serve import FolderServer
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files, accepted_vectors
 from tests.support.driven_browser import browsing
 from tests.support.remote_server import answering
 
@@ -35,9 +35,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
     root: Path = tmp_path_factory.mktemp("served")
     folder = root / "clips"
     (folder / "more <i>").mkdir(parents=True)
-    shutil.copy(ACCEPT / "groups.pdeanim", folder / "groups.pdeanim")
-    shutil.copy(ACCEPT / "several_objects.pdeanim", folder / "more <i>" / "a#b.pdeanim")
-    shutil.copy(ACCEPT / "lines.pdeanim", root / "outside.pdeanim")
+    shutil.copy(accepted_files()["groups"], folder / "groups.pdeanim")
+    shutil.copy(accepted_files()["several_objects"], folder / "more <i>" / "a#b.pdeanim")
+    shutil.copy(accepted_files()["lines"], root / "outside.pdeanim")
     (folder / "link.pdeanim").symlink_to(root / "outside.pdeanim")
     (folder / "loop.pdeanim").symlink_to("loop.pdeanim")
     (folder / "secret.txt").write_text("no animation")
@@ -56,7 +56,7 @@ def asked(server: FolderServer, path: str, method: str = "GET", **headers: str) 
 
 def test_files_are_listed_and_given_whole_or_in_parts(server: FolderServer) -> None:
     assert [name for name, _ in server.files()] == ["groups.pdeanim", "more <i>/a#b.pdeanim"]
-    data = (ACCEPT / "groups.pdeanim").read_bytes()
+    data = accepted_vectors()["groups"]
     assert asked(server, "/file/groups.pdeanim") == (200, data)
     assert asked(server, "/file/groups.pdeanim", Range="bytes=10-19") == (206, data[10:20])
     assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data) - 3}-") == (206, data[-3:])
@@ -90,13 +90,13 @@ def test_nothing_but_files_of_the_folder_is_given(server: FolderServer, path: st
 
 def test_names_that_are_not_utf8_are_listed_and_played(tmp_path: Path) -> None:
     try:
-        shutil.copy(ACCEPT / "groups.pdeanim", os.path.join(os.fsencode(tmp_path), b"a\xff.pdeanim"))
+        shutil.copy(accepted_files()["groups"], os.path.join(os.fsencode(tmp_path), b"a\xff.pdeanim"))
     except OSError:
         pytest.skip("names are UTF-8 in this file system")
     with served(tmp_path) as server:
         assert b"/file/a%FF.pdeanim" in asked(server, "/view/a%FF.pdeanim")[1]
         assert b'"address": "a%FF.pdeanim"' in asked(server, "/")[1]
-        assert asked(server, "/file/a%FF.pdeanim") == (200, (ACCEPT / "groups.pdeanim").read_bytes())
+        assert asked(server, "/file/a%FF.pdeanim") == (200, accepted_vectors()["groups"])
 
 
 def test_nothing_that_clients_and_files_do_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,7 +144,7 @@ def test_the_list_has_pictures_and_its_pages_play(server: FolderServer, tmp_path
         browser.open(addresses[1])
         browser.run("await pdeanimView.ready")
         found = browser.run("return pdeanimView.readPositions(0.1).positions")
-        with open_animation(ACCEPT / "several_objects.pdeanim") as animation:
+        with open_animation(accepted_files()["several_objects"]) as animation:
             expected = animation.positions(0.1)
         assert np.abs(np.reshape(found, (-1, 3)) - expected).max() <= 1e-5 * (1 + np.abs(expected).max())
         assert browser.errors() == []

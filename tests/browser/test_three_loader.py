@@ -14,7 +14,7 @@ import pytest
 
 from pdecodec import encode, open_animation
 from spec.accepted import with_attributes
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
 from tests.support.browser_tools import node_modules
 from tests.support.driven_browser import Browser, browsing
@@ -108,7 +108,7 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "kind"), [("lines", "LineSegments"), ("points", "Points")])
 def test_lines_and_points_are_drawn_as_such(site: Path, name: str, kind: str) -> None:
-    path = ACCEPT / f"{name}.pdeanim"
+    path = accepted_files()[name]
     with open_animation(path) as animation:
         time = float(animation.times[-1])
         (meshes,) = loaded(site, path, time - float(animation.times[0]))["found"]

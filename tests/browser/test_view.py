@@ -13,7 +13,7 @@ import pytest
 from pdecodec import ArraySequence, Connectivity, MeshObject, encode, open_animation
 from pdecodec.cli.main import run
 from pdecodec.formats import open_sequence
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files
 from tests.support.driven_browser import Browser, browsing
 
 CLIPS = {"cloth": "pypbd_cloth100_xpbd", "character": "pdance", "rope": "rope24x832"}
@@ -196,9 +196,9 @@ def test_two_files_are_shown_side_by_side_and_over_each_other(
 
 def test_a_file_whose_faces_change_plays_run_by_run(browser: Browser, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    written(ACCEPT / "runs.pdeanim", "-o", page)
+    written(accepted_files()["runs"], "-o", page)
     ready(browser, page)
-    with open_animation(ACCEPT / "runs.pdeanim") as animation:
+    with open_animation(accepted_files()["runs"]) as animation:
         for time in animation.times:
             found = browser.run("return pdeanimView.readPositions(arguments_[0]).positions", float(time))
             expected = animation.positions(float(time))

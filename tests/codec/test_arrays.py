@@ -13,7 +13,7 @@ from pdecodec import open as open_clip
 from pdecodec.codec.array_evaluator import QUANTITIES
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.opening import open_animation
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files
 from tests.codec.test_storage import RATE, long_clip
 
 LIBRARIES = ("numpy", "array_api_strict", "torch", "jax.numpy", "cupy")
@@ -62,7 +62,7 @@ def margin(animation: Animation, quantity: str, times: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_library_gives_what_the_animation_does(library: Any, name: str) -> None:
-    with open_animation(ACCEPT / f"{name}.pdeanim") as whole:
+    with open_animation(accepted_files()[name]) as whole:
         for animation in whole.runs:
             assert isinstance(animation, Animation)
             device = "cpu" if library.__name__ == "torch" else None
@@ -97,11 +97,11 @@ def test_fields_and_weights_are_the_motion(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     with (
-        open_animation(ACCEPT / "runs.pdeanim") as several,
+        open_animation(accepted_files()["runs"]) as several,
         pytest.raises(SettingsError, match="one of its runs"),
     ):
         ArrayEvaluator(several, np)
-    with open_animation(ACCEPT / "groups.pdeanim") as animation:
+    with open_animation(accepted_files()["groups"]) as animation:
         evaluator, count = ArrayEvaluator(animation, np), len(animation.group_edges) - 1
         for call in (evaluator.fields, evaluator.corrections, lambda group: evaluator.weights(0.0, group)):
             for group in (-1, count):

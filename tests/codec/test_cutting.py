@@ -17,7 +17,7 @@ from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute, MeshObject
 from spec.decoder import animation as independent
 from spec.sealing import table_end, take_apart
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files
 from tests.support.decoders import assert_same
 from tests.support.mesh_cases import grid
 
@@ -232,7 +232,7 @@ def test_the_command_line_cuts_by_frames_and_times_and_joins(
 
 @pytest.mark.parametrize("name", ["runs", "file_of_one_run"])
 def test_files_of_runs_are_refused_by_name(tmp_path: Path, name: str) -> None:
-    path, out = ACCEPT / f"{name}.pdeanim", tmp_path / "out.pdeanim"
+    path, out = accepted_files()[name], tmp_path / "out.pdeanim"
     for edit in (lambda: cut_animation(path, out, 0, 1), lambda: join_animations(path, [path], out, shift=True)):
         with pytest.raises(InputError, match="none is cut or joined yet") as caught:
             edit()

@@ -12,12 +12,12 @@ import pytest
 from pdecodec import DecodeLimits, InputError, check_file, open_animation
 from pdecodec.cli.main import run
 from spec.sealing import seal, take_apart, take_rows, with_section
-from spec.vector_files import ACCEPT, refused_vectors, write_refused
+from spec.vector_files import accepted_files, refused_vectors, write_vectors
 from tests.support.damage import place_in_run
 
 ROOT = Path(__file__).resolve().parents[2]
-SMALL = ACCEPT / "groups_of_shapes.pdeanim"
-RUNS = ACCEPT / "runs.pdeanim"
+SMALL = accepted_files()["groups_of_shapes"]
+RUNS = accepted_files()["runs"]
 
 CODES = {
     "identifier",
@@ -50,7 +50,7 @@ def changed(source: Path, at: int, folder: Path) -> Path:
     return folder / "changed.pdeanim"
 
 
-@pytest.mark.parametrize("path", sorted(ACCEPT.iterdir()), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", accepted_files().values(), ids=lambda path: path.stem)
 def test_sound_files_have_nothing_but_notes(path: Path) -> None:
     found = check_file(path, deep=True)
     with open_animation(path) as animation:
@@ -60,7 +60,7 @@ def test_sound_files_have_nothing_but_notes(path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def refused(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    return {path.stem: path for path in write_refused(tmp_path_factory.mktemp("refused"))}
+    return write_vectors(tmp_path_factory.mktemp("refused"), "reject")
 
 
 @pytest.mark.parametrize("name", refused_vectors())
@@ -71,7 +71,7 @@ def test_files_that_a_decoder_must_refuse_have_faults_of_known_codes(name: str, 
 
 
 def test_every_kind_of_fault_of_the_vectors_is_named(refused: dict[str, Path]) -> None:
-    named = {code for path in (*ACCEPT.iterdir(), *refused.values()) for code in codes(path, deep=True)}
+    named = {code for path in (*accepted_files().values(), *refused.values()) for code in codes(path, deep=True)}
     assert named == CODES - {"output-limit"}
 
 

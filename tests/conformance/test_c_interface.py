@@ -15,7 +15,7 @@ import pytest
 from pdecodec import encode, open_animation
 from pdecodec.mesh.sequence import MeshSequence
 from spec.accepted import several_objects, with_attributes
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files, accepted_vectors
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "c" / "play.c"
@@ -119,8 +119,8 @@ def check_linking(installed: Path, folder: Path, options: tuple[str, ...] | None
     player = link_by_cmake(installed, folder) if options is None else link_by_pkg_config(installed, folder, *options)
     out = folder / "out"
     out.mkdir()
-    run(player, ACCEPT / "groups.pdeanim", out)
-    with open_animation(ACCEPT / "groups.pdeanim") as animation:
+    run(player, accepted_files()["groups"], out)
+    with open_animation(accepted_files()["groups"]) as animation:
         assert len(list(out.iterdir())) == animation.frame_count
 
 
@@ -174,7 +174,7 @@ def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
 
 def test_misuse_of_the_interface_is_refused_without_a_crash(installed: Path, tmp_path: Path) -> None:
     compile_c(MISUSE, tmp_path / "misuse", installed)
-    printed = run(tmp_path / "misuse", ACCEPT / "polygons_attributes.pdeanim", ACCEPT / "runs.pdeanim")
+    printed = run(tmp_path / "misuse", accepted_files()["polygons_attributes"], accepted_files()["runs"])
     assert ", 0 not as they must be" in printed
 
 
@@ -222,7 +222,7 @@ def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted
     installed: Path, name: str
 ) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
-    path = ACCEPT / f"{name}.pdeanim"
+    path = accepted_files()[name]
     data = path.read_bytes()
     with open_animation(path) as animation:
         declared = 12 * animation.position_count
@@ -247,7 +247,7 @@ def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted
 
 def test_a_read_function_is_called_for_bytes_alone(installed: Path) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
-    data = (ACCEPT / "static.pdeanim").read_bytes()
+    data = accepted_vectors()["static"]
     sizes: list[int] = []
 
     @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t)

@@ -16,7 +16,7 @@ from pdecodec import Animation, open_animation
 from pdecodec.errors import PdecodecError
 from pdecodec.mesh.arrays import Float64Array
 from spec.sealing import take_apart
-from spec.vector_files import ACCEPT
+from spec.vector_files import accepted_files, accepted_vectors
 from tests.conformance.test_c_interface import Error, installed, library_of
 
 __all__ = ["installed"]
@@ -158,7 +158,7 @@ def times_of(animation: Animation) -> list[float]:
     return [frames[0] - OUTSIDE, *frames[:9], *between[:9], *frames[-3:], *between[-3:], frames[-1] + OUTSIDE]
 
 
-@pytest.mark.parametrize("path", sorted(ACCEPT.glob("*.pdeanim")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", accepted_files().values(), ids=lambda path: path.stem)
 def test_fields_weights_and_corrections_add_up_to_what_is_evaluated(installed: Path, path: Path) -> None:
     with open_animation(path) as animation:
         for index, run in enumerate(animation.runs):
@@ -174,7 +174,7 @@ def test_fields_weights_and_corrections_add_up_to_what_is_evaluated(installed: P
 
 
 def test_groups_that_do_not_count_have_weights_of_zero(installed: Path) -> None:
-    data = (ACCEPT / "groups.pdeanim").read_bytes()
+    data = accepted_vectors()["groups"]
     with opened(installed, data) as file, open_animation(data) as animation:
         assert len(file.groups) > 2
         last = len(file.groups) - 1
@@ -184,7 +184,7 @@ def test_groups_that_do_not_count_have_weights_of_zero(installed: Path) -> None:
 
 
 def test_each_vertex_is_of_one_element_and_sections_are_where_they_are_said_to_be(installed: Path) -> None:
-    data = (ACCEPT / "many_patches.pdeanim").read_bytes()
+    data = accepted_vectors()["many_patches"]
     with opened(installed, data) as file:
         elements = file.array((file.vertices,), np.int32, "elements")
         assert np.unique(elements).tolist() == list(range(int(elements.max()) + 1))
@@ -194,7 +194,7 @@ def test_each_vertex_is_of_one_element_and_sections_are_where_they_are_said_to_b
 
 
 def test_what_is_out_of_range_is_refused_by_name(installed: Path) -> None:
-    with opened(installed, (ACCEPT / "groups.pdeanim").read_bytes()) as file:
+    with opened(installed, accepted_vectors()["groups"]) as file:
         beyond = ctypes.c_int64(len(file.groups))
         out = ctypes.c_void_p(np.empty(1).ctypes.data)
         for name, arguments in (
@@ -209,7 +209,7 @@ def test_what_is_out_of_range_is_refused_by_name(installed: Path) -> None:
             file.groups_at(0, float("nan"))
         with pytest.raises(PdecodecError, match="unknown quantity"):
             file.groups_at(3, 0.0)
-    with opened(installed, (ACCEPT / "runs.pdeanim").read_bytes()) as file:
+    with opened(installed, accepted_vectors()["runs"]) as file:
         assert file.groups == []
         with pytest.raises(PdecodecError, match="open one of them"):
             file.call("reference", out)

@@ -35,7 +35,7 @@ from spec.sealing import (
     take_rows,
     take_runs,
 )
-from spec.vector_files import ACCEPT, accepted_vectors, read_manifest, refused_vectors
+from spec.vector_files import accepted_files, accepted_vectors, read_manifest, refused_vectors
 from tests.support.decoders import assert_close, assert_same
 from tests.support.shaken_arithmetic import decoder, shaker, trace
 
@@ -65,7 +65,7 @@ def test_the_vectors_stay_small() -> None:
 @pytest.mark.parametrize("name", MANIFEST["accept"])
 def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(name: str) -> None:
     expected = MANIFEST["accept"][name]
-    path = ACCEPT / f"{name}.pdeanim"
+    path = accepted_files()[name]
     plain = independent.decode_runs(path.read_bytes())
     assert describe(path.read_bytes()) == expected
     with open_animation(path) as animation:
@@ -141,7 +141,7 @@ def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
 def test_no_result_of_floating_point_arithmetic_decides_how_bytes_are_read(
     name: str, parsers: tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]
 ) -> None:
-    data = (ACCEPT / f"{name}.pdeanim").read_bytes()
+    data = accepted_vectors()[name]
     usual, shaken = (parse(data) for parse in parsers)
     assert usual[1] == MANIFEST["accept"][name]["integers"]
     assert usual == shaken
@@ -157,7 +157,7 @@ def test_the_links_inside_the_specification_lead_somewhere() -> None:
 
 
 def test_the_example_is_written_as_its_file_is() -> None:
-    written = section((ACCEPT / "example.pdeanim").read_bytes())
+    written = section(accepted_vectors()["example"])
     assert written in (SPEC / "pdeanim.md").read_text("utf-8")
 
 
@@ -198,7 +198,7 @@ class Vector(NamedTuple):
 
 
 def vector(name: str) -> Vector:
-    data = (ACCEPT / f"{name}.pdeanim").read_bytes()
+    data = accepted_vectors()[name]
     parts = take_apart(data)
     animation = independent.decode(data)
     patches = len(animation.motion.space.patches.elements)
@@ -208,7 +208,7 @@ def vector(name: str) -> Vector:
 def test_vectors_of_runs_have_what_they_are_named_for() -> None:
     found = {}
     for name in ("runs", "runs_of_one_frame", "runs_in_closed_form", "file_of_one_run"):
-        parts = take_apart((ACCEPT / f"{name}.pdeanim").read_bytes())
+        parts = take_apart(accepted_vectors()[name])
         assert {"RUNS", "RDAT", "SEQN"} <= {part.kind for part in parts} <= {"META", "RUNS", "RDAT", "SEQN"}
         found[name] = take_runs(parts)
     assert {len(runs) for runs in found.values()} == {5, 1}
