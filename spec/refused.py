@@ -236,7 +236,7 @@ def _groups(base: Base) -> Iterator[Refused]:
     for name, row, reason in (
         ("group_of_four_cosines", replace(still, kind=2, functions=4), "4 cosines of 3 frames (12)"),
         ("group_of_four_in_closed_form", replace(closed, functions=4), "4 functions of 3 frames (12)"),
-        ("closed_form_beside_others", closed, "a group in closed form beside another (12)"),
+        ("closed_form_beside_others", closed, "a group in closed form next to one that is not (12)"),
     ):
         yield Refused(name, seal(with_section(parts, "GRUP", row.pack() + second.pack())), reason)
 
@@ -423,8 +423,8 @@ def _runs(base: Base) -> Iterator[Refused]:
         ("runs_without_table", seal([part for part in parts if part.kind != "RUNS"]), "several runs, no RUNS (2.3)"),
         ("run_data_in_a_file_of_one_run", seal([*base.parts, Part("RDAT", b"")]), "RDAT without RUNS (2.3)"),
         ("names_in_a_file_of_one_run", seal([*base.parts, Part("NAME", b"", 0)]), "NAME without RUNS (2.3)"),
-        ("runs_beside_a_run", seal([*parts, *base.parts[1:2]]), "CONN beside RUNS (2.3)"),
-        ("runs_in_a_run", seal([*parts, Part("NAME", b"", 0)]), "NAME beside RUNS (2.3)"),
+        ("runs_beside_a_run", seal([*parts, *base.parts[1:2]]), "CONN in a file with RUNS (2.3)"),
+        ("runs_in_a_run", seal([*parts, Part("NAME", b"", 0)]), "NAME in a file with RUNS (2.3)"),
         ("runs_more_than_rows", changed(SEQN=b"\6\1" + times[1:]), "six runs, rows of five (2.3)"),
         ("runs_fewer_than_rows", changed(SEQN=b"\4" + times[2:]), "four runs, rows of five (2.3)"),
         ("runs_of_more_frames", changed(SEQN=times[:1] + b"\2" + times[2:]), "2 frames where the groups have 1 (12)"),

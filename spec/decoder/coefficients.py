@@ -61,7 +61,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
 
     def read_block(subband: Subband, band: int, place: int, first: int, end: int) -> None:
         """14.2: read a block of channels."""
-        beside = latest.get(subband.depth < 0)
+        previous = latest.get(subband.depth < 0)
         above = subbands[subband.above] if subband is not subbands[0] else None
 
         def sizes(other: Subband | None, at: int) -> int:
@@ -69,7 +69,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
 
         r1, r2 = (sizes(subband, place - k) for k in (1, 2))
         t1, t2 = (sum(size(subband, place, first - k * block + j) for j in range(block)) for k in (1, 2))
-        s1, p1 = sizes(beside, place), sizes(above, place)
+        s1, p1 = sizes(previous, place), sizes(above, place)
         if not contexts.mixed(
             ("block", band),
             nearest_class(r1, r2, t1, t2, s1),
@@ -81,14 +81,14 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
         row = rows[subband.first + place]
         for a in range(first, end):
             is_last_hope = a == end - 1 and not any(row[first:a])
-            row[a] = read_coefficient(subband, band, place, a, beside, above, is_last_hope)
+            row[a] = read_coefficient(subband, band, place, a, previous, above, is_last_hope)
 
     def read_coefficient(
         subband: Subband,
         band: int,
         place: int,
         a: int,
-        beside: Subband | None,
+        previous: Subband | None,
         above: Subband | None,
         is_nonzero: bool,
     ) -> int:
@@ -96,7 +96,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
         r1, r2 = (size(subband, place - k, a) for k in (1, 2))
         t1, t2 = (size(subband, place, a - k * axes) for k in (1, 2))
         x1 = sum(size(subband, place, other) for other in range(a - a % axes, a))
-        s1, p1 = size(beside, place, a), size(above, place, a)
+        s1, p1 = size(previous, place, a), size(above, place, a)
         ratio, k = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1), a // axes
         rank = rank_class(k)
         if not is_nonzero and not contexts.mixed(
@@ -129,9 +129,9 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
     return rows
 
 
-def read_count(contexts: Contexts, width: int, band: int, before: int, beside: int) -> int:
+def read_count(contexts: Contexts, width: int, band: int, before: int, latest: int) -> int:
     """14.1: read how many channels a context band uses."""
-    d, b, s = 0, bits(before), bits(beside)
+    d, b, s = 0, bits(before), bits(latest)
     while d < bits(width) and contexts.mixed(("count", d), (band, d), (d, b, s), (d, s), of=("count",)):
         d += 1
     if d < 2:

@@ -171,8 +171,8 @@ class Surface:
             if not self._has_border:
                 return gate
             u, w = gate.vertex, gate.ahead.vertex
-            beside = 2 * (gate.behind.state == CLOSED) + (gate.ahead.state == CLOSED)
-            inputs = (self._f(u), self._f(w), beside), (memory.value,), (beside, memory.value % 8)
+            closed = 2 * (gate.behind.state == CLOSED) + (gate.ahead.state == CLOSED)
+            inputs = (self._f(u), self._f(w), closed), (memory.value,), (closed, memory.value % 8)
             if not self._contexts.mixed(("border",), *inputs, into=memory):
                 return gate
             gate.state = CLOSED

@@ -61,12 +61,13 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
 def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
     """7.7: smooth grid coordinates; return them in units of 1/64 step."""
 
-    def beside(corner: int) -> list[int]:
+    def counted_neighbours(corner: int) -> list[int]:
         around = mesh.neighbourhood(corner)
         return [around.after, around.before] if mesh.before_counts(corner) else [around.after]
 
     neighbours = [
-        [v for corner in corners[:MOST_CORNERS] for v in beside(corner) if v != NONE] for corners in mesh.corners
+        [v for corner in corners[:MOST_CORNERS] for v in counted_neighbours(corner) if v != NONE]
+        for corners in mesh.corners
     ]
 
     def laplacian(values: Points, scale: int) -> Points:
@@ -172,14 +173,14 @@ class WeldReader:
 
 
 class Prediction:
-    """7.5: what a vertex is predicted from: base, terms and expected errors, in units of 1/16 step."""
+    """7.5: base, terms and expected errors of the prediction of a vertex, in units of 1/16 step."""
 
     def __init__(self, errors: Vector) -> None:
         self.kind = self.parallelograms = self.spread = 0
         self.base = np.zeros(3, np.int64)
         self.normal = np.zeros(3, np.int64)
         self.terms = np.zeros((TERMS, 3), np.int64)
-        """Rows: crease, straight, miss, beside."""
+        """Rows: crease, straight, miss, around."""
         self.errors = errors
 
     def predicted(self, weights: Vector) -> list[int]:
@@ -281,14 +282,14 @@ class GridReader:
                     creases += [y + b - a - d] if y is not None else []
                     creases += [z + a - b - d] if z is not None else []
             straights += [2 * near - far - r for near, far in ((a, y), (b, z)) if near is not None and far is not None]
-        beside = mean16([grid[v] - r for v in neighbours])
-        base = mean16(parallelograms or straights) if parallelograms or straights else beside
+        mean = mean16([grid[v] - r for v in neighbours])
+        base = mean16(parallelograms or straights) if parallelograms or straights else mean
         found.parallelograms = len(parallelograms)
         found.kind = 1 + 2 * min(len(parallelograms), 3) + bool(straights)
         found.terms[0] = mean16(creases)
         found.terms[1] = mean16(straights) - base if straights else 0
         found.terms[2] = np.sum([self._misses[v] for v in neighbours], axis=0) * mean_weight(len(neighbours)) >> 15
-        found.terms[3] = beside - base
+        found.terms[3] = mean - base
         found.spread = int(sum(abs(each - parallelograms[0]).sum() for each in parallelograms))
         found.base = base + 16 * r
         return found
@@ -324,6 +325,6 @@ class GridReader:
         if length == 0:
             return 0
         size = self._contexts.digits(length, 4, "digit")
-        crease, straight, miss, beside = map(classify_term, prediction.terms[:, axis].tolist())
-        is_negative = mixed(("sign", min(length, 3)), (fraction, axis), (crease, straight), (miss, beside))
+        crease, straight, miss, around = map(classify_term, prediction.terms[:, axis].tolist())
+        is_negative = mixed(("sign", min(length, 3)), (fraction, axis), (crease, straight), (miss, around))
         return -size if is_negative else size

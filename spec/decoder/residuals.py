@@ -138,21 +138,21 @@ class ResidualReader:
             so_far += in_span
 
     def _read_residual(
-        self, place: int, r: Residual | None, beside: Residual | None, m: Residual | None, is_far: bool
+        self, place: int, r: Residual | None, previous: Residual | None, m: Residual | None, is_far: bool
     ) -> Residual:
         """15.4: read a residual."""
         found = Residual(r)
         mean = self._means[place] if r else 0
         misses: list[int] = []
         for axis in range(3):
-            weights = self._weights[r is not None, beside is not None, is_far, axis]
-            x = differences(axis, r, beside, m)
+            weights = self._weights[r is not None, previous is not None, is_far, axis]
+            x = differences(axis, r, previous, m)
             prediction = 0
             if self.is_predicted:
                 number = r.numbers[axis] if r else 0
                 total = sum(w * each for w, each in zip(weights, x, strict=True))
                 prediction = clamp((number << 16) + 2**15 + total >> 16, -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
-            misses.append(self._read_miss(misses, r, beside, mean))
+            misses.append(self._read_miss(misses, r, previous, mean))
             if self.is_predicted:
                 learn(weights, x, misses[-1])
             found.numbers.append(prediction + misses[-1])
@@ -162,10 +162,10 @@ class ResidualReader:
         self._means[place] = mean + (total - mean >> 2) if r else total
         return found
 
-    def _read_miss(self, misses: list[int], r: Residual | None, beside: Residual | None, mean: int) -> int:
+    def _read_miss(self, misses: list[int], r: Residual | None, previous: Residual | None, mean: int) -> int:
         """15.4: read the miss on the next axis; `misses` are those of the axes before."""
         axis, mixed = len(misses), self._contexts.mixed
-        t, s = (near.misses[axis] if near else 0 for near in (r, beside))
+        t, s = (near.misses[axis] if near else 0 for near in (r, previous))
         a1, a2 = (abs(misses[axis - k]) if axis >= k else 0 for k in (1, 2))
         expected = 3 * abs(t) + 2 * abs(s) + 2 * a1 + a2 + (mean >> 4)
         shift = max(bits(expected) - 5, 0)
@@ -174,7 +174,7 @@ class ResidualReader:
             kind = 20 + (expected >> bits(expected) - 3 & 3)
         else:
             kind = expected if expected < 12 else min(12 + (expected - 12 >> 2), 19)
-        sizes = min(abs(t) >> shift, 6) if r else 7, min(abs(s) >> shift, 6) if beside else 7
+        sizes = min(abs(t) >> shift, 6) if r else 7, min(abs(s) >> shift, 6) if previous else 7
         others = min(a1 >> shift, 7), min(a2 >> shift, 7), axis
         q = int(axis == 2 and not self.is_predicted and not coarse and a1 == a2 == 0)
         while q < MAX_MODELLED_SIZE and mixed(("size", q, coarse), (kind, axis), sizes, others):
@@ -185,10 +185,10 @@ class ResidualReader:
         if coarse or q:
             agreed_t, agreed_s = (
                 sign(sum(sign(a) * sign(b) for a, b in zip(misses, near.misses, strict=False))) if near else 0
-                for near in (r, beside)
+                for near in (r, previous)
             )
-            of_r, of_beside = (sign(t), agreed_t, min(abs(t), 2)), (sign(s), agreed_s, axis)
-            is_negative = mixed(("sign", coarse), (sign(t), sign(s)), of_r, of_beside)
+            of_r, of_previous = (sign(t), agreed_t, min(abs(t), 2)), (sign(s), agreed_s, axis)
+            is_negative = mixed(("sign", coarse), (sign(t), sign(s)), of_r, of_previous)
         require(q <= 4 * LARGEST_RESIDUAL >> shift, "a residual is out of range")
         c, low = min(q, MAX_MODELLED_SIZE), 1
         for _ in range(shift):
@@ -203,7 +203,7 @@ def count_class(count: int) -> int:
     return min(count, 3) + (count >= 6) + (count >= 16)
 
 
-def differences(axis: int, r: Residual | None, beside: Residual | None, m: Residual | None) -> list[int]:
+def differences(axis: int, r: Residual | None, previous: Residual | None, m: Residual | None) -> list[int]:
     """15.5: return x_0 to x_4."""
 
     def chain(residual: Residual | None) -> tuple[int, int, int]:
@@ -214,7 +214,7 @@ def differences(axis: int, r: Residual | None, beside: Residual | None, m: Resid
                 residual = residual.earlier if r else None
         return numbers[0], numbers[1], numbers[2]
 
-    (r1, r2, r3), (l1, l2, l3), (m1, m2, _) = map(chain, (r, beside, m))
+    (r1, r2, r3), (l1, l2, l3), (m1, m2, _) = map(chain, (r, previous, m))
     return [r1 - r2, r2 - r3, l1 - l2, l2 - l3, m1 - m2]
 
 
