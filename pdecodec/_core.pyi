@@ -178,6 +178,31 @@ class Residuals:
     @property
     def nbytes(self) -> int: ...
 
+class FieldChunk(NamedTuple):
+    """Values of a field, int64 (frames, rows, components), and their kinds, uint8, None if all are numbers."""
+
+    values: Int64Array
+    kinds: NDArray[np.uint8] | None
+
+class FieldDomain:
+    """Rows of a field, of all objects given, and which rows are neighbours. site: 0 vertices, 1 faces, 2 corners,
+    3 objects.
+    """
+
+    def __init__(self, site: int, parts: Sequence[Part]) -> None: ...
+    @property
+    def rows(self) -> int: ...
+
+def encode_field_chunk(
+    domain: FieldDomain, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int
+) -> bytes:
+    """A chunk of section FDAT of values (frames, rows, components). Decoded values differ by at most step // 2; of
+    values that are no numbers only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
+    """
+
+def decode_field_chunk(domain: FieldDomain, data: bytes, frames: int, components: int) -> FieldChunk:
+    """Undo `encode_field_chunk`; CorruptFileError if the chunk is damaged."""
+
 def reference_distances(residuals: Residuals) -> Int64Array:
     """(frames,): how many frames before each the one lies that its residuals are predicted from."""
 

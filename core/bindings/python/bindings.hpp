@@ -6,6 +6,7 @@
 //     mesh.cpp            sections of meshes: SEQN, CONN, ORDR, REST, ATTR, and the curves of a mesh
 //     motion.cpp          sections of motion: TIME, COEF, CORR
 //     space.cpp           patches, space bases, and positions from coefficients
+//     fields.cpp          chunks of fields: FDAT
 //     encode.cpp          loops of the encoder: displacements, quantisation, missed vertices
 //     linear_algebra.cpp  products and decompositions
 //     simulate.cpp, text.cpp, baselines.cpp   XPBD sweeps, OBJ text, coders of the published baselines
@@ -123,5 +124,6 @@ void bind_linear_algebra(nb::module_ &module);
 void bind_simulate(nb::module_ &module);
 void bind_text(nb::module_ &module);
 void bind_baselines(nb::module_ &module);
+void bind_fields(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -54,4 +54,5 @@ NB_MODULE(_core, module) {
     bind_simulate(module);
     bind_text(module);
     bind_baselines(module);
+    bind_fields(module);
 }

@@ -1,0 +1,77 @@
+// Chunks of fields (FDAT): values that change on vertices, faces, corners or objects.
+#include <nanobind/stl/optional.h>
+
+#include <optional>
+
+#include "bindings/python/bindings.hpp"
+#include "sections/fields/field_chunk.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+// An array of (frame, row, component).
+template <class T> using Block = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+
+template <class T> nb::object to_block(std::vector<T> &&values, i64 frames, i64 rows, i64 components) {
+    auto *kept = new std::vector<T>(std::move(values));
+    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
+    const std::array<std::size_t, 3> shape = {static_cast<std::size_t>(frames), static_cast<std::size_t>(rows),
+                                              static_cast<std::size_t>(components)};
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<3>>(kept->data(), 3, shape.data(), owner));
+}
+
+void make_domain(FieldDomain *domain, int site, const nb::list &parts) {
+    require(site >= 0 && site < field_sites, "a site is 0 to 3: vertex, face, corner or object");
+    const std::vector<ConnectivityView> views = views_of(parts);
+    nb::gil_scoped_release release;
+    new (domain) FieldDomain(FieldSite{static_cast<u8>(site)}, views);
+}
+
+nb::bytes py_encode_field_chunk(const FieldDomain &domain, const Block<i64> &values,
+                                const std::optional<Block<u8>> &kinds, int levels, int step) {
+    require(static_cast<i64>(values.shape(1)) == domain.rows() && values.shape(2) >= 1 &&
+                (!kinds || kinds->size() == values.size()),
+            "values and kinds must be of the domain's rows");
+    require(levels >= 0 && levels <= most_field_levels && step >= 1 && step <= 255 && step % 2 == 1,
+            "levels are 0 to 8, a step is odd and below 256");
+    std::vector<u8> data;
+    {
+        nb::gil_scoped_release release;
+        const std::span<const i64> all(values.data(), values.size());
+        for (const i64 value : all) require(size_of(value) <= largest_field_value, "a value exceeds 2^40");
+        data = encode_field_chunk(
+            domain, all, kinds ? std::span<const u8>(kinds->data(), kinds->size()) : std::span<const u8>(),
+            static_cast<i64>(values.shape(0)), static_cast<int>(values.shape(2)), {static_cast<u8>(levels), step});
+    }
+    return to_bytes(data);
+}
+
+nb::object py_decode_field_chunk(const FieldDomain &domain, const nb::bytes &data, i64 frames, int components) {
+    require(frames >= 0 && components >= 1, "frames and components are counts");
+    std::vector<i64> values;
+    std::vector<u8> kinds;
+    {
+        nb::gil_scoped_release release;
+        values.resize(frames * domain.rows() * components);
+        decode_field_chunk(domain, view(data), frames, components, values, kinds);
+    }
+    const nb::object kinds_found =
+        kinds.empty() ? nb::object(nb::none()) : to_block(std::move(kinds), frames, domain.rows(), components);
+    return named("FieldChunk", to_block(std::move(values), frames, domain.rows(), components), kinds_found);
+}
+
+}  // namespace
+
+void bind_fields(nb::module_ &module) {
+    using namespace nb::literals;
+    add_tuple(module, "FieldChunk", "values kinds");
+    nb::class_<FieldDomain>(module, "FieldDomain", "Rows of a field, and which of them are neighbours.")
+        .def("__init__", &make_domain, "site"_a, "parts"_a)
+        .def_prop_ro("rows", &FieldDomain::rows);
+    module.def("encode_field_chunk", &py_encode_field_chunk, "domain"_a, "values"_a, "kinds"_a.none(), "levels"_a,
+               "step"_a);
+    module.def("decode_field_chunk", &py_decode_field_chunk, "domain"_a, "data"_a, "frames"_a, "components"_a);
+}
+
+}  // namespace pdeanim::bindings

@@ -1,0 +1,33 @@
+// The rows of a field (vertices, faces, corners or objects), their order, and which rows help to predict others.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "base/arithmetic.hpp"
+#include "mesh/corner_table.hpp"
+
+namespace pdeanim {
+
+// What the rows of a field are.
+enum class FieldSite : u8 { vertex, face, corner, object };
+constexpr int field_sites = 4;
+
+struct FieldDomain {
+    static constexpr int most_neighbours = 4;
+
+    // Rows of these objects, one object after the other. Vertices have neighbours along edges; faces have neighbours
+    // across edges; corners have the other corner of their vertex and those of their face; objects have none.
+    FieldDomain(FieldSite site, std::span<const ConnectivityView> objects);
+
+    i64 rows() const { return static_cast<i64>(starts.size()) - 1; }
+    std::span<const i32> of(i64 row) const {
+        return {neighbours.data() + starts[row], neighbours.data() + starts[row + 1]};
+    }
+
+    std::vector<i64> starts;      // of each row: where its neighbours start
+    std::vector<i32> neighbours;  // rows before it, the latest first, at most `most_neighbours` of each
+};
+
+}  // namespace pdeanim
