@@ -1,4 +1,4 @@
-"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, read."""
+"""Read the data of an Alembic shape besides positions: UVs, colours, face sets and constant parameters."""
 
 from __future__ import annotations
 
@@ -24,34 +24,36 @@ from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity
 
 FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
-"""Properties of the top object that our writer leaves: Alembic has no place for either."""
+"""Properties of the top object that our writer adds, because Alembic has no place for these data."""
 
 
-OWN = "pdecodec_"
-"""Beginning of the names of parameters that only we write and read."""
+OWN_PREFIX = "pdecodec_"
+"""Prefix of the names of parameters that only this package writes and reads."""
 
 
-_OWN_CONNECTIVITY = tuple(f"{OWN}{name}" for name in ("vertex", "line_counts", "line_indices"))
+_OWN_CONNECTIVITY = tuple(f"{OWN_PREFIX}{name}" for name in ("vertex", "line_counts", "line_indices"))
 
 
-ADDED = "pdecodec_added"
-"""Metadata of a transform that names of objects do not have: it is there to move one of them."""
+ADDED_KEY = "pdecodec_added"
+"""Metadata key of a transform that our writer adds to move a shape; it is no part of the object's name."""
 
 
-KIND, LABEL = "pdecodec_kind", "pdecodec_label"
-"""Metadata of a face set or of a parameter of groups: what it stands for; and its name where Alembic cannot hold it."""
+KIND_KEY, LABEL_KEY = "pdecodec_kind", "pdecodec_label"
+"""Metadata keys of a face set or parameter: the role it has, and its label if Alembic's names cannot hold it."""
 
 
-DOMAIN = "pdecodec_domain"
-"""Metadata of colours of corners that are those of faces or of an object: programs know no others of a mesh."""
+DOMAIN_KEY = "pdecodec_domain"
+"""Metadata key of colours that are stored per corner, because programs read no others of a mesh, but belong to
+faces or to the object.
+"""
 
 
 FaceSet = tuple[str, NDArray[np.integer]]
-"""Label and members."""
+"""Label, and the faces of the set."""
 
 
-NOT_UV = "notUV"
-"""Metadata of a parameter of two numbers that are no texture coordinates; Alembic's own."""
+NOT_UV_KEY = "notUV"
+"""Alembic's own metadata key of a parameter of two numbers that are no texture coordinates."""
 
 
 _PARAMETERS = (
@@ -80,14 +82,14 @@ _DOMAINS: dict[str, AttributeDomain] = {
 
 
 class AlembicExtras(Extras):
-    """What a shape carries, and what became of each property and face set that was read.
+    """Data of a shape, and what became of each property and face set that was read.
 
     Attributes
     ----------
     fates : dict of str to (bool, str)
-        By the path below the shape, ``.arbGeomParams/Cd``: whether it is kept, and what of it is not, in words.
+        For each path below the shape, such as ``.arbGeomParams/Cd``: whether it is kept, and a note on what is lost.
     edges : sequence of float [s] or None
-        When connectivity changes, where what changes in between is to be noted.
+        If connectivity changes, the times of its changes: data that change at other times are noted as lost.
     """
 
     def __init__(self, connectivity: Connectivity, order: Int64Array, edges: Sequence[float] | None = None) -> None:
@@ -97,7 +99,7 @@ class AlembicExtras(Extras):
 
     @contextmanager
     def reading(self, *names: str) -> Iterator[None]:
-        """Note what becomes of properties that are read within."""
+        """Record what becomes of the properties that are read in the block."""
         before, kept = len(self.left_out), len(self.attributes) + len(self.own)
         yield
         lost = self.left_out[before:]
@@ -109,13 +111,13 @@ class AlembicExtras(Extras):
         if self.edges is not None and not param.isConstant():
             changes = change_times([one for one in (param.getValueProperty(), param.getIndexProperty()) if one.valid()])
             if any(np.abs(np.asarray(self.edges) - time).min(initial=np.inf) > SAME_TIME for time in changes):
-                self.left_out.append(f"{name} where it changes and faces do not")
+                self.left_out.append(f"{name} at times when it changes and faces do not")
 
 
 def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: Any = None) -> None:
-    """Read everything constant that a shape carries; the connectivity of `extras` has faces already turned around.
+    """Read all constant data of a shape; the connectivity of `extras` has faces that are already reversed.
 
-    Where a selector says `at` which sample, everything is read there, be it constant or not.
+    If the selector `at` is given, read everything at its sample, whether it is constant or not.
     """
     if kind in ("mesh", "subdivision"):
         uvs = schema.getUVsParam()
@@ -142,8 +144,10 @@ def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: An
                 _read_parameter(parameters, header, extras, at)
 
 
-def own_properties(schema: Any) -> list[Any]:
-    """Array properties that only our writer leaves: which vertices curves share, and lines beside faces."""
+def find_own_properties(schema: Any) -> list[Any]:
+    """Return array properties that only our writer adds: which vertices curves share, and lines of a mesh with
+    faces.
+    """
     parameters = schema.getArbGeomParams()
     if not parameters.valid():
         return []
@@ -153,7 +157,7 @@ def own_properties(schema: Any) -> list[Any]:
 
 def _read_face_sets(node: Any, extras: AlembicExtras, at: Any) -> None:
     found = []
-    # By the tree: the schema's own list of names is sorted.
+    # In the order of the tree, because the schema sorts its own list of names.
     for index in range(node.getNumChildren()):
         if not AbcGeom.IFaceSet.matches(node.getChildHeader(index)):
             continue
@@ -161,27 +165,27 @@ def _read_face_sets(node: Any, extras: AlembicExtras, at: Any) -> None:
         face_set = AbcGeom.IFaceSet(node, name)
         members = to_numpy(value_at(face_set.getSchema().getValue, at).getFaces())
         if at is not None and not members.size:
-            # A set that other runs of frames have.
+            # The set belongs to other runs of frames.
             continue
         with extras.reading(name):
             fits = not members.size or 0 <= members.min() <= members.max() < extras.connectivity.face_count
             if not fits:
-                extras.left_out.append(f"face set {name} (it names faces that are not there)")
+                extras.left_out.append(f"face set {name} (it names faces that do not exist)")
             elif at is None and not face_set.getSchema().isConstant():
                 extras.left_out.append(f"face set {name} after its first sample")
         extras.fates[name] = (fits, extras.fates[name][1])
         if not fits:
             continue
         metadata = face_set.getMetaData()
-        found.append((metadata.get(KIND), metadata.get(LABEL) or name, members))
+        found.append((metadata.get(KIND_KEY), metadata.get(LABEL_KEY) or name, members))
     ours, others = ([one for one in found if bool(one[0]) == is_ours] for is_ours in (True, False))
     extras.add_face_sets([*ours, *_shown_as_materials([one[1:] for one in others])])
 
 
 def _shown_as_materials(found: Sequence[FaceSet]) -> list[tuple[str, str, NDArray[np.integer]]]:
-    """Return the role, the label and the members of face sets as programs show them: each set is a material.
+    """Return role, label and members of face sets as programs show them, each set as a material.
 
-    Where a face is in several sets the last one by name shows; then the sets are groups besides.
+    If a face is in several sets, the last one by name shows; then every set is also returned as a group.
     """
     size = 1 + max((int(members.max(initial=-1)) for _, members in found), default=-1)
     shown, in_order = np.full(size, -1), sorted(found, key=lambda one: one[0])
@@ -194,7 +198,7 @@ def _shown_as_materials(found: Sequence[FaceSet]) -> list[tuple[str, str, NDArra
 
 
 def value_at(get: Callable[..., Any], at: Any) -> Any:
-    """What a getter of samples gives where a selector says, or of the first sample."""
+    """Call a getter of samples with a selector, or without one for the first sample."""
     return get() if at is None else get(at)
 
 
@@ -208,22 +212,22 @@ def _read_parameter(parent: Any, header: Any, extras: AlembicExtras, at: Any) ->
     if param.getNumSamples() == 0 or (at is None and not param.isConstant()):
         extras.left_out.append(f"{name} (it changes with time)" if param.getNumSamples() else name)
         return
-    if name.startswith(OWN):
-        # Of a run that has none it is empty, as where there is none.
-        extras.own[name.removeprefix(OWN)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
+    if name.startswith(OWN_PREFIX):
+        # It is empty if this run has none, which has the same effect as a missing one.
+        extras.own[name.removeprefix(OWN_PREFIX)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
         return
     metadata = header.getMetaData()
-    name = metadata.get(LABEL) or name
+    name = metadata.get(LABEL_KEY) or name
     if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
-    elif kind is AbcGeom.IV2fGeomParam and metadata.get(NOT_UV) != "1":
+    elif kind is AbcGeom.IV2fGeomParam and metadata.get(NOT_UV_KEY) != "1":
         name = role_name(UV, name, ())
     extras.note_changes(name, param)
     domain, values, indices = _sample(param, at)
     if at is not None and not values.size and not (indices is not None and indices.size):
-        # What other runs of frames have.
+        # The parameter belongs to other runs of frames.
         return
-    own = metadata.get(DOMAIN)
+    own = metadata.get(DOMAIN_KEY)
     if own and indices is not None and indices.size == extras.connectivity.face_indices.size:
         counts = extras.connectivity.face_counts
         domain, indices = ("face", indices[np.cumsum(counts) - counts]) if own == "face" else ("object", None)
@@ -232,14 +236,14 @@ def _read_parameter(parent: Any, header: Any, extras: AlembicExtras, at: Any) ->
     labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
     if labels:
         values = np.arange(len(labels), dtype=np.int32)
-    if labels and metadata.get(KIND):
-        # The last label stands for none.
+    if labels and metadata.get(KIND_KEY):
+        # The last label means no group.
         labels, values[-1] = labels[:-1], -1
     extras.add(name, domain, values, indices, labels)
 
 
 def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
-    """Domain, values and indices of a parameter of numbers."""
+    """Return the domain, values and indices of a numeric parameter."""
     sample = value_at(param.getIndexedValue, at)
     values = to_numpy(sample.getVals())
     extent = param.getArrayExtent()

@@ -1,4 +1,4 @@
-"""What an Alembic shape carries beside positions, written: UVs, colours, face sets and parameters."""
+"""Write the data of an Alembic shape besides positions: UVs, colours, face sets and parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from alembic3d import AbcCoreAbstract, AbcGeom
 from numpy.typing import NDArray
 
-from pdecodec.formats.alembic.attributes import DOMAIN, KIND, LABEL, NOT_UV, OWN
+from pdecodec.formats.alembic.attributes import DOMAIN_KEY, KIND_KEY, LABEL_KEY, NOT_UV_KEY, OWN_PREFIX
 from pdecodec.formats.alembic.values import (
     ARRAYS,
     SCOPES,
@@ -50,15 +50,16 @@ _KINDS = {
     ("i", 4, 1): "Int32",
     ("u", 1, 1): "Uchar",
 }
-"""Alembic's types of values: by NumPy kind, bytes, and columns."""
+"""Names of Alembic's value types, by NumPy kind, size in bytes, and columns."""
 
 
 def uv_sample(
     uv: Attribute, connectivity: Connectivity, order: Int64Array, keep: Keep, *, by_corner: bool = False
 ) -> Any:
-    """The main UV set as Alembic's sample: by vertex where it is, else by corner, rows shared as they are.
+    """Return the main UV set as an Alembic sample: by vertex if it is constant around vertices, else by corner.
 
-    Where it is to be `by_corner`, as a parameter is that has samples of several connectivities, always so and indexed.
+    Rows that corners share stay shared. With `by_corner`, the sample is always by corner and indexed, as a parameter
+    needs whose samples have several connectivities.
     """
     values, indices, _ = indexed_rows(uv)
     sample = AbcGeom.OV2fGeomParamSample
@@ -71,16 +72,17 @@ def uv_sample(
 
 
 class ExtrasWriter:
-    """Writes what a shape carries beside the samples of its schema, under its handle.
+    """Writes the data of a shape that are no samples of its schema, below the shape's handle.
 
-    Once, or, where it changes, a sample for every frame: programs take the sample that is nearest to a time.
+    Data are written once, or, if connectivity changes, for every frame, because programs take the sample nearest to
+    a time.
 
     Parameters
     ----------
     handle : AbcGeom object
-        Of the shape, whose schema has its first sample already.
+        The shape; its schema must have its first sample already.
     sampling : int or None
-        Number of the time sampling, where things change.
+        Number of the time sampling if data change, else None.
     """
 
     def __init__(self, handle: Any, sampling: int | None) -> None:
@@ -91,9 +93,11 @@ class ExtrasWriter:
         self._frames = 0
 
     def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str]) -> list[str]:
-        """Write a sample of what an object carries, but for attributes of these names; what had no place."""
+        """Write a sample of all attributes of an object except those named `written`; return notices about what
+        was lost.
+        """
         notices = []
-        # Programs show face sets as materials: beside those, groups are a parameter.
+        # Programs show face sets as materials. If there are materials, groups are written as a parameter.
         self._sets = (MATERIAL,) if face_sets(item, MATERIAL) else (GROUP,)
         if drawn.kind == "mesh":
             self._write_face_sets(item)
@@ -105,10 +109,10 @@ class ExtrasWriter:
         put = partial(self._put_parameter, item, drawn, notices)
         notices += write_parameters(item, drawn, "Alembic", put, written, self._sets)
         if drawn.gather is not None:
-            self._put("Int32", f"{OWN}vertex", "vertex", drawn.gather, None)
+            self._put("Int32", f"{OWN_PREFIX}vertex", "vertex", drawn.gather, None)
         if drawn.hidden_lines:
-            self._put("Int32", f"{OWN}line_counts", "object", item.connectivity.line_counts, None)
-            self._put("Int32", f"{OWN}line_indices", "object", item.connectivity.line_indices, None)
+            self._put("Int32", f"{OWN_PREFIX}line_counts", "object", item.connectivity.line_counts, None)
+            self._put("Int32", f"{OWN_PREFIX}line_indices", "object", item.connectivity.line_indices, None)
         self._frames += 1
         for parameter in self._parameters.values():
             if parameter.count < self._frames:
@@ -116,7 +120,7 @@ class ExtrasWriter:
         return notices
 
     def repeat(self) -> None:
-        """Write the sample of one more frame as the one before it; where nothing changes, nothing."""
+        """Repeat the previous sample for one more frame, if data change."""
         if self._sampling is None:
             return
         self._frames += 1
@@ -135,10 +139,10 @@ class ExtrasWriter:
 
     def _new_face_set(self, role: str, label: str, name: str) -> Any:
         metadata = AbcCoreAbstract.MetaData()
-        metadata.set(KIND, role)
+        metadata.set(KIND_KEY, role)
         if name != label and not set(label) & METADATA_MARKS:
-            metadata.set(LABEL, label)
-        face_set = AbcGeom.OFaceSet(self._handle, name, metadata, *_sampled(self._sampling))
+            metadata.set(LABEL_KEY, label)
+        face_set = AbcGeom.OFaceSet(self._handle, name, metadata, *_sampling_argument(self._sampling))
         for _ in range(self._frames):
             _set_faces(face_set, np.zeros(0, np.int32))
         return face_set
@@ -148,20 +152,20 @@ class ExtrasWriter:
             _set_faces(face_set, self._members[key])
 
     def _put_parameter(self, item: MeshObject, drawn: Drawn, notices: list[str], one: Parameter) -> bool:
-        """Whether there was a type of parameter for it."""
+        """Write an attribute as a parameter; return whether Alembic has a type for it."""
         attribute, values, indices = one.attribute, one.values, one.indices
         name, kind, domain = attribute.name, _KINDS.get(one.kind), attribute.domain
-        metadata = {NOT_UV: "1"} if kind == "V2f" and one.role != UV else {}
+        metadata = {NOT_UV_KEY: "1"} if kind == "V2f" and one.role != UV else {}
         if one.role == COLOR:
             name, kind = source_name(attribute, COLOR, COLOR), "C3f" if one.width == 3 else "C4f"
             values, indices, filled = indexed_rows(attribute)
             if filled:
                 notices.append(f"where {attribute.name!r} has no row it is white in Alembic")
             if domain == "vertex" and indices is not None:
-                # Programs do not look colours of vertices up.
+                # Programs ignore indices of colours of vertices.
                 values, indices = values[indices], None
             elif drawn.kind == "mesh" and (domain == "face" or (domain == "object" and len(values) == 1)):
-                metadata[DOMAIN] = domain
+                metadata[DOMAIN_KEY] = domain
                 counts = item.connectivity.face_counts if domain == "face" else item.connectivity.face_indices.size
                 rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
                 domain, indices = "corner", np.repeat(rows, counts)
@@ -170,7 +174,7 @@ class ExtrasWriter:
         elif one.role == "label":
             kind = "String"
         elif is_role(attribute, GROUP) and domain == "face" and attribute.labels:
-            kind, metadata[KIND] = "String", GROUP
+            kind, metadata[KIND_KEY] = "String", GROUP
             rows = expanded(attribute)
             inside = (rows >= 0) & (rows < len(attribute.labels))
             values, indices = np.array([*attribute.labels, ""]), np.where(inside, rows, len(attribute.labels))
@@ -186,7 +190,7 @@ class ExtrasWriter:
         flat = values.reshape(-1) if one.width == 1 else values
         valid = name.replace("/", "_")
         if valid != name and not set(name) & METADATA_MARKS:
-            metadata[LABEL] = name
+            metadata[LABEL_KEY] = name
         return self._put(kind, valid, domain, flat, indices, metadata)
 
     def _put(
@@ -198,11 +202,11 @@ class ExtrasWriter:
         indices: NDArray[Any] | None,
         metadata: Mapping[str, str] = {},
     ) -> bool:
-        """Whether no parameter of this name has this sample already, or is of another kind."""
+        """Add a sample to a parameter; return False if it has one for this frame, or has another kind."""
         known = self._parameters.get(name)
         if known is None:
             parent = self._handle.getSchema().getArbGeomParams()
-            described = _Described(kind, domain, metadata, indices is not None)
+            described = _ParameterKind(kind, domain, metadata, indices is not None)
             known = self._parameters[name] = _ParameterWriter(parent, name, described, self._sampling)
             known.fill(self._frames)
         elif known.count > self._frames or not known.takes(kind, domain, metadata):
@@ -211,8 +215,8 @@ class ExtrasWriter:
         return True
 
 
-class _Described(NamedTuple):
-    """What a parameter is in all of its samples: its kind by Alembic's name, and the rest."""
+class _ParameterKind(NamedTuple):
+    """The kind of a parameter, by Alembic's name, and what else is the same in all its samples."""
 
     kind: str
     domain: AttributeDomain
@@ -221,23 +225,23 @@ class _Described(NamedTuple):
 
 
 class _ParameterWriter:
-    """A parameter and how many samples it has."""
+    """A parameter, and the number of its samples."""
 
-    def __init__(self, parent: Any, name: str, described: _Described, sampling: int | None) -> None:
+    def __init__(self, parent: Any, name: str, described: _ParameterKind, sampling: int | None) -> None:
         self._described = described
         kind, scope, metadata = described.kind, SCOPES[described.domain], AbcCoreAbstract.MetaData()
         for key, value in described.metadata.items():
             metadata.set(key, value)
         make = getattr(AbcGeom, f"O{kind}GeomParam")
-        self._handle = make(parent, name, described.is_indexed, scope, 1, metadata, *_sampled(sampling))
+        self._handle = make(parent, name, described.is_indexed, scope, 1, metadata, *_sampling_argument(sampling))
         self.count = 0
 
     def takes(self, kind: str, domain: AttributeDomain, metadata: Mapping[str, str]) -> bool:
-        """Whether it is of this kind."""
+        """Return whether the parameter has this kind, domain and metadata."""
         return self._described[:3] == (kind, domain, metadata)
 
     def set(self, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
-        """Add a sample, with indices or without them as the first one was."""
+        """Add a sample, with indices if and only if the first sample had them."""
         kind, scope = self._described.kind, SCOPES[self._described.domain]
         if not self._described.is_indexed and indices is not None:
             values, indices = values[indices], None
@@ -249,7 +253,7 @@ class _ParameterWriter:
         self.count += 1
 
     def fill(self, count: int) -> None:
-        """Add samples of nothing until there are so many."""
+        """Add empty samples until there are `count`."""
         width = WIDTHS.get(self._described.kind)
         while self.count < count:
             self.set(np.zeros((0,) if width is None else (0, width)), None)
@@ -264,6 +268,6 @@ def _set_faces(face_set: Any, members: NDArray[np.integer]) -> None:
     face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(array))
 
 
-def _sampled(sampling: int | None) -> tuple[int, ...]:
-    """The last argument of what makes an object or a property, where it has a time sampling of its own."""
+def _sampling_argument(sampling: int | None) -> tuple[int, ...]:
+    """Return the last argument for creating an object or property: its time sampling, if it has one."""
     return () if sampling is None else (sampling,)

@@ -1,6 +1,7 @@
-"""What an Alembic archive holds, and what becomes of it, by the format's own words.
+"""List everything in an Alembic archive, and what becomes of it, by the names that Alembic uses.
 
-Every object, property and time sampling is listed. What no reader of ours has taken is dropped, and named once.
+Every object, property and time sampling is listed. What the readers have not taken is dropped, and named once in a
+note.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
-from pdecodec.formats.alembic.shapes import MOST_LEVELS, AlembicShape, hides
+from pdecodec.formats.alembic.shapes import MAX_LEVELS, AlembicShape, is_ever_hidden
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.mesh.sequence import Content, Fate
 
@@ -28,12 +29,14 @@ _KEPT = {
     "archive": {FPS_PROPERTY, METADATA_PROPERTY},
     "object": set(),
 }
-"""Properties of schemas that are always kept where the object is, with what else the reader of a shape has taken."""
+"""Properties of schemas that are kept if their object is, in addition to those that the reader of the shape has
+taken.
+"""
 
 _IMPLIED = {".selfBnds", ".childBnds", ".animChans", ".facesExclusive", ".pointIds"}
-"""Properties that follow from others, or that say no more where the reader of a shape has not taken them."""
+"""Properties that follow from others, or that add nothing unless the reader of the shape has taken them."""
 
-_LOST = {
+_LOST_PROPERTIES = {
     ".velocities": "velocities",
     "width": "widths",
     ".widths": "widths",
@@ -46,9 +49,9 @@ _LOST = {
     **dict.fromkeys((".creaseIndices", ".creaseLengths", ".creaseSharpnesses"), "creases and corners"),
     **dict.fromkeys((".cornerIndices", ".cornerSharpnesses"), "creases and corners"),
 }
-"""Words for properties of schemas that are not kept."""
+"""Words in notes for properties of schemas that are not kept."""
 
-_KINDS = (
+_LOST_OBJECTS = (
     (AbcGeom.ICamera, "cameras"),
     (AbcGeom.ILight, "lights"),
     (AbcGeom.INuPatch, "NURBS surfaces"),
@@ -58,31 +61,33 @@ _KINDS = (
     (AbcGeom.ICurves, "curves without points"),
     (AbcGeom.IPoints, "points without positions"),
 )
-"""Words for objects that are not kept, by their schema."""
+"""Words in notes for objects that are not kept, by their schema."""
 
 
 def take_inventory(
-    archive: Any, shapes: Sequence[AlembicShape], samplings: Sequence[Any], said: Collection[str]
+    archive: Any, shapes: Sequence[AlembicShape], samplings: Sequence[Any], named_elsewhere: Collection[str]
 ) -> tuple[tuple[Content, ...], tuple[str, ...]]:
-    """List everything that an archive holds, and give words for what of it is not kept and nobody has named.
+    """List everything in an archive; return the list, and notes on losses that no other note names.
 
     Parameters
     ----------
     archive : IArchive
     shapes : sequence of AlembicShape
-        What the reader has taken.
+        The shapes that are read.
     samplings : sequence of TimeSampling
-        Those at which what moves is kept.
-    said : collection of str
-        Names of objects that are left out in words of their own.
+        Time samplings of the positions and transforms that are read.
+    named_elsewhere : collection of str
+        Names of objects that other notes already name.
     """
-    walk = _Walk(shapes, said)
+    walk = _Walk(shapes, named_elsewhere)
     walk.archive(archive, samplings)
-    return tuple(walk.contents), tuple(walk.words())
+    return tuple(walk.contents), tuple(walk.notices())
 
 
 class _Owner(NamedTuple):
-    """An object as its properties see it: its path, its kind by :data:`_KEPT`, and the shape that was read of it."""
+    """The object that properties belong to: its path, its kind in :data:`_KEPT`, and the shape that was read
+    from it.
+    """
 
     path: str
     kind: str
@@ -92,15 +97,15 @@ class _Owner(NamedTuple):
 
 
 class _Walk:
-    def __init__(self, shapes: Sequence[AlembicShape], said: Collection[str]) -> None:
+    def __init__(self, shapes: Sequence[AlembicShape], named_elsewhere: Collection[str]) -> None:
         self.contents: list[Content] = []
         self._lost: dict[str, dict[str, None]] = {}
         self._shapes = {shape.node.getFullName(): shape for shape in shapes}
-        self._said = set(said)
+        self._named_elsewhere = set(named_elsewhere)
         self._above = {path[:end] for path in self._shapes for end in range(len(path)) if path[end] == "/"}
 
     def archive(self, archive: Any, samplings: Sequence[Any]) -> None:
-        """List what belongs to no object, then all objects."""
+        """List the properties of the archive itself, then all objects."""
         facts = Abc.GetArchiveInfo(archive)
         fates: dict[str, Fate] = {"appName": "coded", "userDescription": "dropped"}
         for name in ("appName", "userDescription", "whenWritten", "libraryVersionString"):
@@ -115,8 +120,8 @@ class _Walk:
         self._properties(top.getProperties(), _Owner("", "archive", None, True))
         self._objects(top, "", 0)
 
-    def words(self) -> Iterator[str]:
-        """Give what is not kept, kind after kind."""
+    def notices(self) -> Iterator[str]:
+        """Yield the notes on losses, one per kind."""
         for word, names in self._lost.items():
             if not names:
                 yield word
@@ -126,16 +131,16 @@ class _Walk:
                 yield f"{word} {listed(list(names))}"
 
     def _note(self, path: str, kind: str, fate: Fate, word: str = "", name: str = "") -> None:
-        """List something; where it is dropped, with the word for its kind, which ends in a colon for properties."""
+        """List an item. If it is dropped, note it under `word`, which ends in a colon for properties."""
         self.contents.append(Content(path, kind, fate))
         if fate == "dropped" and word:
-            self._lose(word, name)
+            self._note_loss(word, name)
 
-    def _lose(self, word: str, name: str = "") -> None:
+    def _note_loss(self, word: str, name: str = "") -> None:
         self._lost.setdefault(word, {}).update({name: None} if name else {})
 
     def _objects(self, node: Any, above: str, levels: int) -> None:
-        for index in range(node.getNumChildren() if levels <= MOST_LEVELS else 0):
+        for index in range(node.getNumChildren() if levels <= MAX_LEVELS else 0):
             header = node.getChildHeader(index)
             path, schema = f"{above}/{header.getName()}", header.getMetaData().get("schema")
             try:
@@ -144,7 +149,7 @@ class _Walk:
                 self._properties(child.getProperties(), self._object(child, path, above, schema))
                 self._objects(child, path, levels + 1)
             except RuntimeError:
-                # What the library cannot open is refused, or left out in words of its own.
+                # Objects that the library cannot open are refused or left out, with a note of their own.
                 self.contents.append(Content(path, schema or "object", "dropped"))
 
     def _object(self, node: Any, path: str, above: str, schema: str) -> _Owner:
@@ -155,19 +160,21 @@ class _Walk:
             self.contents.append(Content(path, schema, "coded" if is_kept else "dropped"))
             return _Owner(path, "face set", None, is_kept)
         is_kept = shape is not None or path in self._above
-        word = next((word for kind, word in _KINDS if kind.matches(header)), "")
+        word = next((word for kind, word in _LOST_OBJECTS if kind.matches(header)), "")
         word = word or (f"objects of schema {schema}" if schema else "objects without a schema")
-        said = any(path.endswith(one) for one in self._said)
-        self._note(path, schema or "object", "coded" if is_kept else "dropped", "" if said else word, path[1:])
+        named_elsewhere = any(path.endswith(one) for one in self._named_elsewhere)
+        self._note(
+            path, schema or "object", "coded" if is_kept else "dropped", "" if named_elsewhere else word, path[1:]
+        )
         kind = "transform" if AbcGeom.IXform.matches(header) else "object"
         return _Owner(path, kind if shape is None else shape.kind, shape, is_kept, node)
 
     def _properties(self, parent: Any, owner: _Owner, above: tuple[str, ...] = (), fate: Fate | None = None) -> None:
-        """List the properties of a compound below others, all of one fate where it is given."""
+        """List the properties of a compound, recursively, all with one fate if it is given."""
         for index in range(parent.getNumProperties()):
             header = parent.getPropertyHeader(index)
             steps = (*above, header.getName())
-            # The schema of the object goes without saying.
+            # The path leaves out the schema of the object.
             below = "/".join(steps[1:] if len(steps) > 1 and above[0] in _SCHEMAS else steps)
             own = fate or self._fate(parent, header, steps, below, owner)
             self.contents.append(Content(f"{owner.path}:/{'/'.join(steps)}", below, own))
@@ -176,37 +183,39 @@ class _Walk:
                 self._properties(inner, owner, steps, None if own == "implied" else own)
 
     def _fate(self, parent: Any, header: Any, steps: tuple[str, ...], below: str, owner: _Owner) -> Fate:
-        """Return what becomes of a property, and note words for it where it is dropped."""
+        """Return what becomes of a property, and note it if it is dropped."""
         if not owner.is_kept:
             return "dropped"
         name, is_schema = steps[-1], len(steps) == 2 and steps[0] in _SCHEMAS
         taken = owner.shape.fates.get(below) if owner.shape is not None and steps[0] in _SCHEMAS else None
         if taken is not None:
-            # The reader has its own words for what it does not keep.
+            # The reader writes its own notes on losses.
             return "coded" if taken[0] else "dropped"
         if header.isCompound() and header.getMetaData().get("isGeomParam") != "true":
-            # Its properties are told one by one.
+            # Its properties are listed one by one.
             return "implied"
         if steps == ("visible",) and owner.node is not None:
-            # Shapes that are hidden are named as such.
-            return "dropped" if hides(owner.node) else "coded"
+            # Another note names hidden shapes.
+            return "dropped" if is_ever_hidden(owner.node) else "coded"
         if name in _KEPT[owner.kind] and (is_schema or not owner.path):
             return "coded"
         implied = (is_schema or not owner.path) and (name in _IMPLIED or name.endswith(".samples"))
-        if implied or _says_nothing(parent, header, is_option=is_schema):
+        if implied or _is_empty(parent, header, is_option=is_schema):
             return "implied"
         of = " of transforms" if owner.kind == "transform" else ""
         if len(steps) > 2:
-            self._lose(f"{steps[1].lstrip('.')}{of}:", name)
+            self._note_loss(f"{steps[1].lstrip('.')}{of}:", name)
         elif is_schema:
-            self._lose(*((_LOST[name],) if name in _LOST else (f"properties of {owner.kind}:", name)))
+            self._note_loss(
+                *((_LOST_PROPERTIES[name],) if name in _LOST_PROPERTIES else (f"properties of {owner.kind}:", name))
+            )
         else:
-            self._lose("properties of objects:" if owner.path else "archive properties:", name)
+            self._note_loss("properties of objects:" if owner.path else "archive properties:", name)
         return "dropped"
 
 
-def _says_nothing(parent: Any, header: Any, *, is_option: bool) -> bool:
-    """Whether a property has no sample or none but an empty array; an option of a schema also where it is 0."""
+def _is_empty(parent: Any, header: Any, *, is_option: bool) -> bool:
+    """Return whether a property has no sample or only an empty array; an option of a schema also if it is 0."""
     reader = Abc.IScalarProperty if header.isScalar() else Abc.IArrayProperty
     try:
         prop = reader(parent, header.getName())
@@ -216,5 +225,5 @@ def _says_nothing(parent: Any, header: Any, *, is_option: bool) -> bool:
             return bool(is_option and prop.isConstant() and prop.getValue() == 0)
         return bool(prop.isConstant() and not len(prop.getValue()))
     except (RuntimeError, TypeError):
-        # Numbers that the Python binding has no type for, and compounds.
+        # Compounds, and numbers that the Python binding has no type for.
         return False

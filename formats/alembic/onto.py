@@ -1,7 +1,7 @@
-"""Motion onto Alembic: every object and property of an original copied, with other positions and normals of its shapes.
+"""Copy an Alembic archive with another motion: all objects and properties stay, positions and normals are replaced.
 
-The library cannot change a file, so that a new one is written, property by property. Transforms stay; points are
-brought into the space of their shapes.
+The library cannot change a file, so a new one is written, property by property. Transforms stay; positions are
+converted to the space of their shapes.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import ReservedRoom
 
 _GEOMETRY, _POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS = ".geom", "P", ".velocities", "N", ".selfBnds"
-"""Names of a shape's properties that say where its points are."""
+"""Names of a shape's properties that depend on its positions."""
 
 _CHILD_BOUNDS = ".childBnds"
-"""Bounds of what lies below an object: they are those of the original's motion."""
+"""Bounds of the objects below an object. They are dropped, because they belong to the original's motion."""
 
 _WRITTEN = (_POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS)
 
-_FIXED = (".faceIndices", ".faceCounts", "nVertices", ".pointIds")
-"""Properties whose samples belong to those of positions; they are the same in all."""
+_CONSTANT = (".faceIndices", ".faceCounts", "nVertices", ".pointIds")
+"""Properties with as many samples as positions, but equal ones."""
 
 
 def write_alembic_onto(
     sequence: MeshSequence, original: AlembicSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
-    """Write a copy of the original in which its shapes move as a sequence does."""
+    """Write a copy of the original in which its shapes move as in a sequence."""
     with archive_file(output) as path:
         return _Copy(sequence, original, fits, source, output, path).write()
 
@@ -64,7 +64,8 @@ class _Copy:
         self._moved = {original.shapes[one.index].node.getFullName(): one for one in fits}
         self._archive = Abc.OArchive(str(path))
         self._room = ReservedRoom(path)
-        # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+        # Alembic ends the process if there is no room for its last bytes, so room is reserved before anything is
+        # written.
         described = 2 * source.stat().st_size + OBJECT_BYTES * len(fits)
         self._room.reserve(described + sequence.frame_count * 64 * len(fits))
         self._sampling = self._archive.addTimeSampling(time_sampling(sequence.times, output.rate))
@@ -82,7 +83,7 @@ class _Copy:
         if own.getPropertyHeader(FPS_PROPERTY) is None:
             Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(self._output.rate)
         if own.getPropertyHeader(METADATA_PROPERTY) is None and self._original.metadata:
-            # Of an archive itself the library writes nothing but its own version.
+            # For an archive itself, the library writes nothing but its own version.
             text = json.dumps(dict(self._original.metadata), sort_keys=True)
             Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
         frame_bytes = sum(shape.frame_bytes for shape in self._shapes)
@@ -108,11 +109,11 @@ class _Copy:
                 self._copy_object(child, Abc.OObject(new, child.getName(), child.getMetaData()))
 
     def _has_moved(self, *paths: str) -> bool:
-        """Whether a shape at or below one of some objects is one of ours."""
+        """Return whether one of the moved shapes is at or below one of these paths."""
         return any(moved == path or moved.startswith(f"{path}/") for moved in self._moved for path in paths)
 
     def _copy_properties(self, old: Any, new: Any, path: str, fit: Fitted | None = None) -> None:
-        """Copy properties of an object; of a shape that moves, `fit`, but for those that are written anew."""
+        """Copy the properties of an object. For a moved shape, `fit`, leave out those that are written anew."""
         headers = [old.getPropertyHeader(index) for index in range(old.getNumProperties())]
         for header in headers:
             name = header.getName()
@@ -128,14 +129,15 @@ class _Copy:
                 self._copy_properties(Abc.ICompoundProperty(old, name), inner, path, moving)
             else:
                 try:
-                    self._copy_samples(old, new, header, most=1 if fit is not None and name in _FIXED else None)
+                    self._copy_samples(old, new, header, most=1 if fit is not None and name in _CONSTANT else None)
                 except RuntimeError:
                     # Numbers that the Python binding has no type for.
                     self._lost[f"{path}/{name}"] = None
         if fit is not None:
             there = {header.getName(): header for header in headers}
             shape = self._original.shapes[fit.index]
-            # Nothing refers to this archive in a circle: it is whole when it closes, and closes when it is let go.
+            # No reference cycle may include the archive: it is complete once it is closed, which happens when it is
+            # released.
             placed = Placed(partial(self._original.shape_matrices, shape), self._sequence.times, fit.item.name)
             item = self._original.objects[fit.index]
             self._shapes.append(_ShapeOver(new, old, there, fit.own, item, placed, self._sampling, self._output))
@@ -187,7 +189,7 @@ class _ShapeOver(ShapeOver):
 
     @property
     def frame_bytes(self) -> int:
-        """At most, of a sample."""
+        """Largest size of a sample [bytes]."""
         normals = 0 if self._rows is None else self._rows.count + len(self._rows.corner_rows)
         points = self._own.stop - self._own.start if self._gather is None else len(self._gather)
         return 4 * SAMPLE_BYTES + 12 * (points * (1 if self._speeds is None else 2) + normals)

@@ -1,8 +1,8 @@
-"""Alembic scenes: polygon meshes, subdivision surfaces, curves and points, read sample by sample when asked for.
+"""Read Alembic scenes on demand, sample by sample: polygon meshes, subdivision surfaces, curves and points.
 
-Frames stand at every time at which something of the scene is sampled, positions or a transform above them. What is
-not sampled there lies between its own samples: positions go straight; of a transform rotation, stretch and translation
-move apart.
+There is a frame at every time at which positions or a transform above them have a sample. Data without a sample at
+this time are interpolated between their own samples: positions linearly; rotation, stretch and translation of
+transforms separately.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 
 
-_DAMAGE = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
-"""What the library and NumPy raise on damaged files, text that is not UTF-8 among it."""
+_DAMAGE_ERRORS = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
+"""Exceptions that the library and NumPy raise on damaged files, including text that is not UTF-8."""
 
 
 def open_alembic(
     path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
 ) -> MeshSequence:
-    """Open the geometry of an Alembic file of the Ogawa kind; runs of frames where faces or ids of points change.
+    """Open the geometry of an Alembic file of the Ogawa kind, with a run for each change of faces or ids of points.
 
-    Where `fps` is given, frames stand at that rate from the first stored time to the last, instead of at stored times.
+    If `fps` is given, there are frames at this rate from the first stored time to the last, instead of at the stored
+    times.
 
     Raises
     ------
@@ -53,7 +54,7 @@ def open_alembic(
         scan.refusals.check(shapes)
         # The inventory names them.
         scan.refusals.others.clear()
-        moving = _moving(shapes)
+        moving = _moving_samplings(shapes)
         names = [item.name for item in scan.refusals.found]
         contents, lost = take_inventory(archive, shapes, [sampling for _, sampling in moving], names)
         notices = scan.refusals.notices(shapes, lost)
@@ -94,11 +95,11 @@ class AlembicSequence(SceneSequence):
 
     @property
     def top(self) -> Any:
-        """The object above all others."""
+        """Top object of the archive."""
         return self._archive.getTop()
 
     def shape_matrices(self, shape: AlembicShape, times: Float64Array) -> Float64Array:
-        """(times, 4, 4) from a shape's space to the scene's at times [s], for points that are rows."""
+        """Return (times, 4, 4) matrices from a shape's space to the scene's at times [s], for points that are rows."""
         matrices = np.broadcast_to(np.eye(4), (times.size, 4, 4))
         for transform in shape.chain:
             matrices = matrices @ transform.at(times)
@@ -128,10 +129,10 @@ class AlembicSequence(SceneSequence):
 
 @contextmanager
 def _archive_errors(path: Path) -> Iterator[None]:
-    """Turn what the library raises on damaged files into one line that names `path`."""
+    """Turn exceptions of the library on damaged files into an error of one line that names `path`."""
     try:
         yield
-    except _DAMAGE as error:
+    except _DAMAGE_ERRORS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise damaged(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
 
@@ -148,8 +149,8 @@ def _open_archive(path: Path) -> Any:
     return Abc.IArchive(str(path))
 
 
-def _moving(shapes: Sequence[AlembicShape]) -> list[tuple[Float64Array, Any]]:
-    """Times [s] and sampling of all that moves shapes."""
+def _moving_samplings(shapes: Sequence[AlembicShape]) -> list[tuple[Float64Array, Any]]:
+    """Return times [s] and time sampling of all positions and transforms that move shapes."""
     moving = [(shape.times, shape.positions.getTimeSampling()) for shape in shapes if shape.times.size > 1]
     return moving + [(one.times, one.sampling) for shape in shapes for one in shape.chain if one.moves]
 
@@ -164,13 +165,15 @@ def _timing(
         if fps is not None:
             times, notices = resampled(times, fps)
         return times, rate, notices
-    # Nothing moves, but may have been sampled all the same.
+    # Nothing moves, but there may be several samples.
     still = max((sample_times(shape.positions) for shape in shapes), key=len)
     return snapped_times(still, stored or rate), rate, notices if still.size > 1 else ()
 
 
 def _stored_rate(archive: Any, samplings: Sequence[Any]) -> float | None:
-    """Frames per second: ours, or the sampling's, or the hint of the program that wrote the file."""
+    """Return the frame rate: the one our writer stored, or that of the time sampling, or the hint of the
+    writing program.
+    """
     top = archive.getTop().getProperties()
     if top.getPropertyHeader(FPS_PROPERTY) is not None:
         return float(Abc.IDoubleProperty(top, FPS_PROPERTY).getValue())

@@ -1,8 +1,8 @@
-"""Shapes of Alembic archives that can be read, and the transforms above them.
+"""Find the readable shapes of an Alembic archive, and the transforms above them.
 
-Alembic's faces run clockwise seen from outside; they are turned around on reading and back on writing, corners and
-what belongs to them alike: corner ``n - 1 - k`` of a face becomes corner ``k``. The binding takes a sample selector's
-integer for a time, silently: samples are always asked for by their time.
+Alembic's faces run clockwise seen from outside. Reading and writing reverse them, and with them all data of corners:
+corner ``n - 1 - k`` of a face becomes corner ``k``. The binding silently takes an integer in a sample selector for a
+time, so samples are always selected by time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 from scipy.spatial.transform import Rotation
 
-from pdecodec.formats.alembic.attributes import ADDED, AlembicExtras, own_properties, read_extras, value_at
+from pdecodec.formats.alembic.attributes import ADDED_KEY, AlembicExtras, find_own_properties, read_extras, value_at
 from pdecodec.formats.alembic.values import change_times, matrix_rows, sample_times, select, to_numpy
 from pdecodec.formats.base.attribute_roles import (
     CURVE_BASIS,
@@ -31,8 +31,8 @@ from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 
-MOST_LEVELS = 256
-"""Depth of the tree; deeper ones are instances that hold themselves."""
+MAX_LEVELS = 256
+"""Largest depth of the tree; only instances that contain themselves are deeper."""
 
 
 _GEOMETRY = {
@@ -44,12 +44,12 @@ _GEOMETRY = {
 
 
 _NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material", "GeomBase": "shape"}
-"""What schemas that hold no geometry of ours are called in messages."""
+"""Names in messages for schemas without geometry that can be read."""
 
 
 @dataclass(kw_only=True, eq=False)
 class AlembicShape(Shape):
-    """A shape's object, its positions and their times [s], and the transforms from the one above it up to the top."""
+    """Object, positions and their times [s] of a shape, and its transforms, from the one right above it to the top."""
 
     node: Any
     kind: str
@@ -60,7 +60,7 @@ class AlembicShape(Shape):
 
 
 def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
-    """The samples at or around a time and the share of the second; before the first and after the last, that one."""
+    """Return the samples before and after a time and the weight of the second; outside all samples, the nearest one."""
     index = int(np.searchsorted(times, time + SAME_TIME, side="right")) - 1
     if index < 0 or index == times.size - 1 or time - times[index] <= SAME_TIME:
         return max(index, 0), max(index, 0), 0.0
@@ -68,11 +68,11 @@ def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
 
 
 class Transform:
-    """A transform of the tree and its samples."""
+    """A transform of the tree, and its samples."""
 
     def __init__(self, handle: Any) -> None:
         self._schema = handle.getSchema()
-        # Identity transforms may have no sample at all.
+        # Identity transforms may have no samples.
         self._samples = self._schema.getNumSamples()
         self.sampling = self._schema.getTimeSampling()
         self.times = sample_times(self._schema) if self._samples else np.zeros(1)
@@ -81,33 +81,33 @@ class Transform:
 
     @cached_property
     def matrices(self) -> Float64Array:
-        """(samples, 4, 4) float64, for points that are rows."""
+        """Matrices of the samples, (samples, 4, 4) float64, for points that are rows."""
         if not self._samples:
             return np.eye(4)[None]
         times = self.times if self.moves else self.times[:1]
         return np.stack([matrix_rows(self._schema.getValue(select(time)).getMatrix()) for time in times])
 
     def at(self, times: Float64Array) -> Float64Array:
-        """(times, 4, 4) float64: the matrices at times [s]."""
+        """Return the matrices at times [s], (times, 4, 4) float64."""
         if not self.moves:
             return np.broadcast_to(self.matrices[0], (times.size, 4, 4))
         firsts, seconds, shares = zip(*(samples_at(self.times, float(time)) for time in times), strict=True)
-        return between_matrices(self.matrices[list(firsts)], self.matrices[list(seconds)], np.array(shares))
+        return interpolate_matrices(self.matrices[list(firsts)], self.matrices[list(seconds)], np.array(shares))
 
 
-def between_matrices(first: Float64Array, second: Float64Array, shares: Float64Array) -> Float64Array:
-    """Matrices on the way from others: rotations turn, stretches and translations go straight.
+def interpolate_matrices(first: Float64Array, second: Float64Array, shares: Float64Array) -> Float64Array:
+    """Interpolate between matrices: rotations turn, stretches and translations change linearly.
 
-    Each is taken apart into a rotation and a symmetric stretch, which holds scale and shear (Shoemake and Duff 1992,
-    "Matrix animation and polar decomposition"). So a wheel keeps its radius between two samples. Where one matrix
-    mirrors and the other does not, there is no rotation between them: their numbers go straight.
+    Each matrix is decomposed into a rotation and a symmetric stretch, which holds scale and shear (Shoemake and Duff
+    1992, "Matrix animation and polar decomposition"). So a wheel keeps its radius between two samples. If one matrix
+    mirrors and the other does not, there is no rotation between them, and their elements are interpolated linearly.
 
     Parameters
     ----------
     first, second : (n, 4, 4) float64
         For points that are rows.
     shares : (n,) float64
-        From 0, which gives `first` exactly, to 1, which gives `second` exactly.
+        Weights of `second`, 0 to 1; the ends return `first` and `second` exactly.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def between_matrices(first: Float64Array, second: Float64Array, shares: Float64A
     if not turns.any():
         return straight
     u, _, vt = np.linalg.svd(linear[:, turns])
-    # A matrix that mirrors is a rotation of a stretch that does.
+    # A matrix that mirrors is the product of a rotation and a stretch that mirrors.
     rotations = u @ vt * np.sign(sizes[:, turns])[..., None, None]
     stretches = linear[:, turns] @ rotations.swapaxes(-1, -2)
     from_first = Rotation.from_matrix(rotations[0].swapaxes(-1, -2) @ rotations[1]).as_rotvec()
@@ -132,17 +132,18 @@ def between_matrices(first: Float64Array, second: Float64Array, shares: Float64A
 
 
 class ShapeScan(SceneWalk):
-    """A walk through an archive; its times are seconds."""
+    """A walk through an archive, in seconds."""
 
     def shapes(self, archive: Any) -> list[AlembicShape]:
-        """The shapes of an archive."""
+        """Return the readable shapes of an archive."""
         self.found: list[AlembicShape] = []
         _walk(archive.getTop(), "", (), False, self)
         return self.found
 
     def look(self, path: str, props: Sequence[Any], times: Float64Array) -> tuple[Any, Float64Array]:
-        """Where array properties that may change are to be read, a selector or None, and the times [s] of one's samples
-        that are of the same values of them.
+        """Return where to read array properties that may change, and the times [s] with the same values of them.
+
+        The first value is a selector, or None if the properties are constant; the second is a part of `times`.
         """
         if self.is_first and (changed := change_times(props)):
             self.changes[path] = changed
@@ -154,33 +155,33 @@ class ShapeScan(SceneWalk):
         number = int(np.searchsorted(edges, self.at + SAME_TIME, side="right")) - 1
         inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
         own = times[inside] if inside.any() else times[:1]
-        # Attributes may be others than those of the first of these samples, where what else there is has changed.
+        # Attributes may have changed since the first of these samples, when something else of the shape changed.
         before = own[own <= self.at + SAME_TIME]
         return select(float(before[-1] if before.size else own[0])), own
 
 
 def _walk(node: Any, path: str, chain: tuple[Transform, ...], hidden: bool, scan: ShapeScan) -> None:
-    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused.
+    """Open the shapes below a node of the tree, in its order; count or refuse everything else.
 
-    `hidden` says whether one above them is hidden.
+    `hidden` says whether an object above them is hidden.
     """
     refusals = scan.refusals
-    if path.count("/") >= MOST_LEVELS:
-        refusals.refuse(path, f"more than {MOST_LEVELS} levels of objects above it")
+    if path.count("/") >= MAX_LEVELS:
+        refusals.refuse(path, f"more than {MAX_LEVELS} levels of objects above it")
         return
     for index in range(node.getNumChildren()):
         name = node.getChildHeader(index).getName()
         inner = f"{path}/{name}" if path else name
         try:
             child = node.getChild(index)
-            _visit(child, child.getHeader(), inner, chain, hidden or hides(child), scan)
+            _visit(child, child.getHeader(), inner, chain, hidden or is_ever_hidden(child), scan)
         except RuntimeError as error:
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
 
 
-def hides(node: Any) -> bool:
-    """Whether a node is hidden at any of the samples of its visibility."""
+def is_ever_hidden(node: Any) -> bool:
+    """Return whether a node is hidden at any sample of its visibility."""
     visibility = AbcGeom.GetVisibilityProperty(node)
     if not visibility.valid() or not visibility.getNumSamples():
         return False
@@ -200,7 +201,7 @@ def _visit(
     wrap = Abc.WrapExistingFlag.kWrapExisting
     if AbcGeom.IXform.matches(header):
         transform = Transform(AbcGeom.IXform(child, wrap))
-        if header.getMetaData().get(ADDED):
+        if header.getMetaData().get(ADDED_KEY):
             path = path.rpartition("/")[0]
         chain = (transform, *(chain if transform.inherits else ()))
     elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
@@ -213,7 +214,7 @@ def _visit(
     elif AbcGeom.INuPatch.matches(header):
         refusals.refuse(path, "a NURBS surface; convert it to polygons")
     elif not AbcGeom.IFaceSet.matches(header):
-        # Counted for files that hold nothing else; the inventory names them.
+        # The counts are for messages about files without shapes; else the inventory names these objects.
         schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
         refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
     _walk(child, path, chain, hidden, scan)
@@ -226,7 +227,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
         "curves": lambda: [schema.getNumVerticesProperty()],
         "points": lambda: [schema.getIdsProperty()],
     }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
-    at, times = scan.look(path, [*props, *own_properties(schema)], sample_times(positions))
+    at, times = scan.look(path, [*props, *find_own_properties(schema)], sample_times(positions))
     points = Connectivity(len(positions.getValue(select(times[0]))))
     edges = scan.changes.get(path) if scan.is_first else None
     gather = None
@@ -246,7 +247,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
         ids = np.zeros(0, np.int64)
         if props[0].getNumSamples():
             ids = to_numpy(value_at(props[0].getValue, at)).astype(np.int64)
-        # Of points that do not come and go, numbers in order say nothing.
+        # If points neither appear nor disappear, ids in ascending order from 0 hold no information.
         if at is not None or not np.array_equal(ids, np.arange(ids.size)):
             with extras.reading(".pointIds"):
                 fits = not ids.size or np.abs(ids).max() <= MAX_INDEX
@@ -264,7 +265,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
         if kind == "subdivision":
             scheme = schema.getValue().getSubdivisionScheme() or "catmull-clark"
             extras.attributes.append(label_attribute(SUBDIVISION, scheme))
-    # Times are of all that changes, be it there at first or not.
+    # The first scan also keeps a shape without vertices if its connectivity changes: the frame times depend on it.
     if connectivity.vertex_count or (scan.is_first and path in scan.changes):
         moves = path in scan.changes or (positions.getNumSamples() > 1 and not positions.isConstant())
         scan.found.append(
@@ -285,7 +286,9 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
 
 
 def _describe_curves(sample: Any, extras: AlembicExtras) -> None:
-    """Note what the points of curves control: ``cubic bspline``, ``variable order``; nothing where they are linear."""
+    """Keep the type of curves as an attribute, such as ``cubic bspline`` or ``variable order``; none for linear
+    ones.
+    """
     kind, basis = str(sample.getType()), str(sample.getBasis()).removeprefix("k").removesuffix("Basis").lower()
     if kind != "kLinear":
         label = "variable order" if kind == "kVariableOrder" else f"cubic {basis}"

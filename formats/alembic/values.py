@@ -1,11 +1,11 @@
-"""Samples of Alembic's properties, and the way between arrays of its Python binding and NumPy's.
+"""Select samples of Alembic's properties, and convert between arrays of its Python binding and NumPy's.
 
-There is no loop over elements where there is a way without. Arrays of floats, ints and their vectors share memory with
-NumPy. Colours and unsigned integers have no buffer: colours go channel by channel, unsigned integers through doubles
-one way and one by one the other.
+Loops over elements are avoided if possible. Arrays of floats, ints and their vectors share memory with NumPy.
+Colours and unsigned integers have no buffer: colours are copied channel by channel; unsigned integers are written
+through doubles and read one by one.
 
-A sample refers to the arrays that it was made of, and the binding of a subdivision surface's does not keep them alive:
-whoever makes a sample keeps its arrays until it is written (`Keep`).
+A sample refers to the arrays it was made from. The binding of a subdivision surface's samples does not keep them
+alive, so the code that makes a sample keeps its arrays until the sample is written (`Keep`).
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ SCOPES = {
 
 
 WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
-"""Numbers in a row of types that have more than one."""
+"""Columns of the types that have more than one."""
 
 
 def select(time: float) -> Any:
-    """A selector of the sample at a time."""
+    """Return a selector of the sample at a time [s]."""
     return Abc.ISampleSelector(float(time))
 
 
 def sample_times(prop: Any) -> Float64Array:
-    """Times [s] of the samples of a property or schema, at least one."""
+    """Return the times [s] of the samples of a property or schema, at least one."""
     sampling = prop.getTimeSampling()
     return np.array([sampling.getSampleTime(index) for index in range(max(1, prop.getNumSamples()))], np.float64)
 
 
 def change_times(props: Sequence[Any]) -> list[float]:
-    """Times [s] from which on one of several array properties is not what it was before."""
+    """Return the times [s] at which one of several array properties changes."""
     changed: list[float] = []
     for prop in props:
         if prop.getNumSamples() > 1 and not prop.isConstant():
@@ -58,7 +58,7 @@ def change_times(props: Sequence[Any]) -> list[float]:
 
 
 def to_numpy(array: Any) -> NDArray[Any]:
-    """A copy of an imath array: (n,) or (n, k)."""
+    """Copy an imath array to NumPy, (n,) or (n, k)."""
     channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
     if channels is not None:
         return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
@@ -68,22 +68,22 @@ def to_numpy(array: Any) -> NDArray[Any]:
 
 
 def float_array(values: ArrayLike) -> Any:
-    """(n,) as imath.FloatArray."""
+    """Convert (n,) to imath.FloatArray."""
     return imath.FloatArrayFromBuffer(np.ascontiguousarray(values, np.float32))
 
 
 def int_array(values: ArrayLike) -> Any:
-    """(n,) as imath.IntArray."""
+    """Convert (n,) to imath.IntArray."""
     return imath.IntArrayFromBuffer(np.ascontiguousarray(values, np.int32))
 
 
 def double_array(values: ArrayLike) -> Any:
-    """(n,) as imath.DoubleArray."""
+    """Convert (n,) to imath.DoubleArray."""
     return imath.DoubleArrayFromBuffer(np.ascontiguousarray(values, np.float64))
 
 
 def byte_array(values: ArrayLike) -> Any:
-    """(n,) as imath.UnsignedCharArray."""
+    """Convert (n,) to imath.UnsignedCharArray."""
     bytes_ = np.ascontiguousarray(values, np.uint8)
     array = imath.UnsignedCharArray(bytes_.size)
     np.asarray(array)[:] = bytes_
@@ -91,7 +91,7 @@ def byte_array(values: ArrayLike) -> Any:
 
 
 def string_array(values: Sequence[str]) -> Any:
-    """Texts as imath.StringArray."""
+    """Convert texts to imath.StringArray."""
     array = imath.StringArray(len(values))
     for index, text in enumerate(values):
         array[index] = str(text)
@@ -99,18 +99,18 @@ def string_array(values: Sequence[str]) -> Any:
 
 
 def unsigned_array(values: ArrayLike) -> Any:
-    """(n,) as imath.UnsignedIntArray."""
+    """Convert (n,) to imath.UnsignedIntArray."""
     return imath.UnsignedIntArray(double_array(values))
 
 
 def vector_array(values: ArrayLike) -> Any:
-    """(n, 2) or (n, 3) as imath.V2fArray or V3fArray."""
+    """Convert (n, 2) or (n, 3) to imath.V2fArray or V3fArray."""
     rows = np.ascontiguousarray(values, np.float32)
     return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
 
 
 def color_array(values: ArrayLike) -> Any:
-    """(n, 3) or (n, 4) as imath.C3fArray or C4fArray."""
+    """Convert (n, 3) or (n, 4) to imath.C3fArray or C4fArray."""
     rows = np.ascontiguousarray(values, np.float32)
     array = imath.C3fArray(len(rows)) if rows.shape[1] == 3 else imath.C4fArray(len(rows))
     for channel, column in zip("rgba", rows.T, strict=False):
@@ -120,12 +120,12 @@ def color_array(values: ArrayLike) -> Any:
 
 
 def matrix_rows(matrix: Any) -> Float64Array:
-    """imath.M44d as (4, 4) float64."""
+    """Convert imath.M44d to (4, 4) float64."""
     return np.array([list(row) for row in matrix], np.float64)
 
 
 def matrix_of(rows: Float64Array) -> Any:
-    """(4, 4) float64 as imath.M44d."""
+    """Convert (4, 4) float64 to imath.M44d."""
     return imath.M44d(*rows.reshape(-1).tolist())
 
 
@@ -143,7 +143,7 @@ ARRAYS: dict[str, Callable[[Any], Any]] = {
 
 
 class Keep:
-    """Keeps arrays and samples alive for as long as it lives itself: ``keep(array)`` returns the array."""
+    """Keeps arrays and samples alive as long as itself: ``keep(array)`` returns the array."""
 
     def __init__(self) -> None:
         self._held: list[Any] = []
@@ -154,7 +154,7 @@ class Keep:
 
 
 def normal_sample(rows: Float32Array, indices: Any, keep: Keep) -> Any:
-    """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
+    """Return normals as an Alembic sample: by corner if `indices` (an imath array) are given, else by vertex."""
     array = keep(vector_array(rows))
     if indices is None:
         return keep(AbcGeom.ON3fGeomParamSample(array, SCOPES["vertex"]))

@@ -1,8 +1,8 @@
-"""Alembic scenes out: one shape an object, in the tree that names say, with velocities where there are any.
+"""Write Alembic scenes: one shape per object, in the tree that object names describe, with velocities on request.
 
-The same sequence gives the same bytes: the date that Alembic's own helper notes is left out. What Alembic has no
-place for stands in properties that begin with ``pdecodec_``: the frame rate of irregular times, metadata, lines beside
-faces, and which vertex each point of a curve is where curves share them.
+The same sequence gives the same bytes: the date that Alembic's own helper adds is left out. Data that Alembic has no
+place for go into properties whose names begin with ``pdecodec_``: the frame rate of irregular times, metadata, lines
+of meshes with faces, and, if curves share vertices, the vertex of each point of a curve.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
-from pdecodec.formats.alembic.attributes import ADDED, FPS_PROPERTY, METADATA_PROPERTY
+from pdecodec.formats.alembic.attributes import ADDED_KEY, FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.attributes_writer import ExtrasWriter, uv_sample
 from pdecodec.formats.alembic.values import (
     SCOPES,
@@ -41,7 +41,7 @@ from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequenc
 from pdecodec.system.whole_output import ReservedRoom, write_failure
 
 OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
-"""More than Alembic writes of an object, and of a sample, beside their arrays."""
+"""Upper bounds of what Alembic writes for an object and for a sample, in addition to their arrays [bytes]."""
 
 _SHAPES = {
     "mesh": (AbcGeom.OPolyMesh, AbcGeom.OPolyMeshSchemaSample),
@@ -62,11 +62,11 @@ _BASES = {
 def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write an Ogawa file; velocities are stored as ``.velocities``.
 
-    Alembic does not say which axis is up: programs take Y, so the scene is turned where another is known to be.
+    Alembic does not record the up axis and programs assume Y, so a scene with another known up axis is turned.
     """
     turned: tuple[str, ...] = ()
     if up_axis_of(sequence) not in (None, "Y"):
-        turned = (f"the scene is turned from {up_axis_of(sequence)}-up to Y-up, as programs take Alembic to be",)
+        turned = (f"the scene is turned from {up_axis_of(sequence)}-up to Y-up, which programs assume for Alembic",)
         sequence = place(sequence, up_axis="Y")
         if output.velocities is not None:
             output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
@@ -79,10 +79,10 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 @contextmanager
 def archive_file(output: Output) -> Iterator[Path]:
-    """A path for an archive, which becomes the output's when the block ends well, with its reserved room released."""
+    """Give a path for an archive; when the block ends well, release its reserved room and make it the output file."""
     with output.whole_file() as partial:
         try:
-            # An archive is closed whatever happens, and Alembic ends the process where that finds no room.
+            # An archive is closed in any case, and Alembic ends the process if there is no room for that.
             partial.touch()
             ReservedRoom(partial).reserve(0)
             yield partial
@@ -94,7 +94,7 @@ def archive_file(output: Output) -> Iterator[Path]:
 def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:
     archive = Abc.OArchive(str(path))
     room = ReservedRoom(path)
-    # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+    # Alembic ends the process if there is no room for its last bytes, so room is reserved before anything is written.
     keys = shape_keys(sequence)
     room.reserve(OBJECT_BYTES * len(keys) + sequence.frame_count * 64 * len(keys))
     sampling = archive.addTimeSampling(time_sampling(sequence.times, output.rate))
@@ -122,7 +122,7 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
 
 
 def _described_bytes(item: MeshObject) -> int:
-    """At most, of what is written of an object in a run of frames beside its samples."""
+    """Return an upper bound of what is written for an object in a run of frames besides its samples [bytes]."""
     arrays = [item.connectivity.face_counts, item.connectivity.face_indices, item.connectivity.line_indices]
     arrays += [one for each in item.attributes for one in (each.values, each.indices) if one is not None]
     labels = sum(len(label) for each in item.attributes for label in each.labels)
@@ -130,7 +130,7 @@ def _described_bytes(item: MeshObject) -> int:
 
 
 def time_sampling(times: Float64Array, rate: float) -> Any:
-    """Alembic's time sampling of times [s]: even at the rate, or another, or each by itself."""
+    """Return Alembic's time sampling of times [s]: regular, at this rate or another, or a list of times."""
     found = rate if times.size == 1 else regular_rate(times, rate)
     if found is not None:
         return AbcCoreAbstract.TimeSampling(1.0 / found, float(times[0]))
@@ -141,11 +141,11 @@ def time_sampling(times: Float64Array, rate: float) -> Any:
 
 
 class _Branches:
-    """Transforms above shapes: one for each step of a path but the last, and one of its own right above each shape.
+    """Transforms above shapes: one for each step of a path but the last, and one right above each shape.
 
-    Programs call an object by the transform above its shape. Where a step holds one shape and nothing else it is that
-    transform; else one is added, which readers of ours leave out of names. A kept transform goes there, or to the step
-    above where all shapes of the step share it; it does not inherit from others that move.
+    Programs name an object by the transform right above its shape. If a step holds one shape and nothing else, it is
+    this transform. Else one is added, which our reader leaves out of names. A kept transform goes there, or to the
+    step above if all shapes of the step share it; it does not inherit from others that move.
     """
 
     def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
@@ -154,7 +154,7 @@ class _Branches:
         below = Counter(steps[:length] for steps in paths for length in range(1, len(steps)))
         self._above = {steps: steps[:-1] if below[steps[:-1]] == 1 else steps for steps in paths}
         """The transform right above each shape."""
-        # Several runs of frames have their transforms applied.
+        # If there are several runs of frames, their transforms are applied to positions.
         objects = sequence.objects if len(sequence.runs) == 1 else ()
         transforms = [transform_of(item) for item in objects] or [None] * len(paths)
         beside: dict[tuple[str, ...], list[Attribute | None]] = {}
@@ -167,14 +167,16 @@ class _Branches:
                 self._moved[steps[:-1] if shared else self._above[steps]] = transform
 
     def parent(self, steps: tuple[str, ...]) -> Any:
-        """The transform above a shape, made where it is not there yet: readers list a step's children in this order."""
+        """Return the transform above a shape, created if needed: readers list a step's children in the order of
+        creation.
+        """
         above = self._above[steps]
         for length in range(1, len(above) + 1):
             branch = above[:length]
             if branch not in self._nodes:
                 mark = AbcCoreAbstract.MetaData()
                 if branch == steps:
-                    mark.set(ADDED, "1")
+                    mark.set(ADDED_KEY, "1")
                 self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling, mark)
         moving = above in self._moved or (above == steps and steps[:-1] in self._moved)
         if not moving and not self._inherits(above):
@@ -201,7 +203,7 @@ def _same(a: Attribute | None, b: Attribute | None) -> bool:
 
 
 class _ShapeWriter(ShapeWriter):
-    """One shape, and samples as frames come."""
+    """One shape, whose samples are written as frames arrive."""
 
     def __init__(self, key: ShapeKey, parent: Any, name: str, sampling: int, *, changes: bool) -> None:
         super().__init__(key, "Alembic", changes=changes)
@@ -210,7 +212,7 @@ class _ShapeWriter(ShapeWriter):
         self._schema = self._handle.getSchema()
         self._extras = ExtrasWriter(self._handle, sampling if changes else None)
         self._previous: Float32Array | None = None
-        """Positions of the frame before, if it is of the same run."""
+        """Positions of the previous frame, if it is of the same run."""
         self._has_uvs = self._has_normals = False
 
     def begin(self, item: MeshObject, times: Float64Array) -> None:
@@ -221,36 +223,38 @@ class _ShapeWriter(ShapeWriter):
         if numbers is not None:
             self._ids = int_array(numbers)
         self._corner_rows: Any = None
-        # Whether normals are of vertices or of corners is said once for all runs.
+        # All runs must agree on whether normals are per vertex or per corner.
         if self.normals is not None and (self.changes or not self.normals.is_smooth):
             order = reversed_corners(item.connectivity.face_counts)
             self._corner_rows = unsigned_array(self.normals.corner_rows[order])
         self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
 
     def block_bytes(self, frames: int, *, speeds: bool) -> int:
-        """At most, of samples of so many frames that are next."""
+        """Return an upper bound of the size of the next `frames` samples [bytes]."""
         normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
         points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
         described = _described_bytes(self.item) if self._previous is None else 0
         return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals))
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        stands = np.zeros(len(points), bool) if speeds is not None else self._stands(points)
-        normals = self.normals_at(points[~stands])
+        repeats = np.zeros(len(points), bool) if speeds is not None else self._find_repeats(points)
+        normals = self.normals_at(points[~repeats])
         for frame in range(len(points)):
-            if stands[frame]:
+            if repeats[frame]:
                 self._schema.setFromPrevious()
                 self._extras.repeat()
             else:
                 self._sample(points[frame], None if speeds is None else speeds[frame], next(normals))
         self._previous = points[-1].copy()
 
-    def _stands(self, points: Float32Array) -> BoolArray:
-        """(frames,) bool: where positions (frames, vertices, 3) are those of the frame before, of the same run."""
+    def _find_repeats(self, points: Float32Array) -> BoolArray:
+        """Return (frames,) bool, whether positions (frames, vertices, 3) equal those of the previous frame of
+        the same run.
+        """
         previous = self._previous
         found = np.zeros(len(points), bool)
         found[0] = previous is not None and np.array_equal(points[0], previous)
-        # Most frames differ in their first vertices.
+        # Most frames already differ in their first vertices.
         for frame in np.flatnonzero((points[1:, :4] == points[:-1, :4]).all(axis=(1, 2))) + 1:
             found[frame] = np.array_equal(points[frame], points[frame - 1])
         return found
@@ -258,7 +262,7 @@ class _ShapeWriter(ShapeWriter):
     def _sample(self, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None) -> None:
         first = self._previous is None
         self._previous = points
-        # After the first of a run a sample is of positions alone: the rest is that of the first.
+        # After the first sample of a run, samples hold only positions, and the rest stays.
         sample, keep = self._new_sample(), Keep()
         if first:
             self._describe(sample, keep)
@@ -279,7 +283,7 @@ class _ShapeWriter(ShapeWriter):
             self._extras.repeat()
 
     def _describe(self, sample: Any, keep: Keep) -> None:
-        """Faces or curves, and the main UV set."""
+        """Add faces or curves and the main UV set to a sample."""
         connectivity = self.item.connectivity
         if self.key.kind == "mesh":
             order = reversed_corners(connectivity.face_counts)

@@ -63,7 +63,7 @@ def test_a_scene_with_z_up_is_turned_with_its_velocities_and_says_so(tmp_path: P
         kept = transform_attribute([0.0, 1.0], [np.eye(4), np.diag([2.0, 2, 2, 1])])
         clip.objects = tuple(MeshObject(f"t/{one.name}", one.connectivity, (kept,)) for one in clip.objects)
     notices = write_sequence(clip, tmp_path / "x.abc", velocities=DifferencedVelocities(clip))
-    assert notices[0] == "the scene is turned from Z-up to Y-up, as programs take Alembic to be"
+    assert notices[0] == "the scene is turned from Z-up to Y-up, which programs assume for Alembic"
     with open_sequence(tmp_path / "x.abc") as read:
         assert dict(read.metadata) == {"up_axis": "Y"}
         turned = place(bake_transforms(clip), up_axis="Y").read_frames(0, 5)
