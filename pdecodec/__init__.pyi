@@ -28,6 +28,7 @@ from pdecodec.errors import PdecodecError as PdecodecError
 from pdecodec.errors import SettingsError as SettingsError
 from pdecodec.formats import open_sequence as open_sequence
 from pdecodec.formats import write_sequence as write_sequence
+from pdecodec.mesh.fields import Field as Field
 from pdecodec.mesh.runs import ChangingSequence as ChangingSequence
 from pdecodec.mesh.selection import FrameSelection as FrameSelection
 from pdecodec.mesh.selection import ObjectSelection as ObjectSelection

@@ -44,6 +44,7 @@ class ErrorCode(StrEnum):
         "invalid-attribute",
         "An attribute does not match its domain, or refers to rows that do not exist.",
     )
+    INVALID_FIELD = "invalid-field", "A field does not match its domain or the frames, or is of an unknown type."
     FILE_MISSING = "file-missing", "A file, folder or address does not exist."
     UNREADABLE = "unreadable", "A file cannot be opened or read: missing permission, a pipe or device, a failing disk."
     OUTSIDE_FOLDER = "outside-folder", "A file refers to a file outside its folder, which is not allowed."

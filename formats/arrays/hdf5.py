@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points, fields_as_arrays
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.reading import FileScope
 from pdecodec.system.storage import RemoteFile
@@ -65,9 +66,13 @@ class Hdf5Sequence(LaidOutSequence):
                 def item(name: str) -> Any:
                     return linked_item(self._file, name, scope) if linked[name] else _found(self._file[name])
 
-                self._points = item("points")
-                check_stored(self._points, scope)
-                self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset")
+                def sliced(name: str) -> Any:
+                    dataset = item(name)
+                    check_stored(dataset, scope)
+                    return dataset
+
+                self._points = sliced("points")
+                self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset", sliced)
             if lost:
                 self.notices = (*self.notices, f"attributes not kept: {', '.join(lost)}")
         except InputError:
@@ -77,6 +82,10 @@ class Hdf5Sequence(LaidOutSequence):
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with _file_errors(self._path, frame=start):
             return super().read_frames(start, stop)
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        with _file_errors(self._path, frame=start):
+            return super()._field_values(field, start, stop)
 
     def close(self) -> None:
         self._file.close()
@@ -93,6 +102,11 @@ def write_hdf5(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         for start, block in output.blocks(sequence, "HDF5", at_a_time):
             points[start : start + len(block)] = block
             check()
+        for name, field, shape in fields_as_arrays(sequence):
+            values = file.create_dataset(name, shape, field.dtype, track_times=False)
+            for start, block in sequence.field_blocks(field.name):
+                values[start : start + len(block)] = block
+                check()
         for name, array in arrays_of(sequence, output.rate).items():
             _write(file, name, array)
     return ()

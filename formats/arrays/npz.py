@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points, fields_as_arrays
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.storage import RemoteFile
@@ -61,26 +61,39 @@ class NpzSequence(LaidOutSequence):
         with _archive_errors(path), path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             check_has_points(list(members), "array")
-            header = _read_header(archive, members["points"])
-            stored = members["points"].compress_type == zipfile.ZIP_STORED and not header.fortran_order
-            self._points = (
-                _StoredArray(path, members["points"], header) if stored else _read(archive, members["points"])
-            )
-            self._take(list(members), lambda name: _read(archive, members[name]), fps, "array")
+
+            def sliced(name: str) -> Any:
+                header = _read_header(archive, members[name])
+                stored = members[name].compress_type == zipfile.ZIP_STORED and not header.fortran_order
+                return _StoredArray(path, members[name], header) if stored else _read(archive, members[name])
+
+            self._points = sliced("points")
+            self._take(list(members), lambda name: _read(archive, members[name]), fps, "array", sliced)
 
 
 def write_npz(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write an uncompressed archive, block by block; equal sequences give equal bytes."""
     shape = (sequence.frame_count, sequence.vertex_count, 3)
     with output.whole_file() as partial, zipfile.ZipFile(partial, "w") as archive:
-        with _new_member(archive, "points") as member:
-            np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": shape})
-            for _, block in output.blocks(sequence, "NPZ"):
-                member.write(np.ascontiguousarray(block, "<f4").data)
+        points = (block for _, block in output.blocks(sequence, "NPZ"))
+        _write_blocks(archive, "points", np.dtype("<f4"), shape, points)
+        for name, field, shape_of_field in fields_as_arrays(sequence):
+            values = (block for _, block in sequence.field_blocks(field.name))
+            _write_blocks(archive, name, field.dtype.newbyteorder("<"), shape_of_field, values)
         for name, array in arrays_of(sequence, output.rate).items():
             with _new_member(archive, name) as member:
                 np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
     return ()
+
+
+def _write_blocks(
+    archive: zipfile.ZipFile, name: str, dtype: np.dtype[Any], shape: tuple[int, ...], blocks: Iterator[NDArray[Any]]
+) -> None:
+    with _new_member(archive, name) as member:
+        descr = np.lib.format.dtype_to_descr(dtype)
+        np.lib.format.write_array_header_1_0(member, {"descr": descr, "fortran_order": False, "shape": shape})
+        for block in blocks:
+            member.write(np.ascontiguousarray(block, dtype).data)
 
 
 def _new_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:

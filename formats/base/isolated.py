@@ -17,6 +17,7 @@ from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.errors import InputError, Notice, PdecodecError
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
 from pdecodec.mesh.sequence import Content, MeshSequence, Unsupported
 from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedError
@@ -79,7 +80,15 @@ class IsolatedSequence(LaidOutSequence):
             for text, setting, value, purpose in told["notices"]
         )
         self.unsupported = tuple(Unsupported(*one) for one in told["unsupported"])
+        self.fields = tuple(
+            Field(name, domain, np.dtype(dtype), components, unit, None if objects is None else tuple(objects))
+            for name, domain, dtype, components, unit, objects in told["fields"]
+        )
+        self._path = path
         self.contents = tuple(Content(*one) for one in told["contents"])
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return call_about_file(self.worker, self._path, _read_field, field.name, start, stop, frame=start)["values"]
 
     def close(self) -> None:
         self.worker.end()
@@ -112,11 +121,19 @@ def _open(
         sequence = _opened[path] = opened_by(path, **options)
     lost = [(one.name, one.feature, one.frame) for one in sequence.unsupported]
     facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
-    told = [one if isinstance(one, Notice) else Notice(one) for one in sequence.notices]
-    notices = [(one.text, one.setting, one.value, one.purpose) for one in told]
+    known = [one if isinstance(one, Notice) else Notice(one) for one in sequence.notices]
+    notices = [(one.text, one.setting, one.value, one.purpose) for one in known]
     # Arrays of text take the room of the longest one for each.
-    lists = json.dumps({"notices": notices, "unsupported": lost, "contents": sequence.contents}).encode()
-    return {**arrays_of(sequence, sequence.fps), **facts, "told": np.frombuffer(lists, np.uint8)}
+    fields = [(one.name, one.domain, str(one.dtype), one.components, one.unit, one.objects) for one in sequence.fields]
+    told = {"notices": notices, "unsupported": lost, "contents": sequence.contents, "fields": fields}
+    return {**arrays_of(sequence, sequence.fps), **facts, "told": np.frombuffer(json.dumps(told).encode(), np.uint8)}
+
+
+def _read_field(path: Path, name: str, start: int, stop: int) -> dict[str, Any]:
+    """Read a block of frames of a field in a worker."""
+    if path not in _opened:
+        raise InputError("the worker process that had it open has ended; open it again", code="worker-ended")
+    return {"values": _opened[path].read_field(name, start, stop)}
 
 
 def _read(path: Path, start: int, stop: int) -> dict[str, Any]:

@@ -7,7 +7,13 @@
 ``objects/0/attributes/0/name`` text ``objects/0/attributes/0/domain`` text: vertex, face, corner or object
 ``objects/0/attributes/0/values`` (n,) or (n, k) numbers ``objects/0/attributes/0/indices`` int32, if there are any
 ``objects/0/attributes/0/labels`` (labels,) text, if there are any ``metadata`` (entries, 2) text, if there are any
+``field_NAME`` (frames, rows) or (frames, rows, components) ``domains`` JSON: the domain of each field by its name
+``units`` JSON: units of fields, if known ``objects_with_fields`` JSON: indices, of fields that not all objects have
 ======================================== ==========================================================
+
+In ``field_NAME`` the characters ``%``, ``/`` and NUL of a name are written as in addresses, ``%25``. Domains are vertex
+(also read: node, point), face (also read: cell), corner or object; without ``domains`` the number of rows tells.
+Points of one frame with fields of several do not move.
 
 A file also holds ``points`` (frames, vertices, 3), ``times`` (frames,) [s] and ``fps``; and, for programs that know
 only these, ``faces`` (rows, widest) int32 padded with -1, if they can represent the connectivity.
@@ -15,8 +21,11 @@ only these, ``faces`` (rows, widest) int32 padded with -1, if they can represent
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, cast, get_args
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +33,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.times import timing_of_arrays
 from pdecodec.mesh.arrays import Float32Array, Int32Array
+from pdecodec.mesh.fields import DTYPES, Field, FieldDomain, check_fields, field_of_array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence, check_frame_range
 
@@ -31,6 +41,15 @@ PADDING_FACTOR = 4
 """``faces`` is left out if padding would make it this many times as large as the indices: one n-gon of a
 thousand corners among a million triangles would take gigabytes.
 """
+
+_FIELD = "field_"
+_OF_FIELDS = ("domains", "units", "objects_with_fields")
+_DOMAINS: Mapping[str, FieldDomain] = {
+    **{domain: domain for domain in get_args(FieldDomain)},
+    "node": "vertex",
+    "point": "vertex",
+    "cell": "face",
+}
 
 _CONNECTIVITY = ("face_counts", "face_indices", "line_counts", "line_indices")
 
@@ -41,9 +60,20 @@ class LaidOutSequence(MeshSequence):
     """A sequence read from arrays of this layout, wherever they are stored."""
 
     _points: Any
+    _values: Mapping[str, Any] = {}
 
-    def _take(self, names: Sequence[str], read: Callable[[str], NDArray[Any]], fps: float | None, what: str) -> None:
-        """Check the points, and read everything else; `read` returns an array by its name, `what` is its kind."""
+    def _take(
+        self,
+        names: Sequence[str],
+        read: Callable[[str], NDArray[Any]],
+        fps: float | None,
+        what: str,
+        sliced: Callable[[str], Any] | None = None,
+    ) -> None:
+        """Check the points, and read everything else but fields.
+
+        `read` returns an array by its name, `what` is its kind, and `sliced` returns one that is read by slices.
+        """
         shape, dtype = self._points.shape, self._points.dtype
         if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
             raise InputError(
@@ -54,12 +84,49 @@ class LaidOutSequence(MeshSequence):
         arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
         self.objects = _objects_of(arrays, shape[1])
         self.metadata = _metadata_of(arrays)
-        self.times, self.fps, notices = timing_of_arrays(arrays, shape[0], fps)
-        other = [name for name in names if not _is_ours(name)]
+        values = {} if sliced is None else {name: sliced(name) for name in names if _is_field(name)}
+        frames = shape[0]
+        if frames == 1 and values:
+            frames = max(len(array.shape) and array.shape[0] for array in values.values())
+        self.times, self.fps, notices = timing_of_arrays(arrays, frames, fps)
+        lost = self._take_fields(arrays, values)
+        other = [*lost, *(name for name in names if not _is_ours(name) and not _is_field(name))]
         self.notices = (*notices, f"{what}s not kept: {', '.join(other)}") if other else notices
+
+    def _take_fields(self, arrays: Arrays, values: Mapping[str, Any]) -> list[str]:
+        """Keep the arrays of fields, and return the names of those that have no place on this mesh."""
+        domains, units, owners = (_json_of(arrays, name) for name in _OF_FIELDS)
+        lost, kept = [], {}
+        for array_name, array in values.items():
+            name, dtype = unquote(array_name.removeprefix(_FIELD)), np.dtype(array.dtype).newbyteorder("=")
+            stated, objects = domains.get(name), owners.get(name)
+            domain = None if stated is None else _DOMAINS.get(str(stated))
+            try:
+                if dtype not in (*DTYPES, np.dtype(np.float16)) or (stated is not None and domain is None):
+                    raise InputError("of a type or domain that is not known")
+                field = field_of_array(name, array.shape, dtype, self.objects, domain, str(units.get(name, "")))
+                field = replace(field, objects=None if objects is None else tuple(map(int, objects)))
+                check_fields([field], self.objects)
+            except (InputError, TypeError, ValueError):
+                lost.append(array_name)
+                continue
+            squeezed = field.shape(self.frame_count, self.objects)
+            if array.shape not in (squeezed, (*squeezed, 1)):
+                lost.append(array_name)
+                continue
+            kept[name] = (field, array)
+        self.fields = tuple(field for field, _ in kept.values())
+        self._values = {name: array for name, (_, array) in kept.items()}
+        return lost
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.asarray(self._values[field.name][start:stop], field.dtype)
+        return values.reshape(field.shape(stop - start, self.objects))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
+        if self._points.shape[0] == 1 < self.frame_count:
+            return np.repeat(to_float32(self._points[0:1]), stop - start, axis=0)
         return to_float32(self._points[start:stop])
 
 
@@ -93,7 +160,21 @@ def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
                 arrays[f"{inner}/labels"] = np.asarray(attribute.labels)
     if sequence.metadata:
         arrays["metadata"] = np.asarray(sorted(sequence.metadata.items()))
+    if sequence.fields:
+        about = (
+            {one.name: one.domain for one in sequence.fields},
+            {one.name: one.unit for one in sequence.fields if one.unit},
+            {one.name: one.objects for one in sequence.fields if one.objects is not None},
+        )
+        arrays |= {name: np.asarray(json.dumps(texts)) for name, texts in zip(_OF_FIELDS, about, strict=True) if texts}
     return arrays
+
+
+def fields_as_arrays(sequence: MeshSequence) -> Iterator[tuple[str, Field, tuple[int, ...]]]:
+    """Yield the name and shape of each field's array; its values are read by blocks of frames."""
+    for one in sequence.fields:
+        name = one.name.replace("%", "%25").replace("/", "%2F").replace("\0", "%00")
+        yield _FIELD + name, one, one.shape(sequence.frame_count, sequence.objects)
 
 
 def _padded_faces(whole: Connectivity) -> Int32Array | None:
@@ -115,7 +196,24 @@ def _padded_faces(whole: Connectivity) -> Int32Array | None:
 
 def _is_ours(name: str) -> bool:
     """Return whether an array of this name is part of the layout."""
-    return name in ("points", "faces", "times", "fps", "metadata") or name.startswith("objects/")
+    return name in ("points", "faces", "times", "fps", "metadata", *_OF_FIELDS) or name.startswith("objects/")
+
+
+def _is_field(name: str) -> bool:
+    return name.startswith(_FIELD)
+
+
+def _json_of(arrays: Arrays, name: str) -> Mapping[str, Any]:
+    """Return a JSON object that is stored as text; empty if there is none."""
+    if name not in arrays:
+        return {}
+    try:
+        found = json.loads(_text(arrays, name))
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise damaged(f"{name} must be a JSON object of texts by names of fields; write it again")
+    return found
 
 
 def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:

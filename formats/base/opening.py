@@ -297,6 +297,8 @@ def write_sequence(
             start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
             rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
         lost = (*rounded, *writer(placed, output))
+    if not entry.holds_fields and (names := output.fields_met | {one.name for one in sequence.runs[0].fields}):
+        lost = (*lost, f"fields not kept: {', '.join(sorted(names))}")
     return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
 
 

@@ -8,7 +8,7 @@ import importlib
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -53,6 +53,8 @@ class Output:
         An open file of the same format: its materials, with their textures, are written for materials of the same name.
     layer : bool
         When writing onto a file: whether to write only a layer over it.
+    fields_met : set of str
+        Names of the fields of the runs that were written so far.
     """
 
     path: Path
@@ -66,6 +68,7 @@ class Output:
     rigid: float | None = None
     looks_of: MeshSequence | None = None
     layer: bool = False
+    fields_met: set[str] = field(default_factory=set)
 
     def whole_file(self) -> AbstractContextManager[Path]:
         """Return a context whose path to write to becomes :attr:`path` when the block ends without an error."""
@@ -88,6 +91,7 @@ class Output:
         if self.progress is not None:
             self.progress(0, sequence.frame_count, f"writing {what}")
         for run in sequence.runs:
+            self.fields_met.update(one.name for one in run.fields)
             for start, block in run.blocks(frames):
                 yield run, first, first + start, block
                 if self.progress is not None:
@@ -132,9 +136,9 @@ class Format:
     from_address : bool
         Whether the reader also takes a :class:`pdecodec.system.storage.RemoteFile` and reads only the parts it needs; a
         remote file of another format is fetched whole.
-    holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
-        Whether the writer can store transforms above objects, store velocities, keep objects without vertices, and
-        write a sequence whose connectivity changes.
+    holds_transforms, holds_velocities, holds_nothing, holds_runs, holds_fields : bool
+        Whether the writer can store transforms above objects, store velocities, keep objects without vertices,
+        write a sequence whose connectivity changes, and store fields; one that stores some fields lists the others.
     finds_rigid_parts : bool
         Whether the writer always looks for parts of a decoded animation that move rigidly within its bound.
     starts_at_zero : bool
@@ -165,6 +169,7 @@ class Format:
     holds_velocities: bool = False
     holds_nothing: bool = False
     holds_runs: bool = False
+    holds_fields: bool = False
     finds_rigid_parts: bool = False
     starts_at_zero: bool = False
     times: Literal["exact", "float32", "microseconds", "both"] = "exact"

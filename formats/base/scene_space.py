@@ -15,13 +15,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats.base.attribute_roles import reversed_corners, vertex_slices
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
@@ -52,7 +54,10 @@ class DerivedSequence(MeshSequence):
         self._source = source
         self.objects = source.objects
         self.times, self.fps = source.times, source.fps
-        self.metadata, self.notices = source.metadata, source.notices
+        self.metadata, self.notices, self.fields = source.metadata, source.notices, source.fields
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._source.read_field(field.name, start, stop)
 
     def close(self) -> None:
         self._source.close()
@@ -144,6 +149,10 @@ class PlacedSequence(DerivedSequence):
             metadata[UNIT] = unit_text(metres / scale)
         self.metadata = metadata
         self._turn = turn.astype(np.float64) * scale
+        untouched = ", ".join(repr(one.name) for one in source.fields if one.components > 1)
+        if untouched and (self._turn != np.eye(3)).any():
+            told = f"positions are turned and scaled, fields are not: {untouched}"
+            self.notices = (*self.notices, told)
         self._kept = [transform_of(item) is not None for item in source.objects]
         self.objects = tuple(self._placed(item) for item in source.objects)
 
@@ -274,7 +283,20 @@ class BakedTransforms(DerivedSequence):
             return item
         attributes = tuple(one for one in item.attributes if one is not transform)
         baked = MeshObject(item.name, item.connectivity, attributes)
-        return turned_around(baked) if mirrors(matrices_at(transform, self.times[[0, -1]])) else baked
+        return turned_around(baked) if self._mirrored(transform) else baked
+
+    def _mirrored(self, transform: Attribute | None) -> bool:
+        return transform is not None and mirrors(matrices_at(transform, self.times[[0, -1]]))
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = super()._field_values(field, start, stop)
+        if field.domain == "corner" and any(map(self._mirrored, self._transforms)):
+            values = values.copy()
+            for index, (item, transform) in enumerate(zip(self.objects, self._transforms, strict=True)):
+                own = field.rows_of_object(self.objects, index)
+                if own.stop > own.start and self._mirrored(transform):
+                    values[:, own] = values[:, own][:, reversed_corners(item.connectivity.face_counts)]
+        return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.codec.sections.attributes import reorder_attributes
 from pdecodec.codec.sections.connectivity import CodedOrder, coded_orders
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity, MeshObject, MeshSequence
 
 
@@ -22,11 +26,13 @@ class CodedOrderSequence(MeshSequence):
         self._source = source
         self.times, self.fps = source.times, source.fps
         self.metadata, self.notices = source.metadata, source.notices
-        objects, vertices, first = [], [], 0
+        self.fields = source.fields
+        objects, vertices, first, self._orders = [], [], 0, []
         for item, order in zip(
             source.objects, coded_orders([item.connectivity for item in source.objects]), strict=True
         ):
             count = item.vertex_count
+            self._orders.append(order)
             numbers = np.arange(count) if order is None else order.vertices.astype(np.int64)
             vertices.append(first + numbers)
             objects.append(item if order is None else _reordered(item, order))
@@ -36,6 +42,18 @@ class CodedOrderSequence(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         return np.ascontiguousarray(self._source.read_frames(start, stop)[:, self._vertices])
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        rows = []
+        for index, order in enumerate(self._orders):
+            own = field.rows_of_object(self.objects, index)
+            numbers = np.arange(own.start, own.stop)
+            if order is not None and field.domain != "object" and numbers.size:
+                numbers = numbers[
+                    {"vertex": order.vertices, "face": order.faces, "corner": order.corners}[field.domain]
+                ]
+            rows.append(numbers)
+        return self._source.read_field(field.name, start, stop)[:, np.concatenate(rows)]
 
     def close(self) -> None:
         self._source.close()

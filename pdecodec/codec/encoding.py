@@ -140,7 +140,8 @@ def _encode(
             report = encode_runs(sequence, settings, path, overwrite=overwrite, progress=progress)
         else:
             report = make_encoder(sequence, settings, progress).run(path, overwrite=overwrite)
-    return replace(report, rounding=rounding.largest)
+    names = dict.fromkeys(one.name for run in sequence.runs for one in run.fields)
+    return replace(report, rounding=rounding.largest, dropped_fields=tuple(names))
 
 
 def encode_to_size(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.fields import Field, held_or_mixed
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, equal_runs
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 from pdecodec.mesh.times import Outside, check_times, times_inside
@@ -137,6 +138,19 @@ class LinearInterpolation(MeshSequence):
             )
         self.metadata = source.metadata
         self.notices = source.notices
+        self.fields = source.fields
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.empty(field.shape(stop - start, self.objects), field.dtype)
+        for row, time in enumerate(self.times[start:stop]):
+            before = int(np.searchsorted(self._source.times, time, side="right")) - 1
+            after = min(before + 1, self._source.frame_count - 1)
+            ends = self._source.read_field(field.name, before, after + 1)
+            share = (time - self._source.times[before]) / max(
+                self._source.times[after] - self._source.times[before], 1e-300
+            )
+            values[row] = held_or_mixed(field, ends[0], ends[-1], share)
+        return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
@@ -139,6 +140,13 @@ class ChangingSequence(MeshSequence):
     @property
     def vertex_count(self) -> int:
         return self._only_run().vertex_count
+
+    @property
+    def fields(self) -> tuple[Field, ...]:  # type: ignore[override]  # each run has its own
+        return self._only_run().fields
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._only_run().read_field(field.name, start, stop)
 
     def _only_run(self) -> MeshSequence:
         if len(self._starts) > 1:

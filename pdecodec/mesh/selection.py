@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.fields import Field, selected_objects
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
@@ -40,15 +44,22 @@ class FrameSelection(MeshSequence):
         self.times, self.fps = check_times(chosen.size, source.times[chosen], _rate(chosen, source.fps))
         self.metadata = source.metadata
         self.notices = source.notices
+        self.fields = source.fields
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
+        return self._read(self._source.read_frames, start, stop)
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._read(partial(self._source.read_field, field.name), start, stop)
+
+    def _read(self, read: Callable[[int, int], NDArray[Any]], start: int, stop: int) -> NDArray[Any]:
         chosen = self._chosen[start:stop]
         if chosen.size == 0:
-            return np.zeros((0, self.vertex_count, 3), np.float32)
+            return read(0, 0)
         if chosen[-1] - chosen[0] == chosen.size - 1:
-            return self._source.read_frames(int(chosen[0]), int(chosen[-1]) + 1)
-        return np.concatenate([self._source.read_frames(int(index), int(index) + 1) for index in chosen])
+            return read(int(chosen[0]), int(chosen[-1]) + 1)
+        return np.concatenate([read(int(index), int(index) + 1) for index in chosen])
 
     def close(self) -> None:
         self._source.close()
@@ -150,9 +161,13 @@ class ObjectSelection(MeshSequence):
         self.times, self.fps = source.times, source.fps
         self.metadata = source.metadata
         self.notices = source.notices
+        self.fields, self._rows = selected_objects(source.fields, source.objects, chosen)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         return self._source.read_frames(start, stop)[:, self._vertices]
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._source.read_field(field.name, start, stop)[:, self._rows[field.name]]
 
     def close(self) -> None:
         self._source.close()

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field, FieldArrays, fields_in_memory
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed, to_float32
 from pdecodec.mesh.times import check_times
 from pdecodec.system.arguments import shown
@@ -295,6 +296,8 @@ class MeshSequence(ABC):
         Messages for a person (an assumed frame rate, data left out); the command line prints them.
     unsupported : tuple of Unsupported
         Objects that a reader was told to leave out if they are not supported.
+    fields : tuple of Field
+        Values on vertices, faces, corners or objects that change in time; :meth:`read_field` reads them.
     list_contents : callable
         Gives :attr:`contents` when they are asked for, for formats whose readers list them.
     """
@@ -305,6 +308,7 @@ class MeshSequence(ABC):
     metadata: Mapping[str, str]
     notices: tuple[str, ...]
     unsupported: tuple[Unsupported, ...] = ()
+    fields: tuple[Field, ...] = ()
     list_contents: Callable[[], tuple[Content, ...]] = tuple
 
     @cached_property
@@ -327,6 +331,45 @@ class MeshSequence(ABC):
         IndexError
             If ``0 <= start <= stop <= frame_count`` does not hold.
         """
+
+    def read_field(self, name: str, start: int, stop: int) -> NDArray[Any]:
+        """Return the values of a field at frames ``start`` to ``stop - 1``.
+
+        Returns
+        -------
+        (stop - start, rows) or (stop - start, rows, components) array
+            Of the type of the field; rows stand object after object (:class:`pdecodec.Field`).
+
+        Raises
+        ------
+        InputError
+            If there is no such field, or a frame cannot be read.
+        IndexError
+            If ``0 <= start <= stop <= frame_count`` does not hold.
+        """
+        field = self.field_named(name)
+        check_frame_range(self, start, stop)
+        return self._field_values(field, start, stop)
+
+    def field_blocks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield blocks of consecutive frames of a field, ``(first frame, values)``."""
+        field = self.field_named(name)
+        row = field.row_count(self.objects) * field.components * field.dtype.itemsize
+        size = max(1, BLOCK_BYTES // max(1, row))
+        for start in range(0, self.frame_count, size):
+            yield start, self.read_field(name, start, min(start + size, self.frame_count))
+
+    def field_named(self, name: str) -> Field:
+        """Return the field of a name; raise InputError if there is none."""
+        found = next((one for one in self.fields if one.name == name), None)
+        if found is None:
+            known = ", ".join(repr(one.name) for one in self.fields) or "none"
+            raise InputError(f"there is no field {shown(name)}; there are {known}", code="unknown-name")
+        return found
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        """Return values of one of :attr:`fields` at existing frames: what a sequence with fields has to override."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         runs = len(self.runs)
@@ -433,6 +476,7 @@ class MeshSequence(ABC):
             fps=self.fps,
             metadata=self.metadata,
             notices=self.notices,
+            fields=[(one, self.read_field(one.name, 0, self.frame_count)) for one in self.fields],
         )
 
 
@@ -451,6 +495,9 @@ class ArraySequence(MeshSequence):
         Strictly increasing. Default: frames at `fps` from 0.
     fps : float, optional
         Nominal frame rate. Default: from `times`, else 24.
+    fields : mapping of str to array, or sequence of (Field, array), optional
+        Values that change in time, (frames, rows) or (frames, rows, components). Without a :class:`pdecodec.Field` the
+        number of rows says of which domain they are, of vertices if these are as many.
 
     Raises
     ------
@@ -468,6 +515,7 @@ class ArraySequence(MeshSequence):
         fps: float | None = None,
         metadata: Mapping[str, str] | None = None,
         notices: Sequence[str] = (),
+        fields: FieldArrays = (),
     ) -> None:
         array = np.asarray(points)
         if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fiu":
@@ -493,6 +541,10 @@ class ArraySequence(MeshSequence):
             raise InputError("there are no vertices; give at least one", code="no-vertices")
         self.metadata = dict(metadata or {})
         self.notices = tuple(notices)
+        self.fields, self._values = fields_in_memory(fields, frames, self.objects)
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._values[field.name][start:stop]
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

@@ -35,7 +35,8 @@ CODES = re.findall(
     r"[a-z-]+",
     """
 failed invalid-setting conflicting-settings setting-unsupported unknown-name frame-out-of-range time-out-of-range
-invalid-input invalid-faces invalid-attribute file-missing unreadable outside-folder unknown-format unsupported-format
+invalid-input invalid-faces invalid-attribute invalid-field file-missing unreadable outside-folder unknown-format
+unsupported-format
 ambiguous-input frame-missing
 no-frames no-vertices damaged-input file-changed unsupported-feature object-missing object-mismatch
 connectivity-changes invalid-times not-finite too-large interrupted worker-ended output-exists output-unwritable

@@ -132,6 +132,8 @@ class EncodeReport:
         Where that was asked for: what else could have been taken, and what it would have cost.
     positions : int or None
         Vertices of all frames together, where that is not vertices times frames.
+    dropped_fields : tuple of str
+        Names of the fields of the sequence that are not in the file.
     rounding : float [scene units]
         How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
     size_limit : int or None [bytes]
@@ -159,6 +161,7 @@ class EncodeReport:
     alternatives: tuple[Question, ...] = ()
     positions: int | None = None
     rounding: float = 0.0
+    dropped_fields: tuple[str, ...] = ()
     size_limit: int | None = None
 
     @property
@@ -184,6 +187,10 @@ class EncodeReport:
         if self.rounding > (REPORTED_ROUNDING * self.scale if self.bound is None else self.bound):
             beyond = "" if self.bound is None else ", more than the bound, which counts from there"
             found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
+        if self.dropped_fields:
+            found.append(
+                f"fields not kept: {', '.join(self.dropped_fields)}; a .pdeanim file has no place for them yet"
+            )
         return tuple(found)
 
     @property

@@ -1,0 +1,222 @@
+"""Fields: values on vertices, faces, corners or objects that change from frame to frame.
+
+Constant values are an :class:`pdecodec.Attribute` of their object. A field belongs to the sequence, which reads it by
+blocks of frames as it reads positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Int64Array
+from pdecodec.system.arguments import shown
+
+if TYPE_CHECKING:
+    from pdecodec.mesh.sequence import MeshObject
+
+FieldDomain = Literal["vertex", "face", "corner", "object"]
+
+FieldArrays = Mapping[str, ArrayLike] | Iterable[tuple["Field", ArrayLike]]
+"""What :class:`pdecodec.ArraySequence` takes: arrays by name, or each with its :class:`Field`."""
+
+DTYPES = tuple(np.dtype(name) for name in ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "?"))
+"""Types of values, in the order of the format."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """Description of values that change in time.
+
+    Its *rows* are the elements of its domain, object after object, of the objects that have it.
+
+    Parameters
+    ----------
+    name : str
+        Unique within a sequence.
+    domain : {"vertex", "face", "corner", "object"}
+    dtype : dtype
+        float32, float64, int8 to int64, uint8 to uint64, or bool; default float32.
+    components : int
+        Numbers of each row, 1 or more.
+    unit : str
+        ``"Pa"``, ``"m/s"``; empty if it is not known.
+    objects : tuple of int, optional
+        Indices of the objects that have it, increasing. Default: all.
+
+    Raises
+    ------
+    InputError
+        If one of them is none of these.
+    """
+
+    name: str
+    domain: FieldDomain
+    dtype: np.dtype[Any] = DTYPES[0]
+    components: int = 1
+    unit: str = ""
+    objects: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dtype", np.dtype(self.dtype).newbyteorder("="))
+        if self.domain not in get_args(FieldDomain):
+            raise self._error(f"is of {shown(self.domain)}; there are {', '.join(get_args(FieldDomain))}")
+        if self.dtype not in DTYPES:
+            raise self._error(f"is of type {self.dtype}; there are {', '.join(map(str, DTYPES))}")
+        if self.components < 1:
+            raise self._error(f"has {self.components} components; give 1 or more")
+        if self.objects is not None and (not self.objects or self.objects[0] < 0 or (np.diff(self.objects) <= 0).any()):
+            raise self._error("belongs to objects that do not increase from 0")
+
+    def _error(self, what: str) -> InputError:
+        return InputError(f"field {self.name!r} {what}", code="invalid-field")
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether its values are whole numbers or flags, which are never rounded or interpolated."""
+        return self.dtype.kind != "f"
+
+    def row_counts(self, objects: Sequence[MeshObject]) -> list[int]:
+        """Return the number of rows in each object: 0 where the object does not have the field."""
+        return [
+            rows_of_domain(item, self.domain) if self.objects is None or index in self.objects else 0
+            for index, item in enumerate(objects)
+        ]
+
+    def row_count(self, objects: Sequence[MeshObject]) -> int:
+        """Return the number of rows of all objects together."""
+        return sum(self.row_counts(objects))
+
+    def rows_of_object(self, objects: Sequence[MeshObject], index: int) -> slice:
+        """Return which rows belong to an object; none if it does not have the field."""
+        counts = self.row_counts(objects)
+        return slice(sum(counts[:index]), sum(counts[: index + 1]))
+
+    def shape(self, frames: int, objects: Sequence[MeshObject]) -> tuple[int, ...]:
+        """Return the shape of the values of some frames: the components are an axis if there are several."""
+        return (frames, self.row_count(objects), *([self.components] if self.components > 1 else []))
+
+
+def rows_of_domain(item: MeshObject, domain: FieldDomain) -> int:
+    """Return the number of elements of a domain in an object."""
+    return {
+        "vertex": item.vertex_count,
+        "face": item.connectivity.face_count,
+        "corner": int(item.connectivity.face_indices.size),
+        "object": 1,
+    }[domain]
+
+
+def check_fields(fields: Sequence[Field], objects: Sequence[MeshObject]) -> tuple[Field, ...]:
+    """Return fields, after checking that names are unique and objects exist; raise InputError otherwise."""
+    names = [field.name for field in fields]
+    for field in fields:
+        if names.count(field.name) > 1:
+            raise InputError(f"several fields are named {field.name!r}; rename one", code="invalid-field")
+        if field.objects is not None and field.objects[-1] >= len(objects):
+            raise InputError(
+                f"field {field.name!r} belongs to object {field.objects[-1]}, but there are {len(objects)}",
+                code="invalid-field",
+            )
+    return tuple(fields)
+
+
+def fields_in_memory(
+    given: FieldArrays, frames: int, objects: Sequence[MeshObject]
+) -> tuple[tuple[Field, ...], dict[str, NDArray[Any]]]:
+    """Return the fields that arrays describe, and the arrays by name; raise InputError if their shapes do not fit."""
+    if isinstance(given, Mapping):
+        pairs = [(field_of_array(str(name), np.shape(array), np.asarray(array).dtype, objects), array)
+                 for name, array in given.items()]  # fmt: skip
+    else:
+        pairs = list(given)
+    arrays = {}
+    for field, array in pairs:
+        values = np.asarray(array, field.dtype)
+        if field.components == 1 and values.ndim == 3 and values.shape[2] == 1:
+            values = values[:, :, 0]
+        wanted = field.shape(frames, objects)
+        if values.shape != wanted:
+            raise InputError(
+                f"field {field.name!r} has values of shape {values.shape}; {frames} frames of "
+                f"{field.row_count(objects)} rows of domain {field.domain} need {wanted}",
+                code="invalid-field",
+            )
+        arrays[field.name] = values
+    return check_fields([field for field, _ in pairs], objects), arrays
+
+
+def field_of_array(
+    name: str,
+    shape: Sequence[int],
+    dtype: np.dtype[Any],
+    objects: Sequence[MeshObject],
+    domain: FieldDomain | None = None,
+    unit: str = "",
+) -> Field:
+    """Return the field that an array (frames, rows[, components]) holds.
+
+    Parameters
+    ----------
+    name : str
+    shape, dtype
+        Of the array.
+    objects : sequence of MeshObject
+    domain : str, optional
+        Default: the one that has as many rows, vertices first.
+    unit : str
+
+    Raises
+    ------
+    InputError
+        If no domain has as many rows, or several except vertices have.
+    """
+    if len(shape) not in (2, 3):
+        raise InputError(
+            f"field {name!r} must have the shape (frames, rows) or (frames, rows, components), not {tuple(shape)}",
+            code="invalid-field",
+        )
+    if domain is None:
+        totals = {one: sum(rows_of_domain(item, one) for item in objects) for one in get_args(FieldDomain)}
+        found = [one for one, total in totals.items() if total == shape[1]]
+        if found[:1] != ["vertex"] and len(found) != 1:
+            known = ", ".join(f"{total} of domain {one}" for one, total in totals.items())
+            raise InputError(
+                f"field {name!r} has {shape[1]} rows, there are {known}; "
+                + ("give its domain, as a Field" if found else "give one row for each element of one domain"),
+                code="invalid-field",
+            )
+        domain = found[0]
+    # float16, and bytes in another order, are widened to a type of this computer.
+    exact = np.dtype(np.float32) if dtype == np.float16 else dtype
+    return Field(name, domain, exact, int(shape[2]) if len(shape) == 3 else 1, unit)
+
+
+def selected_objects(
+    fields: Iterable[Field], objects: Sequence[MeshObject], chosen: Sequence[int]
+) -> tuple[tuple[Field, ...], dict[str, Int64Array]]:
+    """Return the fields that some of the objects have, and which rows of the source they take, by name."""
+    kept, rows = [], {}
+    for field in fields:
+        own = [index for index in chosen if field.objects is None or index in field.objects]
+        if own:
+            parts = [np.arange(*field.rows_of_object(objects, index).indices(2**62)[:2]) for index in own]
+            rows[field.name] = np.concatenate(parts).astype(np.int64)
+            everywhere = len(own) == len(chosen)
+            new = None if everywhere else tuple(chosen.index(index) for index in own)
+            kept.append(replace(field, objects=new))
+    return tuple(kept), rows
+
+
+def held_or_mixed(field: Field, before: NDArray[Any], after: NDArray[Any], share: float) -> NDArray[Any]:
+    """Return values between two frames: mixed linearly if they are floats and both finite, else the earlier ones."""
+    if field.is_exact:
+        return before
+    with np.errstate(invalid="ignore"):
+        mixed = before + share * (after.astype(np.float64) - before)
+    return np.where(np.isfinite(mixed), mixed, before).astype(field.dtype)
