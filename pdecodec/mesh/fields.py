@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +17,15 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.system.arguments import shown
 
-if TYPE_CHECKING:
-    from pdecodec.mesh.sequence import MeshObject
+
+class MeshObject(Protocol):
+    """What fields need of a :class:`pdecodec.MeshObject`, whose module imports this one."""
+
+    @property
+    def vertex_count(self) -> int: ...
+    @property
+    def connectivity(self) -> Any: ...
+
 
 FieldDomain = Literal["vertex", "face", "corner", "object"]
 
@@ -106,7 +113,7 @@ def rows_of_domain(item: MeshObject, domain: FieldDomain) -> int:
     """Return the number of elements of a domain in an object."""
     return {
         "vertex": item.vertex_count,
-        "face": item.connectivity.face_count,
+        "face": int(item.connectivity.face_count),
         "corner": int(item.connectivity.face_indices.size),
         "object": 1,
     }[domain]
