@@ -14,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pdecodec.batch.records import STATE_FOLDER
+from pdecodec.codec.presets import PresetName, preset_named
 from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count, parse_fraction
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
@@ -46,20 +47,27 @@ class ClipOptions(InputOptions):
         Largest root mean square error, divided by the diagonal, instead of a tolerance.
     size : int or None
         Largest size of the file [bytes], instead of a tolerance.
+    preset : str or None
+        What the file is for, instead of a tolerance; `settings` have its effort, unless another one was given.
     """
 
     settings: EncodeSettings = field(default_factory=EncodeSettings)
     rms: float | None = None
     size: int | None = None
+    preset: PresetName | None = None
 
     def __post_init__(self) -> None:
-        check_one_target(self.settings, rms=self.rms, size=self.size)
+        bounds = {name: getattr(self.settings, name) for name in ("tolerance", "max_error")}
+        check_one_target({"preset": self.preset, **bounds, "rms": self.rms, "size": self.size})
+        preset_named(self.preset)
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object for the record of a clip, without the folders in which files lie."""
         mesh = None if self.mesh is None else os.path.basename(self.mesh)
         values = {**asdict(self), "objects": list(self.objects), "mesh": mesh}
         del values["asset_folders"]
+        if self.preset is None:
+            del values["preset"]  # as records without presets were written
         return values
 
     def with_values(self, values: Mapping[str, Any]) -> ClipOptions:
@@ -75,10 +83,12 @@ class ClipOptions(InputOptions):
         found = {name: _value(name, value) for name, value in values.items()}
         own = {name: value for name, value in found.items() if name not in (*_CODING, *_PAPER)}
         coding = {name: value for name, value in found.items() if name in _CODING}
-        if {"tolerance", "max_error", "rms", "size"} & set(found):
-            # A new bound replaces any other kind of bound.
+        if {"preset", "tolerance", "max_error", "rms", "size"} & set(found):
+            # A new bound replaces any other kind of bound, and the effort that came with a preset.
             coding = {"tolerance": None, "max_error": None, **coding}
-            own = {"rms": None, "size": None, **own}
+            own = {"rms": None, "size": None, "preset": None, **own}
+            if self.settings.effort == preset_named(self.preset).effort:
+                coding = {"effort": preset_named(own["preset"]).effort, **coding}
         paper = {name: value for name, value in found.items() if name in _PAPER}
         settings = replace(self.settings, **coding, paper=replace(self.settings.paper, **paper))
         return replace(self, settings=settings, **own)

@@ -343,7 +343,8 @@ def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
 def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
     from pdecodec.codec.encoding import encode
 
-    return encode(sequence, path, options.settings, rms=options.rms, size=options.size)
+    settings, preset = options.settings, options.preset
+    return encode(sequence, path, settings, effort=settings.effort, rms=options.rms, size=options.size, preset=preset)
 
 
 def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:

@@ -43,9 +43,9 @@ SAID_EVERY = 30.0
 """Time between progress lines if standard error is not a terminal [s]."""
 
 _OF_CLIPS = (
-    "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",
-    "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "displacement", "transforms",
-    "skip_unsupported", "isolate", "asset_folders", "up_axis", "scale", "unit",
+    "preset", "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r",
+    "group_frames", "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "displacement",
+    "transforms", "skip_unsupported", "isolate", "asset_folders", "up_axis", "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that apply to every clip whose manifest does not set them."""
 

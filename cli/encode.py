@@ -7,12 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
+from pdecodec.cli.console import (
+    byte_size,
+    in_options,
+    print_json,
+    progress_bar,
+    ratio,
+    say,
+    say_alternatives,
+    say_notices,
+)
 from pdecodec.cli.jobs import SAMPLES, Job, for_each_job, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
-    effort_option,
     fraction,
     input_options,
     json_option,
@@ -21,10 +29,11 @@ from pdecodec.cli.options import (
     overwrite_option,
     parse_bytes,
 )
-from pdecodec.errors import SettingsError, naming_file
+from pdecodec.errors import Notice, SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.codec.encode.report import EncodeReport
+    from pdecodec.codec.presets import PresetName
     from pdecodec.codec.settings import EncodeSettings
     from pdecodec.mesh.sequence import MeshSequence
 
@@ -35,6 +44,13 @@ this large for the file to grow linearly from there on: the first few frames pre
 
 @click.command()
 @job_options
+@click.option(
+    "--preset",
+    type=click.Choice(["preview", "default", "hero", "archive"]),
+    help="What the file is for, instead of --tolerance. preview: tolerance 0.005, fast effort. default: tolerance "
+    "0.001. hero: tolerance 0.001, or less if needed to keep 99 % of the normals within 2 degrees; encodes several "
+    "times. archive: tolerance 0.00001, best effort, which is slow.",
+)
 @click.option(
     "--tolerance",
     type=fraction,
@@ -102,7 +118,12 @@ this large for the file to grow linearly from there on: the first few frames pre
     show_default=True,
     help="keep: decode vertices and faces in their original order. free: in an order that costs no bytes.",
 )
-@effort_option("Profile auto: fast skips the search on large clips, for previews; best tries all bases, for archives.")
+@click.option(
+    "--effort",
+    type=click.Choice(["fast", "default", "best"]),
+    help="Profile auto: fast skips the search on large clips; best tries all bases.  [default: that of --preset, "
+    "otherwise default]",
+)
 @click.option(
     "--why",
     is_flag=True,
@@ -145,11 +166,12 @@ def _encode(
     as_json: bool,
     rms: float | None,
     size: int | None,
+    preset: PresetName | None,
     **options: Any,
 ) -> None:
     """Do one job; `options` are fields of the two settings classes and of InputOptions."""
     from pdecodec.codec.encoding import encode as encode_sequence
-    from pdecodec.codec.settings import EncodeSettings, PaperSettings
+    from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target
     from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
 
@@ -158,10 +180,12 @@ def _encode(
         {item.name: options.pop(item.name) for item in fields(kind) if item.name in options}
         for kind in (EncodeSettings, PaperSettings)
     )
-    if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
-        raise SettingsError("give only one of --tolerance, --max-error, --rms and --size", code="conflicting-settings")
+    bounds = {f"--{name.replace('_', '-')}": settings[name] for name in ("tolerance", "max_error")}
+    check_one_target({"--preset": preset, **bounds, "--rms": rms, "--size": size})
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
+    effort = settings.pop("effort")
     checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    chosen: dict[str, Any] = {"rms": rms, "preset": preset, **({} if effort is None else {"effort": effort})}
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     asked = InputOptions(**options)
@@ -177,14 +201,14 @@ def _encode(
                 return
 
             def write(some: MeshSequence, path: str) -> object:
-                return encode_sequence(some, path, checked, rms=rms)
+                return encode_sequence(some, path, checked, **chosen)
 
             count = max(SAMPLES[-1], SAMPLED_POSITIONS // sequence.most_vertices)
             say_plan(job, sequence, write, files=len(files), size=source_bytes, samples=(count // 2, count))
             return
         with progress_bar() as progress, naming_file(source):
             report = encode_sequence(
-                sequence, output, checked, rms=rms, size=size, overwrite=overwrite, progress=progress
+                sequence, output, checked, size=size, overwrite=overwrite, progress=progress, **chosen
             )
         if as_json:
             print_json(_as_json(report, output, source_bytes, checked), outputs_are_written=True)
@@ -192,6 +216,9 @@ def _encode(
     say_alternatives(report.alternatives)
     if report.bound is not None and (rms is not None or size is not None):
         say(f"tolerance {report.bound / report.scale:.4g} chosen, rms error {report.rms_error / report.scale:.3g}")
+    if preset is not None and report.bound is not None:
+        kept = "" if report.normal_p99 is None else f", 99 % of the normals within {report.normal_p99:.3g} degrees"
+        say(f"preset {preset}: tolerance {report.bound / report.scale:.4g}{kept}")
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
         f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "
@@ -200,7 +227,8 @@ def _encode(
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
     for warning in report.warnings:
-        say(f"warning: {warning}")
+        parameters = click.get_current_context().command.params
+        say(f"warning: {in_options(warning, parameters) if isinstance(warning, Notice) else warning}")
 
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
@@ -212,7 +240,8 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     same = (
         "frames", "vertices", "raw_bytes", "runs", "bound", "max_error", "rms_error", "rounding", "seconds", "groups",
-        "patches", "functions_of_space", "coefficients", "residuals", "sections", "summary", "jumps",
+        "patches", "functions_of_space", "coefficients", "residuals", "sections", "summary", "jumps", "median_edge",
+        "preset", "normal_p99",
     )  # fmt: skip
     return {
         "output": output,

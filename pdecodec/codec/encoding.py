@@ -13,14 +13,15 @@ import os
 from dataclasses import fields, replace
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
 from pdecodec.codec.encode.report import EncodeReport
+from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, preset_named, with_preset
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.run_encoder import encode_runs, make_encoder
-from pdecodec.codec.settings import EncodeOptions, EncodeSettings
+from pdecodec.codec.settings import EncodeOptions, EncodeSettings, check_one_target
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
@@ -40,23 +41,24 @@ def encode(
     *,
     rms: float | None = None,
     size: int | None = None,
+    preset: PresetName | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
     **options: Unpack[EncodeOptions],
 ) -> EncodeReport:
     """Encode a mesh sequence, an array of positions, or a file.
 
-    Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, or `size`. For the last two the
-    tolerance is searched (:mod:`pdecodec.codec.rate_control`): the coarsest whose mean error is no larger, the
-    finest whose file is no larger. It has four digits and is in the file's settings: an encode with it gives the same
-    bytes.
+    Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, `size`, or a `preset`. For
+    `rms`, `size` and the preset "hero" the tolerance is searched (:mod:`pdecodec.codec.rate_control`): the coarsest
+    whose mean error or error of normals is no larger, the finest whose file is no larger. It has four digits and is in
+    the file's settings: an encode with it gives the same bytes.
 
     Parameters
     ----------
     sequence : MeshSequence, (frames, vertices, 3) array [scene units], or path
         An array is one object of points at 24 frames a second (:class:`pdecodec.ArraySequence` takes faces and times),
         a path what :func:`pdecodec.open_sequence` opens. Read once from front to back, after a look at a few windows of
-        it; under `rms` and `size` once for every encode of the search. Of a :class:`pdecodec.ChangingSequence` one run
+        it; under `rms`, `size` and "hero" several times for the search. Of a :class:`pdecodec.ChangingSequence` one run
         is read and encoded after the other; tolerances are of the diagonal of its first frame. Bounds count from the
         float32 positions that it gives: how far those are from its own, `rounding` of the report says.
     path : path-like, optional
@@ -66,6 +68,11 @@ def encode(
         Root of the mean square vertex distance over all frames, at most, over the diagonal of frame 0's bounding box.
     size : int, optional [bytes]
         Of the whole file, at most. It is used to 99 % where file sizes follow the tolerance that closely.
+    preset : {"preview", "default", "hero", "archive"}, optional
+        What the file is for (:data:`pdecodec.codec.presets.PRESETS`): "preview", a tolerance of 5e-3 and effort "fast";
+        "default", the default settings; "hero", at most 1e-3, and less until the normals of 99 % of all corners at
+        frames are within 2 degrees of the source's; "archive", 1e-5 and effort "best". An effort among the options, or
+        one in `settings` other than "default", replaces that of the preset.
     overwrite : bool
         Whether an existing file may be replaced.
     progress : callable, optional
@@ -90,25 +97,36 @@ def encode(
             raise SettingsError(
                 f"there is no setting named {name}; there are {', '.join(sorted(known))}", code="unknown-name"
             )
-    chosen = replace(settings or EncodeSettings(), **options)
-    limit = rate_limit(chosen, rms=rms, size=size)
+    asked = replace(settings or EncodeSettings(), **options)
+    targets = {"preset": preset, "tolerance": asked.tolerance, "max_error": asked.max_error, "rms": rms, "size": size}
+    check_one_target(targets)
+    chosen = with_preset(asked, preset, keeps_effort="effort" in options)
+    limit = rate_limit(rms=rms, size=size)
+    again: dict[str, Any] = {"settings": asked, "rms": rms, "size": size, "preset": preset, "effort": chosen.effort}
     if not isinstance(sequence, MeshSequence):
         with _opened(sequence) as opened:
-            return encode(opened, path, chosen, rms=rms, size=size, overwrite=overwrite, progress=progress)
+            return encode(opened, path, overwrite=overwrite, progress=progress, **again)
     if path is not None and is_address(path):
         with remote_output(str(path), overwrite=overwrite) as local:
-            report = encode(sequence, local, chosen, rms=rms, size=size, progress=progress)
+            report = encode(sequence, local, progress=progress, **again)
             return replace(report, path=str(path))
     target = None if path is None else as_path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
+    normals = normal_limit(sequence, preset_named(preset))
+    limit = normals or limit
     if limit is None:
-        return _encode(sequence, chosen, target, overwrite=overwrite, progress=progress)
+        return replace(_encode(sequence, chosen, target, overwrite=overwrite, progress=progress), preset=preset)
+    measure_normals = normals_measured(sequence, is_free=chosen.order == "free")
 
     def encode_at(tolerance: float, said: Progress | None) -> EncodeReport:
-        return _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
+        found = _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
+        if normals is None:
+            return found
+        assert found.data is not None  # encoded without a path
+        return replace(found, normal_p99=measure_normals(found.data, said))
 
-    report = replace(encode_within(limit, encode_at, progress), size_limit=size)
+    report = replace(encode_within(limit, encode_at, progress), size_limit=size, preset=preset)
     if target is None:
         return report
     assert report.data is not None  # encoded without a path

@@ -1,4 +1,4 @@
-"""Rate control: the tolerance is searched for, so that the file has a given size or a given mean error.
+"""Rate control: search the tolerance whose file has a given size, mean error or error of normals.
 
 Every step of the search is a whole encode, since nothing short of it tells the size of a file;
 :data:`MOST_ENCODES` of them at most.
@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from typing import Any, TypeVar
 
 from pdecodec.codec.encode.report import EncodeReport
-from pdecodec.codec.settings import DEFAULT_TOLERANCE, EncodeSettings, check_one_target
+from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import Progress
 from pdecodec.system.arguments import as_number, shown
@@ -62,6 +62,10 @@ class RateLimit:
         The first tolerance to try.
     refusal : callable
         Takes the smallest value reached; the message where no file keeps the limit.
+    coarsest : float
+        No coarser tolerance is tried.
+    close : float
+        The limit counts as met when it is kept and used up to this share.
     """
 
     value: float
@@ -69,14 +73,15 @@ class RateLimit:
     falls: bool
     start: float
     refusal: Callable[[float], str]
+    coarsest: float = COARSEST
+    close: float = CLOSE
 
 
-def rate_limit(settings: EncodeSettings, *, rms: float | None = None, size: int | None = None) -> RateLimit | None:
-    """Return what an encode is to keep beside `settings`: a mean error, a size, or None for a bound alone.
+def rate_limit(*, rms: float | None = None, size: int | None = None) -> RateLimit | None:
+    """Return the limit that an encode keeps besides its settings: a mean error or a size; None for a bound alone.
 
     Parameters
     ----------
-    settings : EncodeSettings
     rms : float or None
         Root mean square vertex distance over all frames, over the diagonal of frame 0's bounding box.
     size : int or None [bytes]
@@ -84,9 +89,8 @@ def rate_limit(settings: EncodeSettings, *, rms: float | None = None, size: int 
     Raises
     ------
     SettingsError
-        If more than one of tolerance, maximum error, `rms` and `size` is given, or a limit is not positive.
+        If a limit is not positive.
     """
-    check_one_target(settings, rms=rms, size=size)
     if size is not None:
         check_positive("size", size, Integral, "whole number of bytes")
         return RateLimit(
@@ -151,7 +155,12 @@ def encode_within(
         return report, values[-1] / limit.value
 
     found = search_tolerance(
-        measure, start=limit.start, falls=limit.falls, is_exact=lambda report: report.max_error == 0
+        measure,
+        start=limit.start,
+        falls=limit.falls,
+        is_exact=lambda report: report.max_error == 0,
+        coarsest=limit.coarsest,
+        close=limit.close,
     )
     if found is None:
         raise SettingsError(limit.refusal(min(values)))
@@ -164,6 +173,8 @@ def search_tolerance(
     start: float,
     falls: bool,
     is_exact: Callable[[Outcome], bool] = lambda _: False,
+    coarsest: float = COARSEST,
+    close: float = CLOSE,
 ) -> Outcome | None:
     """The outcome nearest to a limit among those that keep it, in :data:`MOST_ENCODES` measurements at most.
 
@@ -180,13 +191,17 @@ def search_tolerance(
         Whether the value falls as the tolerance grows: bytes do, errors do not.
     is_exact : callable, optional
         Whether an outcome has no error, so that nothing is gained by a finer tolerance.
+    coarsest : float
+        No coarser tolerance is tried.
+    close : float
+        The limit counts as met when it is kept and used up to this share.
 
     Returns
     -------
     outcome or None
-        None where no tolerance from :data:`FINEST` to :data:`COARSEST` keeps the limit.
+        None where no tolerance from :data:`FINEST` to `coarsest` keeps the limit.
     """
-    ends = math.log(FINEST), math.log(COARSEST)
+    ends = math.log(FINEST), math.log(coarsest)
     at = min(max(math.log(start), ends[0]), ends[1])
     stride = FIRST_STRIDE
     best: Outcome | None = None
@@ -198,7 +213,7 @@ def search_tolerance(
         excess = math.log(max(share, SMALLEST_VALUE))
         if excess <= 0.0:
             best = outcome
-            if excess > -CLOSE or (falls and is_exact(outcome)):
+            if excess > -close or (falls and is_exact(outcome)):
                 break
         is_too_fine = (excess > 0.0) == falls
         if is_too_fine:
@@ -207,9 +222,9 @@ def search_tolerance(
             coarse = (at, excess)
         if fine is not None and coarse is not None:
             width = coarse[0] - fine[0]
-            if width < CLOSE:
+            if width < close:
                 break
-            at = 0.5 * (fine[0] + coarse[0]) if width > 0.5 * last_width else _interpolated(fine, coarse)
+            at = 0.5 * (fine[0] + coarse[0]) if width > 0.5 * last_width else _interpolated(fine, coarse, close)
             last_width = width
         else:
             if at == ends[is_too_fine]:
@@ -219,9 +234,9 @@ def search_tolerance(
     return best
 
 
-def _interpolated(fine: tuple[float, float], coarse: tuple[float, float]) -> float:
+def _interpolated(fine: tuple[float, float], coarse: tuple[float, float], close: float) -> float:
     """Where the line through two (log tolerance, log value over limit) passes just under the limit."""
-    share = (fine[1] + 0.5 * CLOSE) / (fine[1] - coarse[1])
+    share = (fine[1] + 0.5 * close) / (fine[1] - coarse[1])
     return fine[0] + min(max(share, LEAST_MOVE), 1.0 - LEAST_MOVE) * (coarse[0] - fine[0])
 
 

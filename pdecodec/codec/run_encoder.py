@@ -96,6 +96,7 @@ def encode_runs(
         data=data,
         runs=len(sequence.runs),
         jumps=tuple(jumps),
+        median_edge=min((one.median_edge for one in reports if one.median_edge is not None), default=None),
         positions=sequence.position_count,
     )  # fmt: skip
 

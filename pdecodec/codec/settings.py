@@ -160,8 +160,7 @@ class EncodeSettings:
     paper: PaperSettings = field(default_factory=PaperSettings)
 
     def __post_init__(self) -> None:
-        if self.tolerance is not None and self.max_error is not None:
-            raise SettingsError("give either tolerance or max_error, not both", code="conflicting-settings")
+        check_one_target({"tolerance": self.tolerance, "max_error": self.max_error})
         _settle(self, ("tolerance", "max_error", "uv_tolerance"), float, Real, "a number")
         _settle(self, ("why",), bool, np.bool_, "True or False")
         for name in ("tolerance", "max_error", "uv_tolerance"):
@@ -237,10 +236,12 @@ class EncodeOptions(TypedDict, total=False):
     paper: PaperSettings
 
 
-def check_one_target(settings: EncodeSettings, *, rms: float | None, size: int | None) -> None:
-    """Raise SettingsError if more than one of tolerance, maximum error, mean error and size is given."""
-    if sum(value is not None for value in (settings.tolerance, settings.max_error, rms, size)) > 1:
-        raise SettingsError("give one of tolerance, max_error, rms and size, not several", code="conflicting-settings")
+def check_one_target(targets: Mapping[str, object]) -> None:
+    """Raise SettingsError that names all targets given if more than one is not None."""
+    given = [name for name, value in targets.items() if value is not None]
+    if len(given) > 1:
+        message = f"{' and '.join(given)} exclude each other; give one of them"
+        raise SettingsError(message, code="conflicting-settings")
 
 
 def _known(settings: type[EncodeSettings] | type[PaperSettings], values: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,10 +15,13 @@ from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 
 CHUNK_POINTS = 2**19
 """Vertices times frames processed together: the float64 temporaries stay near 40 MB."""
+
+SAMPLED_EDGES = 2**16
+"""Edges of a mesh from which on a part of them gives the median length."""
 
 HISTOGRAM_SHIFT = 12
 """Bits of a float32 dropped for the percentile's histogram: 2**19 bins, each 2**-11 (0.05 %) wide."""
@@ -46,6 +49,22 @@ def frame_scale(points0: ArrayLike) -> float:
     points = np.asarray(points0, dtype=np.float64)
     diagonal = math.hypot(*(points.max(axis=0) - points.min(axis=0)))
     return diagonal or float(np.abs(points).max()) or 1.0
+
+
+def median_edge(points: Float32Array, connectivity: Connectivity) -> float | None:
+    """Return the median length of the edges of faces [scene units]; None without faces.
+
+    An edge counts once for each of its faces, and of many corners every n-th is taken, :data:`SAMPLED_EDGES` or more.
+    """
+    corners, sizes = connectivity.face_indices, connectivity.face_counts
+    if not sizes.size:
+        return None
+    ends = np.cumsum(sizes)
+    following = np.arange(1, corners.size + 1)
+    following[ends - 1] = ends - sizes
+    some = slice(None, None, max(1, corners.size // SAMPLED_EDGES))
+    edges = points[corners[some]].astype(np.float64) - points[corners[following[some]]]
+    return float(np.median(np.sqrt(np.square(edges).sum(axis=1))))
 
 
 def bits_per_vertex_frame(byte_count: int, *, vertices: int, frames: int) -> float:

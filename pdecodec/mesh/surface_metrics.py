@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array
 
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 from pdecodec.system.shares import side_by_side
 
@@ -23,6 +23,9 @@ ANGLE_BINS = 4096
 
 MIN_ANGLE = 1e-8
 """Lower end of the histogram [degrees]."""
+
+NORMAL_GROUP = "normal_group"
+"""Name of the attribute of corners that numbers the normals of each vertex from 0: hard edges."""
 
 TIME_STEP = 0.01
 """Length of an edge in time of a vertex at rest, over frame 0's diagonal."""
@@ -94,7 +97,7 @@ class SurfaceMeter:
         """Start a mesh of this connectivity; no step in time leads to it from the frames before."""
         self._end_run()
         self._corners = connectivity.face_indices.size
-        self._normals_of = _Normals(connectivity).of
+        self._normals_of = _Normals(connectivity)
         self._edges = _edges(connectivity)
         self._has_edges = self._has_edges or len(self._edges) > 0
         ends, rows = self._edges.ravel(), np.repeat(np.arange(len(self._edges)), 2)
@@ -122,27 +125,13 @@ class SurfaceMeter:
     def _block(self, reference: Float32Array, other: Float32Array) -> _Block:
         # Frames become the last axis: values of one vertex are contiguous.
         before, after = (points.transpose(1, 2, 0).astype(np.float64) for points in (reference, other))
-        angles = self._angles_between(before, after)
+        angles, _ = self._normals_of.angles(before, after)
         spatial = 0.0
         if len(self._edges):
             lengths, others = (_lengths(points, self._edges) for points in (before, after))
             sums = [self._ends @ (lengths * _off(lengths, others) ** power) for power in range(3)]
             spatial = float(_deviation(*sums).mean(axis=0).sum())
         return _Block(np.bincount(_bins(angles), minlength=ANGLE_BINS), float(angles.sum()), spatial)
-
-    def _angles_between(self, before: Float64Array, after: Float64Array) -> Float64Array:
-        """Return angles between the normals of all vertices that have two [degrees]."""
-        first, second = self._normals_of(before), self._normals_of(after)
-        there = (first != 0.0).any(axis=0) & (second != 0.0).any(axis=0)
-        x, y, z = first[:, there]
-        other_x, other_y, other_z = second[:, there]
-        cross = np.sqrt(
-            np.square(y * other_z - z * other_y)
-            + np.square(z * other_x - x * other_z)
-            + np.square(x * other_y - y * other_x)
-        )
-        # From sine and cosine together: neither alone resolves both small and large angles.
-        return np.asarray(np.degrees(np.arctan2(cross, x * other_x + y * other_y + z * other_z)))
 
     def _add_windows(self, reference: Float32Array, other: Float32Array, window: int) -> None:
         frames, vertices = reference.shape[:2]
@@ -168,9 +157,7 @@ class SurfaceMeter:
             sted = math.hypot(self._spatial / self._frames, TIME_WEIGHT * self._temporal / max(1, self._windows))
         if not self._normals:
             return SurfaceDistortion(None, None, sted)
-        at = int(np.searchsorted(np.cumsum(self._angles), math.ceil(0.99 * self._normals)))
-        p99 = 0.0 if at == 0 else MIN_ANGLE * (180.0 / MIN_ANGLE) ** (at / (ANGLE_BINS - 1))
-        return SurfaceDistortion(self._angle_sum / self._normals, p99, sted)
+        return SurfaceDistortion(self._angle_sum / self._normals, _p99(self._angles), sted)
 
 
 def measure_surface(
@@ -200,6 +187,59 @@ def measure_surfaces(
     return meter.result()
 
 
+def measure_corner_normals(
+    reference: MeshSequence, other: MeshSequence, progress: Progress | None = None
+) -> float | None:
+    """Measure the angle that 99 % of all corners' normals are off by at most, over all frames.
+
+    Corners of a vertex share a normal unless the reference's attribute :data:`NORMAL_GROUP` tells them apart. A
+    normal is the sum of the normals of its corners' faces, weighted by area.
+
+    Parameters
+    ----------
+    reference, other : MeshSequence
+        Of the same runs of connectivity.
+    progress : callable, optional
+
+    Returns
+    -------
+    float or None [degrees]
+        Rounded up by 0.6 %; None if there is no normal.
+    """
+    angles = np.zeros(ANGLE_BINS, np.int64)
+    for first, run in zip(reference.run_starts.tolist(), reference.runs, strict=True):
+        normals = _Normals(run.connectivity, _normal_groups(run))
+        step = max(1, min(run.frames_per_block, CHUNK_VALUES // (9 * max(1, run.connectivity.face_indices.size))))
+        for begin in range(first, first + run.frame_count, step):
+            end = min(begin + step, first + run.frame_count)
+            found, there = normals.angles(
+                *(source.read_frames(begin, end).transpose(1, 2, 0).astype(np.float64) for source in (reference, other))
+            )
+            corners = np.broadcast_to(normals.corners_of[:, None], there.shape)[there]
+            angles += np.bincount(_bins(found), weights=corners, minlength=ANGLE_BINS).astype(np.int64)
+            if progress is not None:
+                progress(end, reference.frame_count, "comparing normals")
+    return _p99(angles) if angles.any() else None
+
+
+def _normal_groups(run: MeshSequence) -> Int32Array | None:
+    """Return the number of each corner's normal among those of its vertex, (corners,); None if all are smooth."""
+    found = []
+    for item in run.objects:
+        named = [one for one in item.attributes if (one.name, one.domain) == (NORMAL_GROUP, "corner")]
+        corners = item.connectivity.face_indices.size
+        values = named[0].values if named and named[0].indices is None else np.zeros(corners)
+        found.append(np.asarray(values).reshape(corners).astype(np.int32))
+    groups = np.concatenate(found)
+    return groups if groups.any() else None
+
+
+def _p99(angles: Int64Array) -> float:
+    """Return the upper edge [degrees] of the bin with the 99th percentile."""
+    at = int(np.searchsorted(np.cumsum(angles), math.ceil(0.99 * int(angles.sum()))))
+    return 0.0 if at == 0 else MIN_ANGLE * (180.0 / MIN_ANGLE) ** (at / (ANGLE_BINS - 1))
+
+
 def _bins(angles: Float64Array) -> Int32Array:
     """Return bins; the upper edge of bin k is MIN_ANGLE (180 / MIN_ANGLE)^(k / (ANGLE_BINS - 1))."""
     places = np.log(np.maximum(angles, MIN_ANGLE) / MIN_ANGLE) / math.log(180.0 / MIN_ANGLE) * (ANGLE_BINS - 1)
@@ -207,17 +247,34 @@ def _bins(angles: Float64Array) -> Int32Array:
 
 
 class _Normals:
-    """Normals of a mesh's vertices: sums of its faces' normals weighted by area."""
+    """Normals of a mesh: sums of faces' normals weighted by area, one for each vertex or group of a vertex's corners.
 
-    def __init__(self, connectivity: Connectivity) -> None:
+    Parameters
+    ----------
+    connectivity : Connectivity
+    groups : (corners,) int32, optional
+        Number of each corner's normal among those of its vertex.
+
+    Attributes
+    ----------
+    corners_of : (normals,) int64
+        Number of corners that have each normal.
+    """
+
+    def __init__(self, connectivity: Connectivity, groups: Int32Array | None = None) -> None:
         self._corners, sizes = connectivity.face_indices, connectivity.face_counts
         self._starts = np.cumsum(sizes) - sizes
         self._firsts = np.repeat(self._corners[self._starts], sizes)
         self._following = np.arange(self._corners.size) + 1
         self._following[self._starts + sizes - 1] = self._starts
         faces = np.repeat(np.arange(sizes.size), sizes)
-        shape = (connectivity.vertex_count, connectivity.face_count)
-        self._gather = csr_array((np.ones(faces.size), (self._corners, faces)), shape)
+        rows, count = self._corners, connectivity.vertex_count
+        if groups is not None:
+            keys = rows.astype(np.int64) * (int(groups.max(initial=0)) + 1) + groups
+            found, rows = np.unique(keys, return_inverse=True)
+            count = found.size
+        self._gather = csr_array((np.ones(faces.size), (rows, faces)), (count, connectivity.face_count))
+        self.corners_of = np.bincount(rows, minlength=count)
 
     def of(self, points: Float64Array) -> Float64Array:
         """Return normals, not of unit length, (3, vertices, frames), of points (vertices, 3, frames)."""
@@ -229,6 +286,20 @@ class _Normals:
         next_x, next_y, next_z = corners[self._following].transpose(1, 0, 2)
         areas = (y * next_z - z * next_y, z * next_x - x * next_z, x * next_y - y * next_x)
         return np.stack([self._gather @ np.add.reduceat(area, self._starts, axis=0) for area in areas])
+
+    def angles(self, before: Float64Array, after: Float64Array) -> tuple[Float64Array, BoolArray]:
+        """Return angles between normals [degrees], (found,), and which there are, (normals, frames)."""
+        first, second = self.of(before), self.of(after)
+        there = (first != 0.0).any(axis=0) & (second != 0.0).any(axis=0)
+        x, y, z = first[:, there]
+        other_x, other_y, other_z = second[:, there]
+        cross = np.sqrt(
+            np.square(y * other_z - z * other_y)
+            + np.square(z * other_x - x * other_z)
+            + np.square(x * other_y - y * other_x)
+        )
+        # From sine and cosine together: neither alone resolves both small and large angles.
+        return np.degrees(np.arctan2(cross, x * other_x + y * other_y + z * other_z)), there
 
 
 def _steps(points: Float32Array, scale: float) -> Float64Array:

@@ -13,6 +13,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -286,6 +287,24 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
     assert run(["batch", "clips/a.npz", "-o", "out", "--max-error", "0.5"]) == 0
 
 
+def test_a_preset_of_a_manifest_replaces_other_bounds_and_an_effort_that_is_given_stays(clips: Path) -> None:
+    preview, best = (ClipOptions().with_values(one) for one in ({"preset": "preview"}, {"effort": "best"}))
+    cases: list[tuple[ClipOptions, dict[str, Any], tuple[Any, ...]]] = [
+        (preview, {}, ("preview", None, "fast")),
+        (preview, {"effort": "default"}, ("preview", None, "default")),
+        (preview, {"preset": "archive"}, ("archive", None, "best")),
+        (preview, {"tolerance": 1e-4}, (None, 1e-4, "default")),
+        (best, {"preset": "preview"}, ("preview", None, "best")),
+    ]
+    for options, row, wanted in cases:
+        found = options.with_values(row)
+        assert (found.preset, found.settings.tolerance, found.settings.effort) == wanted
+    Path("clips/m.csv").write_text("source,preset,effort\na.npz,preview,default\n")
+    assert run(["batch", "clips/m.csv", "-o", "out", "--size", "20kB"]) == 0
+    with pdecodec.open("out/a.pdeanim") as animation:
+        assert animation.info()["settings"] == {"tolerance": 5e-3}
+
+
 @pytest.mark.parametrize(
     ("row", "words"),
     [
@@ -293,7 +312,7 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
         ({"source": "a.npz", "tolerance": "fine"}, "clip 2: tolerance must be a number, not 'fine'"),
         ({"source": "a.npz", "tolerance": -1}, "clip 2: tolerance must be a positive number"),
         ({"source": "a.npz", "isolate": "maybe"}, "clip 2: isolate must be true or false"),
-        ({"source": "a.npz", "size": 9, "rms": 1}, "clip 2: give one of tolerance, max_error, rms and size"),
+        ({"source": "a.npz", "size": 9, "rms": 1}, "clip 2: rms and size exclude each other; give one of them"),
         ({"source": "a.npz", "output": "../a.pdeanim"}, "is not a .pdeanim file in the folder of the batch"),
         ({"source": "a.npz", "output": "B.pdeanim"}, "would both go to B.pdeanim"),
         ({"output": "a.pdeanim"}, "clip 2: has no source; name"),
@@ -362,7 +381,8 @@ def test_a_batch_of_what_is_not_there_is_refused_and_writes_nothing(clips: Path,
 
 def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clips: Path) -> None:
     values = {
-        "tolerance": 0.01, "max_error": 0.1, "rms": 0.1, "size": 2000, "profile": "auto", "effort": "fast",
+        "tolerance": 0.01, "max_error": 0.1, "rms": 0.1, "size": 2000, "preset": "hero", "profile": "auto",
+        "effort": "fast",
         "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "why": True, "segment_frames": 4,
         "piece_points": 4, "alpha": 1.5, "r": 2.0, "frames": "0:3", "objects": ["a", "b"], "fps": 25.0, "mesh": "m.obj",
         "clip": "walk", "displacement": "u", "transforms": "keep", "skip_unsupported": True, "isolate": True,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pdecodec
 from pdecodec.cli.console import byte_size, ratio
 from pdecodec.cli.main import run
 from pdecodec.formats import list_formats, open_sequence, write_sequence
@@ -135,6 +136,28 @@ def test_a_size_in_kilobytes_is_kept_and_the_tolerance_found_is_said(
     assert said is not None
     done("encode", wave, "-o", again, "--tolerance", said[1], "--effort", "fast")
     assert again.read_bytes() == output.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "line", "settings"),
+    [
+        ("--preset preview", "preset preview: tolerance 0.005", {"tolerance": 5e-3, "effort": "fast"}),
+        ("--preset preview --effort default", "preset preview: tolerance 0.005", {"tolerance": 5e-3}),
+        ("--preset hero", "preset hero: tolerance 0.001, 99 % of the normals within ", {"tolerance": 1e-3}),
+    ],
+)
+def test_a_preset_is_named_with_what_it_stands_for(
+    wave: Path, tmp_path: Path, capsys: Capture, options: str, line: str, settings: dict[str, Any]
+) -> None:
+    done("encode", wave, "-o", tmp_path / "wave.pdeanim", *options.split())
+    assert any(one.startswith(line) for one in capsys.readouterr().err.splitlines())
+    with pdecodec.open(tmp_path / "wave.pdeanim") as animation:
+        assert animation.info()["settings"] == settings
+
+
+def test_a_rough_surface_is_told_with_the_option_that_helps(wave: Path, tmp_path: Path, capsys: Capture) -> None:
+    done("convert", wave, tmp_path / "wave.pdeanim", "--tolerance", "5%")
+    assert "median edge; pass --preset hero to keep normals" in capsys.readouterr().err
 
 
 def test_info_of_an_npz_tells_objects_faces_and_times(wave: Path, capsys: Capture) -> None:

@@ -98,7 +98,7 @@ def test_the_bound_follows_from_tolerance_profile_and_scale(chosen: dict[str, An
 @pytest.mark.parametrize(
     ("kind", "chosen", "message"),
     [
-        (EncodeSettings, {"tolerance": 1e-3, "max_error": 1.0}, "not both"),
+        (EncodeSettings, {"tolerance": 1e-3, "max_error": 1.0}, "tolerance and max_error exclude each other"),
         (EncodeSettings, {"tolerance": 0.0}, "tolerance must be a positive number, not 0.0"),
         (EncodeSettings, {"tolerance": float("nan")}, "tolerance must be a positive number, not nan"),
         (EncodeSettings, {"tolerance": "small"}, "tolerance must be a number"),

@@ -46,7 +46,7 @@ from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.jumps import JumpFinder
-from pdecodec.mesh.metrics import frame_scale
+from pdecodec.mesh.metrics import frame_scale, median_edge
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.shares import side_by_side, threads_for
 
@@ -205,6 +205,7 @@ class Encoder(ABC):
             summary=self._summary(),
             data=data,
             jumps=tuple(self._jumps()),
+            median_edge=median_edge(self._first, self._sequence.connectivity),
             alternatives=tuple(self._questions),
         )
 

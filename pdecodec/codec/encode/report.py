@@ -10,10 +10,14 @@ from typing import Any
 from pdecodec import __version__
 from pdecodec.codec.container import SECTION_KINDS
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
+from pdecodec.errors import Notice
 from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
 COARSE_TOLERANCE = 0.1
 """Share of the diagonal beyond which a bound is hardly meant: 1 stands for the whole scene, not for one percent."""
+
+ROUGH_EDGE_SHARE = 0.5
+"""Bound over the median edge beyond which a surface looks rough."""
 
 GENERATOR = "pdecodec "
 """What stands before the version in the remarks of files that this package made."""
@@ -138,6 +142,12 @@ class EncodeReport:
         How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
     size_limit : int or None [bytes]
         The size that was asked for.
+    median_edge : float or None [scene units]
+        Median length of the edges of faces in the first frame, in that of several runs where it is least.
+    preset : str or None
+        The preset that was asked for.
+    normal_p99 : float or None [degrees]
+        Angle that 99 % of all corners' normals are off by at most, at frames; measured under preset "hero" alone.
     """
 
     path: Path | str | None
@@ -163,6 +173,9 @@ class EncodeReport:
     rounding: float = 0.0
     dropped_fields: tuple[str, ...] = ()
     size_limit: int | None = None
+    median_edge: float | None = None
+    preset: str | None = None
+    normal_p99: float | None = None
 
     @property
     def raw_bytes(self) -> int:
@@ -170,9 +183,19 @@ class EncodeReport:
         return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
 
     @property
+    def is_rough(self) -> bool:
+        """Whether the surface looks rough: errors may reach half of a median edge, which tilts faces by 45 degrees."""
+        if self.bound is None or self.median_edge is None or self.normal_p99 is not None:
+            return False
+        return self.bound > ROUGH_EDGE_SHARE * self.median_edge
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """What was asked for and is hardly meant: no motion, a coarse bound, too much room, fine steps far away."""
-        found = []
+        """What was asked for and is hardly meant: no motion, a coarse bound, too much room, fine steps far away.
+
+        One that a setting changes is a :class:`pdecodec.errors.Notice`.
+        """
+        found: list[str] = []
         if self.frames == 1:
             found.append("there is one frame, so nothing moves; name a pattern or a folder for a sequence of files")
         elif self.runs == 1 and not self.coefficients and not self.residuals:
@@ -182,6 +205,10 @@ class EncodeReport:
             found.append(
                 f"the tolerance is {share:.3g} of the diagonal, which hides shapes; {DEFAULT_TOLERANCE} is usual"
             )
+        elif self.is_rough:
+            edges = (self.bound or 0.0) / (self.median_edge or 1.0)
+            text = f"the surface will look rough: the bound is {edges:.2g} times the length of a median edge"
+            found.append(Notice(text, setting="preset", value="hero", purpose="to keep normals"))
         if self.size_limit is not None and self.max_error == 0 and self.file_bytes < self.size_limit:
             found.append(f"the file is lossless and takes less than the {self.size_limit} bytes that are allowed")
         if self.rounding > (REPORTED_ROUNDING * self.scale if self.bound is None else self.bound):
