@@ -456,7 +456,7 @@ def binary_logarithms(values: Float64Array) -> Float64Array:
     """To base 2, of (rows, n) finite numbers that are not below 2^-1022; the same bits on every machine."""
 
 class Excess:
-    """By how much vertices are off beyond what is aimed at."""
+    """By how much errors of vertices exceed their target."""
 
     def __init__(self) -> None: ...
     def __len__(self) -> int: ...

@@ -112,7 +112,7 @@ def _container(base: Base) -> Iterator[Refused]:
         ("last_section_cut", whole[:-1], "ends before its last section does (2.2)"),
         ("last_section_checksum", _flipped(whole, len(whole) - 1), "CRC of section CORR (2.2)"),
         ("bytes_after_the_last_section", whole + b"\0", "goes on after its last section (2.2)"),
-        ("section_twice", seal([*parts, parts[0]]), "section SEQN stands twice (2.2)"),
+        ("section_twice", seal([*parts, parts[0]]), "section SEQN appears twice (2.2)"),
         ("second_run", seal([*parts, *(part for part in parts if part.kind == "CONN")]), "a second CONN (2.3)"),
         ("unknown_required", seal([*parts, Part("XYZW", b"", 1)]), "an unknown required section (2.2)"),
     ):

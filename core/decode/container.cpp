@@ -38,7 +38,7 @@ void Container::check_known() const {
     for (const SectionEntry &entry : entries_) {
         const auto is_known = [&](const SectionType &type) { return type.in_file && type.name == entry.type; };
         if (entry.is_required && std::none_of(section_types.begin(), section_types.end(), is_known)) {
-            throw CorruptError(Section(entry.type), "is required, and unknown to this decoder; update pdecodec",
+            throw CorruptError(Section(entry.type), "is required, but this version does not know it; update pdecodec",
                                FaultCode::section_unknown_required, static_cast<i64>(entry.offset));
         }
     }
@@ -50,7 +50,7 @@ void Container::read_table() {
     const std::size_t shown = std::min(header.size(), identifier.size());
     if (header.empty() ||
         !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
-        throw CorruptError("not a .pdeanim file (its first bytes are others); pdecodec encode makes one",
+        throw CorruptError("not a .pdeanim file (its first bytes differ); pdecodec encode makes one",
                            FaultCode::identifier, 0);
     }
     if (header.size() < header_size) {
@@ -71,7 +71,7 @@ void Container::read_table() {
     }
     if (count > most_sections) {
         throw CorruptError(
-            "declares " + std::to_string(count) + " sections, at most " + std::to_string(most_sections) + " can be",
+            "declares " + std::to_string(count) + " sections, the most is " + std::to_string(most_sections),
             FaultCode::table);
     }
     std::vector<std::vector<u8>> rows;
@@ -93,7 +93,7 @@ void Container::read_table() {
         for (std::size_t i = row.size() - checksum_size; i-- > row_head;) entry.length = entry.length << 8 | row[i];
         entry.checksum = FieldReader(std::span<const u8>(row).last(checksum_size), "table").integer<u32>();
         if (find(entry.type)) {
-            throw CorruptError(Section(entry.type), "stands twice", FaultCode::table, static_cast<i64>(offset));
+            throw CorruptError(Section(entry.type), "appears twice", FaultCode::table, static_cast<i64>(offset));
         }
         offset = entry.length > UINT64_MAX - offset ? UINT64_MAX : offset + entry.length;
         entries_.push_back(std::move(entry));
@@ -101,8 +101,8 @@ void Container::read_table() {
     if (offset != source_.size()) {
         const bool is_short = offset > source_.size();
         throw CorruptError(std::string(is_short ? "is truncated" : "has bytes after its last section") + ": " +
-                               std::to_string(source_.size()) + " bytes where the table says " +
-                               std::to_string(offset) + "; get it again",
+                               std::to_string(source_.size()) + " bytes, but its table says " + std::to_string(offset) +
+                               "; get it again",
                            is_short ? FaultCode::truncated : FaultCode::trailing_bytes,
                            static_cast<i64>(std::min(offset, source_.size())));
     }
@@ -152,7 +152,7 @@ void Container::read_range(u64 offset, u64 length, std::vector<u8> &data) const 
     data.resize(before + static_cast<std::size_t>(length));
     const std::size_t count = source_.read(offset, std::span<u8>(data).subspan(before));
     if (count < length) {
-        throw CorruptError("was shortened while it was read", FaultCode::truncated, static_cast<i64>(offset + count));
+        throw CorruptError("became shorter while it was read", FaultCode::truncated, static_cast<i64>(offset + count));
     }
 }
 

@@ -31,10 +31,10 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
     }
     if (sequence_.run_frames.size() != 1) {
         throw CorruptError(Section("SEQN"), "declares " + std::to_string(sequence_.run_frames.size()) +
-                                                " runs of frames, and there is no section RUNS");
+                                                " runs of frames, but there is no section RUNS");
     }
     for (const std::string_view type : {data, of_run[names_at].name}) {
-        if (container_.find(type)) throw CorruptError(Section(type), "is there, and no section RUNS");
+        if (container_.find(type)) throw CorruptError(Section(type), "is present without a section RUNS");
     }
     runs_.push_back({.first = 0, .frames = frames()});
 }
@@ -42,7 +42,7 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
 void File::read_runs() {
     for (const SectionType &type : of_run) {
         if (const SectionEntry *found = container_.find(type.name)) {
-            throw CorruptError(Section(found->type), "is there beside section RUNS", FaultCode::section_content,
+            throw CorruptError(Section(found->type), "is present next to section RUNS", FaultCode::section_content,
                                static_cast<i64>(found->offset));
         }
     }
@@ -64,7 +64,7 @@ void File::read_runs() {
             const u64 stored = static_cast<u64>(fields.count());
             SectionPlace &place = run.places[k];
             if (stored == 0) {
-                if (runs_.empty()) throw CorruptError(Section("RUNS"), "has a first run that lacks a section");
+                if (runs_.empty()) throw CorruptError(Section("RUNS"), "has a first run without one of its sections");
                 place = runs_.back().places[k];
                 continue;
             }
@@ -80,7 +80,7 @@ void File::read_runs() {
         runs_.push_back(run);
     }
     fields.finish();
-    if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that are of no run");
+    if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that belong to no run");
 }
 
 std::size_t File::run_of(i64 frame) const {

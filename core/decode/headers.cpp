@@ -30,14 +30,15 @@ double read_real(FieldReader &fields, bool is_whole) {
 std::vector<i64> read_jumps(FieldReader &fields, i64 frames) {
     const i64 count = fields.count();
     if (count < 1 || count >= frames) {
-        throw CorruptError(Section("SEQN"),
-                           "has " + std::to_string(count) + " jumps in " + std::to_string(frames) + " frames");
+        throw CorruptError(Section("SEQN"), "has " + std::to_string(count) + " discontinuities in " +
+                                                std::to_string(frames) + " frames");
     }
     std::vector<i64> found;
     i64 at = 0;
     for (i64 k = 0; k < count; ++k) {
         const i64 gap = fields.count();
-        if (gap < 1 || gap >= frames - at) throw CorruptError(Section("SEQN"), "has a jump at no frame");
+        if (gap < 1 || gap >= frames - at)
+            throw CorruptError(Section("SEQN"), "has a discontinuity outside its frames");
         at += gap;
         found.push_back(at);
     }
@@ -150,10 +151,10 @@ Model Model::of_bytes(std::span<const u8> data) {
     form.is_affine = affine != 0;
     model.residual_step = fields.real();
     if (form.points < 1 || form.points > most_points[kind] || form.functions < 1 || form.functions > most_functions) {
-        throw CorruptError(Section("MODL"), "has a size of patches out of range");
+        throw CorruptError(Section("MODL"), "has a patch size out of range");
     }
     if (form.threshold >= thresholds || affine > 1 || !(form.rate >= 0.0 && form.rate <= limits::largest_rate)) {
-        throw CorruptError(Section("MODL"), "has a threshold, a rate or a sort of pieces out of range");
+        throw CorruptError(Section("MODL"), "has a threshold, a rate or a kind of pieces out of range");
     }
     if (!(model.residual_step > 0.0 && model.residual_step <= limits::largest_step)) {
         throw CorruptError(Section("MODL"), "has a quantisation step out of range");
@@ -177,8 +178,8 @@ Group read_group(FieldReader &fields) {
     group.functions = fields.count();
     const u8 kind = fields.integer<u8>();
     if (group.frames < 1 || group.frames > limits::most_group_frames) {
-        throw CorruptError(Section("GRUP"), "has a group of " + std::to_string(group.frames) + " frames; 1 to " +
-                                                std::to_string(limits::most_group_frames) + " can be");
+        throw CorruptError(Section("GRUP"), "has a group of " + std::to_string(group.frames) + " frames, not 1 to " +
+                                                std::to_string(limits::most_group_frames));
     }
     if ((kind & ~is_double) > last_basis) {
         throw CorruptError(Section("GRUP"), "has a group of kind " + std::to_string(kind) + ", which is unknown");
@@ -239,12 +240,12 @@ GroupTable::GroupTable(const Container &container, i64 frames, i64 most_groups) 
     }
     for (const Group &group : groups_) {
         if ((group.basis == TimeBasis::closed_form) != (groups_[0].basis == TimeBasis::closed_form)) {
-            throw CorruptError(Section("GRUP"), "has groups in closed form and others; a file has one or the other");
+            throw CorruptError(Section("GRUP"), "mixes groups in closed form with others");
         }
     }
     for (std::size_t i = 0; i < ends.size(); ++i) {
         if (container.entry(chunk_sections[i].name).length != ends[i]) {
-            throw CorruptError(Section(chunk_sections[i].name), "has another length than the groups say");
+            throw CorruptError(Section(chunk_sections[i].name), "has a length that differs from the sum of its groups");
         }
     }
 }

@@ -86,13 +86,13 @@ void RunSections::read_vertex_counts(std::size_t run) {
     FieldReader fields(polygons_, "CONN");
     const i64 count = fields.count(), most_objects = static_cast<i64>(memory_.left() / bytes_per_object);
     for (i64 object = 0; object < count; ++object) {
-        if (object == most_objects) memory_.take(memory_.left() + 1, "so many objects");
+        if (object == most_objects) memory_.take(memory_.left() + 1, "too many objects");
         const i64 own = fields.count(), before = first_vertices_.back();
         first_vertices_.push_back(own > Run::most_vertices - before ? Run::most_vertices + 1 : before + own);
     }
     if (vertices() < 1 || vertices() > Run::most_vertices) {
-        throw CorruptError(Section("CONN"), "declares too few vertices or too many, 1 to " +
-                                                std::to_string(Run::most_vertices) + " can be");
+        throw CorruptError(Section("CONN"),
+                           "declares no vertices or too many, the most is " + std::to_string(Run::most_vertices));
     }
     const i64 declared = file_->runs()[run].vertices;
     if (declared >= 0 && vertices() != declared) {

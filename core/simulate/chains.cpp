@@ -314,7 +314,7 @@ std::size_t crossing(std::span<const i32> chains, std::size_t points, const Halv
         if (end == chain.end() || std::none_of(chain.begin(), chain.end(), is_first)) continue;
         const std::size_t before = static_cast<std::size_t>(end - chain.begin());
         if (before == 0 || std::any_of(end, chain.end(), is_first) || (found > 0 && before != found)) {
-            throw std::invalid_argument("chains cross the middle of a sheet once, all at one link");
+            throw std::invalid_argument("all chains must cross the middle of a sheet once, at the same link");
         }
         found = before;
     }

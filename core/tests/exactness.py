@@ -125,7 +125,7 @@ def differences(one: Path, other: Path) -> Iterator[str]:
     """Yield the forbidden differences between the results of two builds."""
     names = {path.name for path in one.iterdir()}
     if names != {path.name for path in other.iterdir()}:
-        yield "other files are refused"
+        yield "the refused files differ"
         return
     for name in sorted(names):
         if not name.endswith(".points"):

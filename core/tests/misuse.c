@@ -256,7 +256,7 @@ int main(int count, char **arguments) {
     REFUSES(pdeanim_verify, NULL);
     REFUSES(pdeanim_verify, closed);
     expect(pdeanim_verify(animation, &error) == PDEANIM_OK && pdeanim_verify(runs, NULL) == PDEANIM_OK,
-           "both files are sound after all of it");
+           "both files are still sound at the end");
     pdeanim_close(animation);
     pdeanim_close(runs);
     pdeanim_close(runs);

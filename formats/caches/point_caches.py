@@ -84,7 +84,7 @@ class PointCacheSequence(MeshSequence):
             file.seek(self._start + start * self._frame_bytes)
             data = file.read((stop - start) * self._frame_bytes)
         if len(data) < (stop - start) * self._frame_bytes:
-            raise damaged("was shortened while it was read", path=self._path, frame=start)
+            raise damaged("became shorter while it was read", path=self._path, frame=start)
         return np.frombuffer(data, self._value_type).astype(np.float32).reshape(stop - start, self.vertex_count, 3)
 
 

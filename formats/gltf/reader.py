@@ -337,7 +337,7 @@ def _read_skin(file: GltfFile, index: int, nodes: Nodes) -> _Skin:
         raise damaged(f"skin {index} is missing; export the file again")
     joints: Sequence[int] = skins[index].get("joints", [])
     if any(not 0 <= joint < len(nodes.entries) for joint in joints):
-        raise damaged(f"skin {index} names a node that is not there; export the file again")
+        raise damaged(f"skin {index} names a missing node; export the file again")
     inverse: Float64Array = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     if "inverseBindMatrices" in skins[index]:
         stored = file.accessor(skins[index]["inverseBindMatrices"]).astype(np.float64)

@@ -29,9 +29,8 @@ _INFINITY = re.compile(rb"([+-]?)(inf|infinity|1\.#INF0*)", re.IGNORECASE)
 _MESSAGES = {
     ObjFault.BAD_INDEX: "expected a vertex index, found {token!r}; correct or export it again",
     ObjFault.ZERO_INDEX: "index 0 in {token!r}; OBJ counts from 1, or back from -1",
-    ObjFault.INDEX_OUTSIDE: "{token!r} refers to a vertex that is not there, the file has {vertices}; export it again",
-    ObjFault.TEXTURE_OUTSIDE: "{token!r} refers to a texture vertex that is not there, "
-    "the file has {textures}; export it again",
+    ObjFault.INDEX_OUTSIDE: "{token!r} refers to a missing vertex, the file has {vertices}; export it again",
+    ObjFault.TEXTURE_OUTSIDE: "{token!r} refers to a missing texture vertex, the file has {textures}; export it again",
     ObjFault.TOO_FEW_CORNERS: "{token!r} has too few vertices; "
     "a face has 3 or more, a line 2 or more, a point 1 or more",
     ObjFault.BAD_COORDINATES: "{token!r} has an unusual count of numbers; v takes 3, 4, 6 or 7, vt takes 1 to 3",

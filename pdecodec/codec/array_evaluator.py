@@ -139,7 +139,7 @@ class ArrayEvaluator:
         Raises
         ------
         SettingsError
-            If there is no such group.
+            If no group of this number.
         CorruptFileError
             If it is damaged.
         """
@@ -162,7 +162,7 @@ class ArrayEvaluator:
         Raises
         ------
         SettingsError
-            If the time is not a number, or there is no such group or quantity.
+            If the time is not a number, or no group of this number or quantity.
         CorruptFileError
             If the group is damaged.
         """
@@ -179,7 +179,7 @@ class ArrayEvaluator:
         Raises
         ------
         SettingsError
-            If there is no such group.
+            If no group of this number.
         CorruptFileError
             If it is damaged.
         """

@@ -290,7 +290,7 @@ class Animation(MeshSequence):
         Raises
         ------
         SettingsError
-            If the file's functions are not the paper's 32, or there is no such group.
+            If the file's functions are not the paper's 32, or no group of this number.
         """
         with self._naming_the_file():
             groups = self._core.groups

@@ -136,7 +136,7 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
     file.seek(0)
     header = file.read(HEADER.size)
     if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
-        reason = "not a .pdeanim file (its first bytes are others); pdecodec encode makes one"
+        reason = "not a .pdeanim file (its first bytes differ); pdecodec encode makes one"
         raise CorruptFileError(reason, code="identifier", offset=0)
     if len(header) < HEADER.size:
         raise CorruptFileError("ends inside its header", code="truncated", offset=len(header))
@@ -149,7 +149,7 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
         reason = f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec"
         raise CorruptFileError(reason, code="version", offset=12)
     if count > MAX_SECTIONS:
-        raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", code="table", offset=16)
+        raise CorruptFileError(f"declares {count} sections, the most is {MAX_SECTIONS}", code="table", offset=16)
     table, sections = _read_table(file, count)
     if zlib.crc32(table) != table_checksum:
         findings.append(Finding(ErrorCode.TABLE_CHECKSUM, "its table of sections is damaged", offset=HEADER.size))
@@ -192,7 +192,7 @@ def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]
         (checksum,) = struct.unpack("<I", row[-CHECKSUM.size :])
         name = kind.decode("ascii", "backslashreplace")
         if any(name == one.type for one in found):
-            reason = f"section {name} stands twice in its table"
+            reason = f"section {name} appears twice in its table"
             raise CorruptFileError(reason, code="table", section=name, offset=HEADER.size)
         found.append(ListedSection(offset, length, checksum, name, bool(flags & REQUIRED)))
         offset += length

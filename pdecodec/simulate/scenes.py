@@ -54,7 +54,7 @@ class SceneOptions(ABC):
             if not smallest <= value <= largest:
                 raise SettingsError(f"must be {smallest:g} to {largest:g}, not {value}", setting=name)
         if self.particle_count > MAX_PARTICLES:
-            raise SettingsError(f"the scene would have {self.particle_count} particles, the most is {MAX_PARTICLES}")
+            raise SettingsError(f"the scene would have {self.particle_count} particles; the most is {MAX_PARTICLES}")
 
     @property
     @abstractmethod
@@ -75,13 +75,13 @@ FACES = ("quads", "triangles")
 
 @dataclass(frozen=True, kw_only=True)
 class CubeRopeOptions(SceneOptions):
-    rings: int = _option(832, "points along each lengthwise curve", smallest=3, largest=100_000)
-    sides: int = _option(24, "lengthwise curves around the square section, a multiple of 4", smallest=4, largest=1_000)
+    rings: int = _option(832, "points of each curve along the rope", smallest=3, largest=100_000)
+    sides: int = _option(24, "curves along the rope, around its section; a multiple of 4", smallest=4, largest=1_000)
     length: float = _option(20.0, "length [m]", smallest=0.1, largest=1e4)
     thickness: float = _option(0.5, "side of the square section [m]", smallest=1e-3, largest=1e3)
-    turns: float = _option(3.0, "turns of the section along the length", smallest=-100, largest=100)
+    turns: float = _option(3.0, "twist: turns of the section from end to end", smallest=-100, largest=100)
     hold: str = _option("both", "which ends are held", choices=("one", "both"))
-    shake: float = _option(0.6, "way that the held end is shaken to either side [m]", smallest=0, largest=1e3)
+    shake: float = _option(0.6, "distance that the held end is shaken to each side [m]", smallest=0, largest=1e3)
     faces: str = _option("quads", "faces of the surface", choices=FACES)
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ class FlagOptions(SceneOptions):
     rows: int = _option(60, "vertices along the pole", smallest=2, largest=10_000)
     size: float = _option(1.5, "width [m]; the height follows from columns and rows", smallest=1e-2, largest=1e3)
     wind: float = _option(8.0, "speed of the wind [m/s]", smallest=0, largest=50)
-    gusts: float = _option(0.3, "amplitude of gusts across the wind, over its speed", smallest=0, largest=2)
+    gusts: float = _option(0.3, "amplitude of sideways gusts, as a fraction of the wind speed", smallest=0, largest=2)
     faces: str = _option("quads", "faces of the surface", choices=FACES)
 
     @property
@@ -129,7 +129,7 @@ class JellyOptions(SceneOptions):
     poisson: float = _option(0.4, "Poisson's ratio", smallest=0, largest=0.49)
     spin: float = _option(2.0, "initial spin [rad/s]", smallest=-100, largest=100)
     material: str = _option(
-        "neo-hookean", "finite elements, or springs that keep volumes", choices=("neo-hookean", "springs")
+        "neo-hookean", "finite elements, or springs with constant volumes", choices=("neo-hookean", "springs")
     )
     faces: str = _option("quads", "faces of the surface", choices=FACES)
 
@@ -168,7 +168,7 @@ SCENES = {
         builder="scene_cube_rope.build",
     ),
     "cloth": SceneEntry(
-        description="A cloth that hangs by two corners, or falls on a sphere and the ground.",
+        description="A cloth that hangs by two corners, or falls on a sphere and then the ground.",
         options_type=ClothOptions,
         builder="scene_sheets.build_cloth",
     ),
@@ -178,7 +178,7 @@ SCENES = {
         builder="scene_sheets.build_flag",
     ),
     "jelly": SceneEntry(
-        description="A spinning cube of jelly that falls on the ground; tetrahedra inside, its surface shown.",
+        description="A spinning cube of jelly that falls on the ground, made of tetrahedra and shown by its surface.",
         options_type=JellyOptions,
         builder="scene_jelly.build",
     ),
@@ -196,7 +196,7 @@ def build(name: str, **options: Any) -> Scene:
         As listed by ``SCENES[name].options``; SettingsError for any other, or one out of range.
     """
     if name not in SCENES:
-        raise SettingsError(f"there is no scene {name!r}; choose from {', '.join(SCENES)}", code="unknown-name")
+        raise SettingsError(f"unknown scene {name!r}; choose from {', '.join(SCENES)}", code="unknown-name")
     entry = SCENES[name]
     known = [item.name for item in entry.options]
     for key in options:

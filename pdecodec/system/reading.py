@@ -41,7 +41,7 @@ def asset_folders_allowed(folders: Iterable[str | os.PathLike[str]]) -> Iterator
     try:
         token = _allowed.set((*_allowed.get(), *map(os.path.realpath, paths)))
     except ValueError as error:
-        raise SettingsError("must be folders as there can be", setting="asset_folders") from error
+        raise SettingsError("must be valid folder names", setting="asset_folders") from error
     try:
         yield
     finally:
@@ -97,7 +97,7 @@ def _check_mode(path: str | os.PathLike[str], mode: int) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "a special file")
-        raise InputError(f"is {kind}, and only regular files are read; copy it to one", code="unreadable", path=path)
+        raise InputError(f"is {kind}, but only regular files can be read; copy it to one", code="unreadable", path=path)
 
 
 class FileScope:
@@ -141,7 +141,7 @@ class FileScope:
             real = os.path.realpath(place)
         except ValueError as error:
             raise damaged(
-                f"names a file {_shown(name)}, as none can be called; export it again", path=self.path
+                f"names a file {_shown(name)}, which is not a valid name; export it again", path=self.path
             ) from error
         if not any(_is_below(real, allowed) for allowed in self._folders):
             raise InputError(
@@ -150,7 +150,7 @@ class FileScope:
                 path=self.path,
                 setting="asset_folders",
                 value=os.path.dirname(real)[:LONGEST_SHOWN],
-                purpose="if that is meant",
+                purpose="if you trust the file",
             )
         return Path(place)
 

@@ -108,7 +108,7 @@ class RemoteFile:
         size = self._information().get("size")
         if size is None:
             raise InputError(
-                "the server does not say how long it is; fetch it, and read the copy",
+                "the server does not tell its size; download it and read the copy",
                 code="unreadable",
                 path=self.address,
             )
@@ -130,7 +130,7 @@ class RemoteFile:
             raise InputError("became shorter while it was read; open it again", code="file-changed", path=self.address)
         if len(data) > end - begin:
             raise InputError(
-                "the server does not give parts of files; fetch it, and read the copy",
+                "the server does not send parts of files; download it and read the copy",
                 code="unreadable",
                 path=self.address,
             )
@@ -246,7 +246,7 @@ def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
         yield path
         if not path.is_file():
             raise InputError(
-                "stands for several files; name one that is one alone", code="ambiguous-input", path=address
+                "stands for several files; give the address of one file", code="ambiguous-input", path=address
             )
         file.put(path)
 
@@ -261,12 +261,10 @@ def storage_errors(address: str) -> Iterator[None]:
     except ImportError as error:
         raise _missing_extra(error, address) from error
     except FileNotFoundError as error:
-        raise InputError(
-            "there is no such file, or no answer; check the address", code="file-missing", path=address
-        ) from error
+        raise InputError("no such file, or no answer; check the address", code="file-missing", path=address) from error
     except PermissionError as error:
         raise InputError(
-            "may not be read or written with what this machine is known by there", code="unreadable", path=address
+            "access is denied with the credentials of this machine; check them", code="unreadable", path=address
         ) from error
     except Exception as error:
         if getattr(error, "status", None) == RANGE_NOT_SATISFIABLE:

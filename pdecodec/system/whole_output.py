@@ -48,14 +48,14 @@ def check_path(path: Path) -> None:
         os.lstat(path)
     except ValueError as error:
         raise InputError(
-            "holds a character that no path can have (NUL, or half of a pair); give another name",
+            "holds a character that paths cannot have (NUL, or half of a surrogate pair); give another name",
             code="output-unwritable",
             path=path,
         ) from error
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise InputError(
-                "is longer than names may be there; give a shorter one", code="output-unwritable", path=path
+                "is longer than names may be in this folder; give a shorter one", code="output-unwritable", path=path
             ) from error
 
 
@@ -243,7 +243,7 @@ def _move_out(ready: Path) -> None:
     manifest: Mapping[str, list[str]] = json.loads((ready / MANIFEST).read_text(encoding="utf-8"))
     for name in (*manifest["move"], *manifest["remove"]):
         if Path(name).name != name or name == MANIFEST:
-            raise ValueError(f"{name!r} is no name of a file here")
+            raise ValueError(f"{name!r} is not a valid name for a file here")
     for name in manifest["move"]:
         # A file that is no longer there was moved before the process was killed.
         if (ready / name).exists():

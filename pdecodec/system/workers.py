@@ -77,7 +77,7 @@ class WorkerEndedError(WorkerError):
             reason = f"exit code {exit_code}"
         else:
             is_kill = exit_code == -getattr(signal, "SIGKILL", 9)
-            reason = f"signal {-exit_code}{', as where memory runs out' if is_kill else ''}"
+            reason = f"signal {-exit_code}{', probably out of memory' if is_kill else ''}"
         super().__init__(reason)
 
 

@@ -141,7 +141,7 @@ def read_jumps(fields: Fields, frames: int) -> list[int]:
     jumps = [0]
     for _ in range(count):
         jumps.append(jumps[-1] + fields.count())
-        require(jumps[-2] < jumps[-1] < frames, "a jump at no frame")
+        require(jumps[-2] < jumps[-1] < frames, "a discontinuity outside the frames")
     return jumps[1:]
 
 

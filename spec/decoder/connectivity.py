@@ -97,7 +97,7 @@ def read_polygons(contexts: Contexts, matches: MatchModel, kind: str, head: Head
         for place in range(size):
             phase, before = min(place, 3), polygon[-1] if polygon else first
             vertex = before + matches.read(phase, read_difference)
-            require(0 <= vertex < vertices, "a vertex that is not there")
+            require(0 <= vertex < vertices, "a missing vertex")
             polygon.append(vertex)
             highest = max(highest, vertex)
         first = polygon[0]
@@ -244,7 +244,7 @@ class Surface:
                 ahead, behind = ahead.ahead, behind.behind
             return ahead.vertex if distance % 2 else behind.vertex
         back = self._contexts.number("vertex")
-        require(back < known, "a vertex that is not there")
+        require(back < known, "a missing vertex")
         return known - 1 - back
 
     def _dequeue(self, side: Side) -> None:

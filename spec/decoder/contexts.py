@@ -114,7 +114,7 @@ class Contexts:
 
     def finish(self) -> None:
         """3.7: check the end of the stream."""
-        require(self._coder.is_finished(), "a coded stream does not end where what it holds does")
+        require(self._coder.is_finished(), "a coded stream does not end with its contents")
 
 
 def find_length(expected: int, most: int, decide: Callable[[int, int], int]) -> int:

@@ -65,7 +65,7 @@ def read_container(data: bytes) -> dict[str, bytes]:
     require(zlib.crc32(data[28 : 28 + table.position]) == table_checksum, "the table is damaged")
     sections: dict[str, bytes] = {}
     for kind, flags, length, checksum in rows:
-        require(kind not in sections, f"section {kind} stands twice")
+        require(kind not in sections, f"section {kind} appears twice")
         require(kind in NEEDED + OPTIONAL + OF_RUNS or not flags & 1, f"section {kind} is required and unknown")
         sections[kind] = table.take(length)
         require(zlib.crc32(sections[kind]) == checksum, f"section {kind} is damaged")

@@ -36,7 +36,7 @@ def read_model(data: bytes) -> Model:
     require(kind in (PATCH, CURVE), "an unknown space basis")
     points, functions, threshold = fields.count(), fields.u8(), fields.u8()
     rate, affine = (fields.f64(), fields.u8()) if kind == CURVE else (0.0, 1)
-    require(0 <= rate <= LARGEST_RATE and affine < 2, "a rate or a sort of pieces out of range")
+    require(0 <= rate <= LARGEST_RATE and affine < 2, "a rate or a kind of pieces out of range")
     require(1 <= points <= MOST_POINTS[kind], "a size of patches out of range")
     require(1 <= functions <= MOST_FUNCTIONS and threshold < 8, "a number of functions out of range")
     step = fields.f64()

@@ -158,7 +158,7 @@ class WeldReader:
 
     def _read_distance(self) -> int:
         distance = self._contexts.counted(31, "distance")
-        require(distance <= len(self._entered), "a point that is not there")
+        require(distance <= len(self._entered), "a missing point")
         return len(self._entered) - distance
 
     def _enter(self, p: int, points: list[int]) -> None:

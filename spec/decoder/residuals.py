@@ -80,7 +80,7 @@ class ResidualReader:
             if skipped:
                 frame, place = frame + skipped, -1
             place += self._contexts.counted(43, "places passed over")
-            require(frame < len(found) and place < self._vertices, "a raw vertex that is not there")
+            require(frame < len(found) and place < self._vertices, "a missing raw vertex")
             packed = struct.pack("<3I", *(self._contexts.bypass(32) for _ in range(3)))
             position = np.frombuffer(packed, "<f4").astype(np.float64)
             require(np.isfinite(position).all(), "a raw vertex is not finite")

@@ -212,7 +212,7 @@ def test_a_file_whose_faces_change_plays_run_by_run(browser: Browser, tmp_path: 
         (["a.pdeanim", "b.pdeanim", "--original", "c.npz"], 2, "not both"),
         (["a.pdeanim", "-o", "page.png"], 2, "extension .html"),
         (["none.pdeanim"], 3, "none.pdeanim"),
-        (["clip.h5"], 4, "not a .pdeanim file (its first bytes are others); pdecodec encode makes one"),
+        (["clip.h5"], 4, "not a .pdeanim file (its first bytes differ); pdecodec encode makes one"),
     ],
 )
 def test_what_cannot_be_shown_is_said_in_a_line(

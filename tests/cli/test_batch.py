@@ -604,10 +604,7 @@ def test_sources_and_outputs_may_be_at_addresses(clips: Path) -> None:
             "bad.pdeanim": "failed",
             "none.pdeanim": "failed",
         }
-        assert (
-            results["none.pdeanim"].message
-            == f"{rows[3]['source']}: there is no such file, or no answer; check the address"
-        )
+        assert results["none.pdeanim"].message == f"{rows[3]['source']}: no such file, or no answer; check the address"
         assert do_clip(chosen[0], work).state == "kept"
         write_sequence(sheet(0.5), clips / "a.npz", overwrite=True)
         assert do_clip(chosen[0], work).state == "done"

@@ -367,7 +367,7 @@ def test_every_command_on_animations_takes_addresses(tmp_path: Path, capsys: Cap
         assert capsys.readouterr().err.splitlines()[0].startswith(f"{there}: sound, ")
         for command in (("check",), ("view", "-o", "x.html"), ("cut", "--frames", ":", "-o", "x.pdeanim")):
             line = error_of(capsys, 3, command[0], f"{server.address}/none.pdeanim", *command[1:])
-            assert line.startswith(f"error: {server.address}/none.pdeanim: there is no such file, or no answer")
+            assert line.startswith(f"error: {server.address}/none.pdeanim: no such file, or no answer")
         for command in ("serve", "report"):
             more = () if command == "serve" else ("-o", "x")
             assert f"{there}: is an address, and {command} reads" in error_of(capsys, 3, command, there, *more)

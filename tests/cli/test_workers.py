@@ -78,7 +78,7 @@ def test_a_process_that_ends_is_an_error_with_its_exit_code_and_the_next_call_st
     assert caught.value.exit_code == 7
     number = worker.call(os.getpid)
     os.kill(number, signal.SIGKILL)
-    with pytest.raises(WorkerEndedError, match="signal 9, as where memory runs out"):
+    with pytest.raises(WorkerEndedError, match="signal 9, probably out of memory"):
         worker.call(os.getpid)
     assert worker.call(os.getpid) != number
 

@@ -90,8 +90,8 @@ def test_lengths_beyond_the_file_or_of_more_than_eight_bytes_are_refused(length:
     assert message in refusal(seal([*PARTS, Declared("ABCD", length)]))
 
 
-def test_sections_that_stand_twice_and_more_than_can_be_are_refused() -> None:
-    assert f"section {PARTS[2].kind} stands twice" in refusal(seal([*PARTS, PARTS[2]]))
+def test_repeated_sections_and_too_many_are_refused() -> None:
+    assert f"section {PARTS[2].kind} appears twice" in refusal(seal([*PARTS, PARTS[2]]))
     most = [*PARTS, *(Part(f"S{k:03}", b"", flags=0) for k in range(MAX_SECTIONS - len(PARTS)))]
     assert np.array_equal(frames_of(seal(most)), frames_of(SOUND))
     assert f"declares {MAX_SECTIONS + 1} sections" in refusal(seal([*most, Part("ZZZZ", b"", flags=0)]))

@@ -454,7 +454,7 @@ def test_groups_of_two_kinds_and_two_runs_in_one_table_are_refused(data: bytes) 
         open_animation(resealed(data, GRUP=write_group_table(entries)))
     parts = take_apart(data)
     again = [part for part in parts if part.kind not in ("META", "SEQN")]
-    with pytest.raises(CorruptFileError, match="section CONN stands twice"):
+    with pytest.raises(CorruptFileError, match="section CONN appears twice"):
         open_animation(seal([*parts, *again]))
 
 

@@ -292,7 +292,7 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], cont
         (section(b"", predictor=0, step=2 * LARGEST_STEP), "step"),
         (section(b"", predictor=0, origin=(0, float("inf"), 0)), "not finite"),
         (section(b"", predictor=0, origin=(0, 0, -1e300)), "origin"),
-        (section(b"", predictor=WELDED), "point that is not there"),
+        (section(b"", predictor=WELDED), "missing point"),
     ],
 )
 def test_what_is_wrong_is_named(data: bytes, message: str) -> None:

@@ -254,10 +254,10 @@ def test_names_as_long_as_names_can_be_are_written_and_longer_ones_refused(tmp_p
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     with open_animation(named(".pdeanim", most)) as animation:
         assert animation.frame_count == 3
-    with pytest.raises(InputError, match="is longer than names may be there"):
+    with pytest.raises(InputError, match="is longer than names may be in this folder"):
         encode(clip, named(".pdeanim", most + 2))
     for ending in (".npz", ".xdmf", ".####.obj"):
-        with pytest.raises(InputError, match="is longer than names may be there"):
+        with pytest.raises(InputError, match="is longer than names may be in this folder"):
             write_sequence(clip, named(ending, most + 2))
 
 

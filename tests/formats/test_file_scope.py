@@ -263,7 +263,7 @@ def test_a_pipe_that_a_file_names_is_refused_and_nobody_waits_for_it(
     pipe = project / f"pipe.{extension}"
     os.mkfifo(pipe)
     monkeypatch.chdir(project)
-    with freed(pipe) as waited, pytest.raises(InputError, match="is a pipe, and only regular files are read"):
+    with freed(pipe) as waited, pytest.raises(InputError, match="is a pipe, but only regular files can be read"):
         open_sequence(make(project, pipe.name))
     assert not waited
 
@@ -297,7 +297,7 @@ NAMED += ["x.stl", "x.off", "x.obj", "x.mdd", "x.pc2", "x.pdeanim", "x"]
 def test_a_pipe_that_is_named_itself_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.mkfifo(tmp_path / name)
     for isolate in (False, True) if name == "x.abc" else (False,):
-        with pytest.raises(InputError, match="is a pipe, and only regular files are read") as caught:
+        with pytest.raises(InputError, match="is a pipe, but only regular files can be read") as caught:
             open_sequence(tmp_path / name, isolate=isolate)
         assert caught.value.path == str(tmp_path / name)
     assert run(["encode", str(tmp_path / name), "-o", str(tmp_path / "y.pdeanim")]) == 3
@@ -306,7 +306,7 @@ def test_a_pipe_that_is_named_itself_is_refused(name: str, tmp_path: Path, capsy
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
 def test_a_device_is_refused_before_it_is_opened() -> None:
-    with pytest.raises(InputError, match="/dev/zero: is a device, and only regular files are read; copy it to one"):
+    with pytest.raises(InputError, match="/dev/zero: is a device, but only regular files can be read; copy it to one"):
         open_sequence("/dev/zero")
 
 
@@ -357,7 +357,7 @@ def test_the_command_line_names_its_option_and_takes_it(
 ) -> None:
     path, out = gltf(project, "../secret.bin"), project / "x.pdeanim"
     assert run(["encode", str(path), "-o", str(out)]) == 3
-    assert f"is not read; pass --assets {project.parent} if that is meant" in capsys.readouterr().err
+    assert f"is not read; pass --assets {project.parent} if you trust the file" in capsys.readouterr().err
     monkeypatch.chdir(project)
     assert run(["encode", str(path), "-o", str(out), "--assets", ".."]) == 0
     assert run(["info", str(path), "--assets", "..", "--isolate"]) == 0

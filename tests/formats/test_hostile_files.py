@@ -244,7 +244,7 @@ case(
     gltf(buffers=[{"uri": "x.bin", "byteLength": 10**30}]),
     "buffers[0].byteLength is no whole number, or out of range",
 )
-case("x.gltf", "with a NUL in a name", gltf(buffers=[{"uri": "a\0b", "byteLength": 48}]), "as none can be called")
+case("x.gltf", "with a NUL in a name", gltf(buffers=[{"uri": "a\0b", "byteLength": 48}]), "which is not a valid name")
 case("x.gltf", "whose nodes go round", gltf(nodes=[{"mesh": 0, "children": [0]}]), "is its own ancestor")
 case(
     "x.gltf",

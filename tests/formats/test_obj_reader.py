@@ -490,8 +490,8 @@ def test_a_frame_that_cannot_be_read_is_told_of_when_it_is_asked_for(tmp_path: P
     assert caught.value.frame == 1
 
 
-UNUSUAL, NOT_THERE = "{word!r} has an unusual count of numbers", "{last!r} refers to a vertex that is not there"
-NO_TEXTURE = "{first!r} refers to a texture vertex that is not there"
+UNUSUAL, NOT_THERE = "{word!r} has an unusual count of numbers", "{last!r} refers to a missing vertex"
+NO_TEXTURE = "{first!r} refers to a missing texture vertex"
 
 BROKEN = {
     "expected a number, found 'x'": ["v 0 0 x", "vt x 0", "vn x 0 0"],

@@ -276,7 +276,7 @@ def test_options_explain_themselves() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "request_", "message"),
     [
-        ("teapot", {}, {}, "there is no scene 'teapot'; choose from cube-rope, cloth, flag, jelly"),
+        ("teapot", {}, {}, "unknown scene 'teapot'; choose from cube-rope, cloth, flag, jelly"),
         ("cloth", {"rings": 5}, {}, "scene cloth has no option 'rings'; choose from columns, rows"),
         ("cloth", {"columns": 1}, {}, "columns must be 2 to 10000, not 1"),
         ("cloth", {"columns": 2.5}, {}, "columns must be a whole number, not 2.5"),

@@ -66,7 +66,7 @@ public:
     // Return the run; ArgumentError if there are several and none was chosen.
     std::shared_ptr<Animation> animation() {
         std::shared_ptr<Animation> found = opened().animation;
-        if (!found) throw ArgumentError("there are several runs of frames; choose one");
+        if (!found) throw ArgumentError("the file has several runs of frames; choose one");
         return found;
     }
 
@@ -115,7 +115,7 @@ nb::list runs(PyAnimation &self) {
 }
 
 std::size_t check_run(PyAnimation &self, std::size_t run) {
-    if (run >= self.opened().file->runs().size()) throw nb::index_error("there is no such run");
+    if (run >= self.opened().file->runs().size()) throw nb::index_error("no run of this number");
     return run;
 }
 
@@ -198,7 +198,7 @@ nb::list listed(const Container &container) {
 Group group_of(PyAnimation &self, std::size_t index) {
     const auto own = self.animation();
     const std::vector<Group> &groups = own->sections().table().groups();
-    if (index >= groups.size()) throw nb::index_error("there is no such group");
+    if (index >= groups.size()) throw nb::index_error("no group of this number");
     return groups[index];
 }
 
@@ -266,7 +266,7 @@ void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::o
               const Positions3 &out) {
     const Quantity wanted = quantity_of(quantity);
     if (object && (*object < 0 || *object >= self.animation()->sections().objects()))
-        throw nb::index_error("there is no such object");
+        throw nb::index_error("no object of this number");
     self.with([&](Animation &animation) {
         animation.evaluator().evaluate(wanted, view(times), object, {out.data(), out.size()});
         return 0;

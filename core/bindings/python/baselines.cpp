@@ -108,7 +108,7 @@ nb::object py_parallelograms(const Numbers &values, const Flat<i64> &starts, con
     if (ends.size() != rows + 1 || ends.front() != 0 || ends.back() != static_cast<i64>(corners.shape(0)) ||
         !std::is_sorted(ends.begin(), ends.end()) ||
         !std::all_of(corners.data(), corners.data() + corners.size(), is_known)) {
-        throw nb::value_error("parallelograms are not those of the places");
+        throw nb::value_error("parallelograms do not fit the starts");
     }
     std::vector<i64> changed(known.begin(), known.end());
     {
@@ -121,12 +121,12 @@ nb::object py_parallelograms(const Numbers &values, const Flat<i64> &starts, con
 }  // namespace
 
 void bind_baselines(nb::module_ &module) {
-    module.def("encode_bands", &py_encode_bands, nb::arg("values"), "Bytes of (bands, numbers) int64.");
+    module.def("encode_bands", &py_encode_bands, nb::arg("values"), "Encode (bands, numbers) int64.");
     module.def("decode_bands", &py_decode_bands, nb::arg("data"), nb::arg("bands"), nb::arg("numbers"),
-               "The numbers of all bands, one after another, int64.");
+               "Decode the numbers of all bands, one after another, int64.");
     module.def("parallelograms", &py_parallelograms, nb::arg("values"), nb::arg("starts"), nb::arg("corners"),
                nb::arg("undo"),
-               "(places, columns) int64, in one row, less what parallelograms predict; or that undone.");
+               "Subtract the predictions of parallelograms from (places, columns) int64, or add them again.");
 }
 
 }  // namespace pdeanim::bindings

@@ -25,7 +25,7 @@ template <class Real> double py_take_displacements(const Cube<const float> &poin
                                                    double farthest, const Matrix<Real> &rows, int threads) {
     require(points.shape(2) == 3 && points.shape(1) == shape.shape(0) && rows.shape(0) == shape.shape(0) &&
                 rows.shape(1) == 3 * points.shape(0),
-            "points, shape and rows must be of the same frames and vertices");
+            "points, shape and rows must have the same frames and vertices");
     nb::gil_scoped_release release;
     return take_displacements(all_of(points), std::span<const double>(shape.data(), shape.size()), farthest,
                               std::span<Real>(rows.data(), rows.size()), threads);
@@ -33,7 +33,7 @@ template <class Real> double py_take_displacements(const Cube<const float> &poin
 
 template <class Real> nb::object py_quantise_sparsely(const Matrix<const Real> &values, int axes, double step,
                                                       double round_up_at, double round_up_alone_at, int threads) {
-    require(step > 0.0 && (axes == 1 || axes == 3), "a step is positive, and axes are 1 or 3");
+    require(step > 0.0 && (axes == 1 || axes == 3), "the step must be positive, and axes 1 or 3");
     Quantised found;
     {
         nb::gil_scoped_release release;
@@ -63,7 +63,7 @@ public:
                             static_cast<i64>(order_.size()) == own.vertices(),
                         "motion, functions of time, reference frame, points and order do not fit together");
                 for (const i32 vertex : view(order_)) {
-                    require(vertex >= 0 && vertex < own.vertices(), "an order must be of the vertices that there are");
+                    require(vertex >= 0 && vertex < own.vertices(), "the order must hold existing vertices");
                 }
                 reference_.emplace<AnchoredReference<Real>>(*own.basis->elements().patches,
                                                             std::span<const double>(reference.data(), reference.size()),
@@ -78,7 +78,7 @@ public:
 
     nb::object missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
                        bool has_errors, int threads) const {
-        require(margins.size() == points_.shape(0), "one margin a frame");
+        require(margins.size() == points_.shape(0), "there must be one margin per frame");
         Aim beyond{};
         if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
         Residuals found;
@@ -115,7 +115,7 @@ double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<
         [&]<class One, class Other>(const Motion<One> &first, const Motion<Other> &second) {
             require(first.basis == second.basis && first.vertices() == second.vertices() &&
                         first.functions == second.functions && first.axes == second.axes,
-                    "two motions of the same functions and vertices");
+                    "the two motions must have the same functions and vertices");
             require(static_cast<i64>(time.shape(1)) == first.time_axes() &&
                         static_cast<i64>(time.shape(2)) == first.functions &&
                         static_cast<i64>(reference.shape(0)) == first.basis->vertices(),
@@ -138,12 +138,12 @@ double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<
 template <class Real> void py_add_to(const Excess &excess, const Matrix<Real> &values,
                                      const Matrix<const double> &functions, int axes, double push) {
     const std::size_t count = functions.shape(1);
-    require(axes == 1 || axes == 3, "axes are 1 or 3");
-    require(values.shape(1) == count * axes, "one value a function, on each axis");
+    require(axes == 1 || axes == 3, "axes must be 1 or 3");
+    require(values.shape(1) == count * axes, "there must be one value per function and axis");
     for (std::size_t k = 0; k < excess.frames.size(); ++k) {
         const std::size_t row = axes == 1 ? 3 * excess.frames[k] + 2 : excess.frames[k];
         require(row < functions.shape(0) && static_cast<std::size_t>(excess.vertices[k]) < values.shape(0),
-                "an excess of other frames or vertices");
+                "the excess has other frames or vertices");
     }
     nb::gil_scoped_release release;
     excess.add_to(std::span<Real>(values.data(), values.size()), {functions.data(), functions.size()},
@@ -160,7 +160,7 @@ void give_back_memory() {
 template <class Real> void bind_take(nb::module_ &module) {
     module.def("take_displacements", &py_take_displacements<Real>, nb::arg("points").noconvert(), nb::arg("shape"),
                nb::arg("farthest"), nb::arg("rows").noconvert(), nb::arg("threads"),
-               "Write rows (vertices, 3 frames) of points less a shape; returns the largest magnitude.");
+               "Write rows (vertices, 3 frames) of points minus a shape; return the largest magnitude.");
 }
 
 template <class Real> void bind_quantise(nb::module_ &module) {
@@ -178,7 +178,7 @@ void bind_encode(nb::module_ &module) {
     module.def("give_back_memory", &give_back_memory, nb::call_guard<nb::gil_scoped_release>());
     bind_quantise<float>(module);
     bind_quantise<double>(module);
-    nb::class_<Excess>(module, "Excess", "By how much vertices are off beyond what is aimed at.")
+    nb::class_<Excess>(module, "Excess", "By how much errors of vertices exceed their target.")
         .def(nb::init<>())
         .def("__len__", [](const Excess &self) { return self.frames.size(); })
         .def("add_to", &py_add_to<float>, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
@@ -187,7 +187,7 @@ void bind_encode(nb::module_ &module) {
              nb::arg("push"));
     module.def("farthest_apart", &py_farthest_apart, nb::arg("one"), nb::arg("other"), nb::arg("time"),
                nb::arg("reference"), nb::arg("threads"));
-    nb::class_<PyGroupModel>(module, "GroupModel", "A motion held against the positions that it is to give.")
+    nb::class_<PyGroupModel>(module, "GroupModel", "A motion, compared with the input positions.")
         .def(nb::init<const PyMotion &, Cube<const double>, const Rows<double, 3> &, Cube<const float>, Flat<i32>,
                       double, double>(),
              nb::arg("motion"), nb::arg("time"), nb::arg("reference"), nb::arg("points").noconvert(),

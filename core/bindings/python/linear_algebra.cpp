@@ -17,7 +17,7 @@ template <class T> i64 rows_of(const T &matrix) { return static_cast<i64>(matrix
 template <class T> i64 columns_of(const T &matrix) { return static_cast<i64>(matrix.shape(1)); }
 
 nb::object py_product(const AnyMatrix &left, const Matrix<double> &right, int threads) {
-    require(left.shape(1) == right.shape(0), "the left matrix has as many columns as the right one has rows");
+    require(left.shape(1) == right.shape(0), "the left matrix must have as many columns as the right one has rows");
     const ProductSizes sizes{rows_of(left), columns_of(left), columns_of(right)};
     LargeArray<double> found;
     {
@@ -30,7 +30,7 @@ nb::object py_product(const AnyMatrix &left, const Matrix<double> &right, int th
 
 template <class Real>
 nb::object py_multiply_rows(const Matrix<Real> &rows, const Matrix<double> &factors, i64 axes, int threads) {
-    require(axes > 0 && columns_of(rows) == axes * rows_of(factors), "rows have a number a factor, on each axis");
+    require(axes > 0 && columns_of(rows) == axes * rows_of(factors), "rows must have one number per factor and axis");
     const ProductSizes sizes{rows_of(rows), rows_of(factors), columns_of(factors)};
     LargeArray<Real> found;
     {
@@ -54,7 +54,7 @@ template <class Row> nb::object py_sums_of_squares(const Matrix<Row> &rows, bool
 
 template <class Real>
 nb::object py_sums_of_products(const Matrix<Real> &rows, const Matrix<Real> &others, int threads) {
-    require(rows.shape(0) == others.shape(0), "two matrices of as many rows");
+    require(rows.shape(0) == others.shape(0), "the two matrices must have equally many rows");
     LargeArray<double> found;
     {
         nb::gil_scoped_release release;
@@ -66,13 +66,13 @@ nb::object py_sums_of_products(const Matrix<Real> &rows, const Matrix<Real> &oth
 }
 
 double py_sum_of_products(const Flat<double> &a, const Flat<double> &b) {
-    require(a.size() == b.size(), "two rows of as many numbers");
+    require(a.size() == b.size(), "the two rows must be equally long");
     nb::gil_scoped_release release;
     return sum_of_products(a.data(), b.data(), static_cast<i64>(a.size()));
 }
 
 nb::object py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads) {
-    require(matrix.shape(0) == matrix.shape(1), "a symmetric matrix has as many rows as columns");
+    require(matrix.shape(0) == matrix.shape(1), "a symmetric matrix must have as many rows as columns");
     Eigen found;
     {
         nb::gil_scoped_release release;
@@ -84,7 +84,7 @@ nb::object py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads
 }
 
 nb::object py_orthonormal_columns(const Matrix<double> &matrix) {
-    require(matrix.shape(0) >= matrix.shape(1), "as many rows as columns, or more");
+    require(matrix.shape(0) >= matrix.shape(1), "there must be at least as many rows as columns");
     OrthonormalColumns found;
     {
         nb::gil_scoped_release release;

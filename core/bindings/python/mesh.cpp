@@ -48,7 +48,7 @@ std::vector<ConnectivityView> views_of(const nb::list &parts) {
 std::span<const GridPoint> grid_of(const Rows<i64, 3> &grid, const std::vector<ConnectivityView> &objects) {
     i64 vertices = 0;
     for (const ConnectivityView &object : objects) vertices += object.vertices;
-    require(vertices == static_cast<i64>(grid.shape(0)), "one grid point a vertex is needed");
+    require(vertices == static_cast<i64>(grid.shape(0)), "there must be one grid point per vertex");
     return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
 }
 
@@ -121,7 +121,7 @@ nb::object py_encode_reference(const Flat<i64> &starts, const Flat<i32> &vertex,
                                const std::optional<Rows<i32, 2>> &weights, const Flat<i32> &points) {
     std::optional<Smoothing> smoothing;
     if (weights) {
-        require(weights->shape(0) == smoothing_classes, "weights of another number of classes");
+        require(weights->shape(0) == smoothing_classes, "the number of classes of the weights is wrong");
         smoothing.emplace();
         std::memcpy(&smoothing->weights, weights->data(), sizeof(smoothing->weights));
         smoothing->point_of.assign(points.data(), points.data() + points.size());
@@ -175,18 +175,19 @@ AttributeView attribute_view(const nb::handle &fields) {
     const i64 domain = nb::cast<i64>(attribute[1]), type = nb::cast<i64>(attribute[2]);
     const auto values = nb::cast<nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>>(attribute[3]);
     require(domain >= 0 && domain < domain_count && type >= 0 && type < value_types,
-            "an attribute is of no known kind");
-    require(values.ndim() == 1 || values.ndim() == 2, "values are no rows");
+            "an attribute has an unknown kind");
+    require(values.ndim() == 1 || values.ndim() == 2, "values must have one or two dimensions");
     view_of.domain = static_cast<Domain>(domain);
     view_of.type = static_cast<ValueType>(type);
-    require(static_cast<i64>(values.itemsize()) == bytes_of(view_of.type), "values are of another type");
+    require(static_cast<i64>(values.itemsize()) == bytes_of(view_of.type),
+            "values have another type than the attribute");
     view_of.rows = static_cast<i64>(values.shape(0));
     view_of.columns = values.ndim() == 2 ? static_cast<i64>(values.shape(1)) + 1 : 0;
     view_of.values = {static_cast<const u8 *>(values.data()), values.nbytes()};
     if (!attribute[4].is_none()) {
         view_of.indices = view(nb::cast<Flat<i32>>(attribute[4]));
         for (const i32 row : *view_of.indices) {
-            if (row < -1 || row >= view_of.rows) throw nb::index_error("a row of an attribute is not there");
+            if (row < -1 || row >= view_of.rows) throw nb::index_error("an index of an attribute is out of range");
         }
     }
     view_of.labels = nb::cast<std::vector<std::string>>(attribute[5]);
@@ -226,7 +227,7 @@ nb::bytes py_encode_attributes(const nb::list &parts, const nb::list &attributes
 nb::object py_fan_numbers(const Flat<i32> &vertices, const Flat<i32> &keys) {
     require(vertices.size() == keys.size(), "keys do not fit the corners");
     for (const i32 vertex : view(vertices)) {
-        if (vertex < 0) throw nb::index_error("a vertex is not there");
+        if (vertex < 0) throw nb::index_error("a vertex number is negative");
     }
     std::vector<i32> found;
     {

@@ -28,7 +28,7 @@ template <class T> TimeShape shape_of(const Functions<T> &array) {
 }
 
 TimeMethod method_of(u8 method) {
-    if (method > static_cast<u8>(TimeMethod::straight)) throw std::invalid_argument("a method from 0 to 2");
+    if (method > static_cast<u8>(TimeMethod::straight)) throw std::invalid_argument("the method must be 0 to 2");
     return TimeMethod{method};
 }
 
@@ -58,7 +58,7 @@ nb::object py_quantise_predicted(const Functions<double> &wanted, double roundin
 
 nb::object py_quantise_straight(const Functions<double> &wanted, double tolerance) {
     const TimeShape shape = shape_of(wanted);
-    if (shape.frames == 0) throw std::invalid_argument("a frame or more");
+    if (shape.frames == 0) throw std::invalid_argument("there must be at least one frame");
     std::vector<i64> quantised;
     {
         nb::gil_scoped_release release;
@@ -96,7 +96,7 @@ double py_measure_time_functions(const Functions<i64> &quantised) {
 }
 
 nb::object py_cosine_wave(i64 frames) {
-    if (frames < 1) throw std::invalid_argument("a frame or more");
+    if (frames < 1) throw std::invalid_argument("there must be at least one frame");
     return to_array(cosine_wave(frames));
 }
 
@@ -159,7 +159,7 @@ std::span<const i64> patches_of(const Flat<i64> &starts) {
     const std::span<const i64> patches = view(starts);
     if (patches.empty() || patches.front() != 0 || !std::is_sorted(patches.begin(), patches.end()) ||
         patches.back() > most_vertices) {
-        throw ArgumentError("patches must begin at 0, and ascend to the number of vertices");
+        throw ArgumentError("patches must start at 0 and ascend to the number of vertices");
     }
     return patches;
 }
@@ -170,7 +170,7 @@ ResidualCoding coding_of(const Residuals &residuals, bool is_predicted, const Fl
     for (std::size_t frame = 0; is_sound && frame < found.size(); ++frame) {
         is_sound = found[frame] >= 1 && found[frame] <= most<i64>(static_cast<i64>(frame), 1);
     }
-    if (!is_sound) throw ArgumentError("each frame's reference must be a frame before it");
+    if (!is_sound) throw ArgumentError("the reference of each frame must be an earlier frame");
     return {is_predicted, found};
 }
 

@@ -44,7 +44,7 @@ template <std::size_t members, class Array>
 std::span<const Members<members>> members_of(const Array &array, std::size_t particles) {
     u32 largest = 0;  // as unsigned, a negative number is larger than any index
     for (std::size_t i = 0; i < array.size(); ++i) largest = most(largest, static_cast<u32>(array.data()[i]));
-    if (array.size() > 0 && largest >= particles) throw nb::index_error("there is no particle of this number");
+    if (array.size() > 0 && largest >= particles) throw nb::index_error("a particle number is out of range");
     return items<const Members<members>>(array, array.size() / members);
 }
 
@@ -72,7 +72,7 @@ void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<doub
 void py_add_chains(Sheets &sheets, const Array<const i32, nb::ndim<2>> &chains,
                    const Array<const double, nb::ndim<2>> &lengths, const Array<double, nb::ndim<2>> &multipliers,
                    const ScalingNumbers &scaling) {
-    if (chains.shape(1) < 2) throw nb::value_error("a chain has two points or more");
+    if (chains.shape(1) < 2) throw nb::value_error("a chain must have at least two points");
     const std::size_t links = chains.shape(1) - 1;
     members_of<1>(chains, sheets.particles());
     const auto rest = items<const double>(lengths, chains.shape(0) * links);
@@ -161,18 +161,18 @@ void bind_simulate(nb::module_ &module) {
     const auto changed = [](const char *name) { return nb::arg(name).noconvert(); };
     module.def("predict", &py_predict, changed("positions"), changed("previous"), nb::arg("inverse_masses"),
                nb::arg("velocities"), nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"),
-               "Eq. 4, with the share `keep` of the velocities; what was there before goes to `previous`.");
+               "Apply Eq. 4 with velocities times `keep`; copy the old positions to `previous`.");
     nb::class_<Sheets>(module, "Sheets", "Batches of sheets that are solved in turn.")
         .def(
             "__init__",
             [](Sheets *self, const Flat<double> &inverse_masses, i32 middle) {
                 const std::size_t particles = inverse_masses.shape(0);
                 if (middle < 0 || static_cast<std::size_t>(middle) > particles) {
-                    throw nb::value_error("the middle is one of the particles, or behind them");
+                    throw nb::value_error("the middle must be 0 to the number of particles");
                 }
                 new (self) Sheets(items<const double>(inverse_masses, particles), middle);
             },
-            nb::arg("inverse_masses"), nb::arg("middle"), "`middle`: the first particle of the second half.")
+            nb::arg("inverse_masses"), nb::arg("middle"), "`middle`: number of the first particle of the second half.")
         .def("add_distances", &py_add_distances, nb::arg("pairs"), nb::arg("lengths"), changed("multipliers"),
              nb::arg("scaling"), nb::keep_alive<1, 4>())
         .def("add_chains", &py_add_chains, nb::arg("chains"), nb::arg("lengths"), changed("multipliers"),
@@ -180,20 +180,20 @@ void bind_simulate(nb::module_ &module) {
         .def("add_bending", &py_add_bending, nb::arg("stencils"), nb::arg("coefficients"), changed("multipliers"),
              nb::arg("scaling"), nb::keep_alive<1, 4>())
         .def("solve", &py_solve_sheets, changed("positions"), nb::arg("previous"), nb::arg("is_first"),
-             "One iteration; where it is the first, multipliers start from 0.")
+             "Do one iteration; the first one starts multipliers from 0.")
         .def("advance", &py_advance_sheets, changed("positions"), changed("previous"), changed("velocities"),
              nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"), nb::arg("substeps"), nb::arg("iterations"),
-             nb::arg("threads"), "Substeps of Algorithm 1 with nothing but these batches in it.")
-        .def("store", &Sheets::store, "Write multipliers to the arrays that they came from.");
+             nb::arg("threads"), "Do substeps of Algorithm 1 with only these batches.")
+        .def("store", &Sheets::store, "Write multipliers back to their arrays.");
     module.def("solve_volumes", &py_solve_volumes, changed("state"), nb::arg("tetrahedra"), nb::arg("volumes"),
-               changed("multipliers"), nb::arg("scaling"), "One sweep over tetrahedra that keep their volumes.");
+               changed("multipliers"), nb::arg("scaling"), "Do one sweep over tetrahedra that keep their volumes.");
     module.def("solve_tetrahedra", &py_solve_tetrahedra, changed("state"), nb::arg("tetrahedra"),
                nb::arg("inverse_rest"), nb::arg("volumes"), changed("multipliers"), nb::arg("shear"), nb::arg("bulk"),
-               nb::arg("damping"), nb::arg("substep"), "One sweep over neo-Hookean tetrahedra.");
+               nb::arg("damping"), nb::arg("substep"), "Do one sweep over neo-Hookean tetrahedra.");
     module.def("project_tetrahedra", &py_project_tetrahedra, changed("state"), nb::arg("tetrahedra"),
-               nb::arg("inverse_rest"), nb::arg("stiffness"), "One sweep of PBD over the same.");
+               nb::arg("inverse_rest"), nb::arg("stiffness"), "Do one PBD sweep over tetrahedra.");
     module.def("add_wind", &py_add_wind, nb::arg("positions"), nb::arg("past"), nb::arg("triangles"),
-               nb::arg("pressure"), changed("forces"), "Forces of air that moves past the particles.");
+               nb::arg("pressure"), changed("forces"), "Add forces of air that moves past the particles.");
 }
 
 }  // namespace pdeanim::bindings

@@ -46,7 +46,7 @@ private:
     static u64 size_of(int descriptor) {
         struct stat found;
         if (::fstat(descriptor, &found) != 0) fail();
-        if (!S_ISREG(found.st_mode)) throw ReadError("is no file that can be read from any place on; copy it to one");
+        if (!S_ISREG(found.st_mode)) throw ReadError("is not a regular file; copy it to one");
         return static_cast<u64>(found.st_size);
     }
 

@@ -35,7 +35,7 @@ template <auto member> nb::object patches_array(nb::handle self) {
 }
 
 std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
-    require(points > 0, "patches have points");
+    require(points > 0, "patches must have points");
     const std::vector<ConnectivityView> views = views_of(objects);
     nb::gil_scoped_release release;
     return early_patches(views, points);
@@ -43,24 +43,23 @@ std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
 
 std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points,
                                           const std::shared_ptr<Patches> &early) {
-    require(points > 0, "patches have points");
+    require(points > 0, "patches must have points");
     const std::vector<ConnectivityView> views = views_of(objects);
     const std::span<const GridPoint> points_of_grid = grid_of(grid, views);
-    require(!points_of_grid.empty(), "a mesh has vertices");
-    require(!early || early->order.size() == grid.shape(0), "the early patches are of another mesh");
+    require(!points_of_grid.empty(), "a mesh must have vertices");
+    require(!early || early->order.size() == grid.shape(0), "the early patches belong to another mesh");
     nb::gil_scoped_release release;
     return build_patches(views, points_of_grid, points, early);
 }
 
 std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {
-    require(points > 0, "pieces have points");
+    require(points > 0, "pieces must have points");
     const i64 vertices = static_cast<i64>(order.size());
     const auto bounds = view(starts);
     require(bounds.size() > 1 && bounds.front() == 0 && bounds.back() == vertices &&
                 std::is_sorted(bounds.begin(), bounds.end()),
             "curves do not cover the vertices");
-    for (const i32 vertex : view(order))
-        require(vertex >= 0 && vertex < vertices, "a curve has a vertex that is not there");
+    for (const i32 vertex : view(order)) require(vertex >= 0 && vertex < vertices, "a curve has a missing vertex");
     nb::gil_scoped_release release;
     return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
 }
@@ -70,7 +69,7 @@ SpaceSelection selected(std::span<const i64> subbands, const SpaceBasis &basis) 
     const i64 count = static_cast<i64>(basis.layout().subbands().kinds.size());
     require(!subbands.empty() && subbands.front() == 0 && subbands.back() < count &&
                 std::adjacent_find(subbands.begin(), subbands.end(), std::greater_equal()) == subbands.end(),
-            "subbands ascend from 0, and are there");
+            "subbands must exist and ascend from 0");
     return SpaceSelection(basis.layout(), subbands);
 }
 
@@ -80,8 +79,9 @@ struct PySpaceBasis {
                  const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &coded,
                  int threads)
         : grid(std::move(of_grid)) {
-        require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
-        require(patches && patches->order.size() == grid.shape(0), "the patches are those of another mesh");
+        require(0 <= kind && kind <= 1 && functions > 0,
+                "the kind of a space basis must be 0 or 1, and it must have functions");
+        require(patches && patches->order.size() == grid.shape(0), "the patches belong to another mesh");
         const SpaceForm form{static_cast<SpaceKind>(kind), points, functions, threshold, rate, affine};
         std::optional<std::span<const u8>> bytes;
         if (coded) bytes = view(*coded);
@@ -109,7 +109,7 @@ struct PySpaceBasis {
 
     template <class Real>
     nb::object projected(const Values<Real> &values, const SpaceSelection *selection, int threads) const {
-        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
+        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "there must be one row of values per vertex");
         LargeArray<Real> found;
         {
             nb::gil_scoped_release release;
@@ -132,7 +132,7 @@ nb::object py_subbands(const PySpaceBasis &self) {
 
 nb::object py_functions_of(nb::handle self, i64 element) {
     SpaceBasis &basis = *nb::cast<PySpaceBasis &>(self).basis;
-    require(element >= 0 && element < basis.elements().count(), "there is no such element");
+    require(element >= 0 && element < basis.elements().count(), "no element of this number");
     const std::span<const double> found = basis.functions_of(element);
     const std::size_t points = static_cast<std::size_t>(basis.elements().patches->size(element));
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(const_cast<double *>(found.data()),
@@ -164,7 +164,7 @@ void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &
     require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == functions &&
                 quantised.shape(1) % axes == 0 &&
                 static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
-            "one row of coefficients a function of space");
+            "there must be one row of coefficients per function of space");
     if (single) {
         new (made) PyMotion{take<float>(basis, quantised, axes, step, std::move(selection), threads)};
     } else {
@@ -173,7 +173,7 @@ void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &
 }
 
 nb::object py_series_functions(const Flat<double> &points, double rate, int order) {
-    require(order == 4 || order == 8, "the series is of order 4 or 8");
+    require(order == 4 || order == 8, "the series must have order 4 or 8");
     std::vector<double> found;
     {
         nb::gil_scoped_release release;
@@ -183,7 +183,7 @@ nb::object py_series_functions(const Flat<double> &points, double rate, int orde
 }
 
 nb::object py_arc_length_parameters(const Grid &grid, const std::shared_ptr<Patches> &pieces) {
-    require(pieces->order.size() == grid.shape(0), "the pieces are those of another mesh");
+    require(pieces->order.size() == grid.shape(0), "the pieces belong to another mesh");
     std::vector<double> found;
     {
         nb::gil_scoped_release release;

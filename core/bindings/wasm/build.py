@@ -27,13 +27,13 @@ from pathlib import Path
 CORE = Path(__file__).resolve().parents[2]
 
 NOT_DECODED_WITH = {"bindings", "encode", "simulate", "tests", "text"}
-"""Folders of the core that a decoder does without."""
+"""Folders of the core that a decoder does not need."""
 
 SECTION = b"pdeanim.sources"
-"""Name of the custom section that says what a module was built from."""
+"""Name of the custom section that records the sources of a module."""
 
 TARGET = ["-target", "wasm32-wasi", "-mcpu=lime1+exception_handling+reference_types+simd128"]
-"""Lime1 is what all engines of 2024 have in common; the rest is older still."""
+"""Lime1 is the feature set of all engines of 2024; the other features are older still."""
 
 FLAGS = [*TARGET, "-g0", "-fwasm-exceptions", "-mllvm", "-wasm-use-legacy-eh=true", "-ffunction-sections"]
 
@@ -80,11 +80,11 @@ OPTIMISER_FLAGS = [
     *("--enable-mutable-globals", "--enable-nontrapping-float-to-int", "--enable-reference-types"),
     *("--enable-sign-ext", "--enable-simd"),
 ]
-"""What ``TARGET`` allows, and no more; again and again, until nothing becomes smaller."""
+"""Allow the features of ``TARGET`` and no more, and repeat until nothing becomes smaller."""
 
 
 def sources() -> list[Path]:
-    """What the module is built from, headers too."""
+    """List the source files of the module, headers included."""
 
     def is_decoded_with(path: Path) -> bool:
         return path.relative_to(CORE).parts[0] not in NOT_DECODED_WITH
@@ -95,11 +95,13 @@ def sources() -> list[Path]:
 
 
 COMMENTS = re.compile(r"""//[^\n]*|/\*.*?\*/|("(?:\\.|[^"\\])*"|'(?:\\[^\n']+|[^'\\\n])')""", re.DOTALL)
-"""Comments of C++, or (group 1) texts and characters, in which comments do not begin."""
+"""Comments of C++, or (group 1) string and character literals, in which no comment begins."""
 
 
 def digest() -> str:
-    """Return the SHA-256 of the sources, by name and content without comments and layout: these change no module."""
+    """Return the SHA-256 of the names and contents of the sources, without comments and layout, which change no
+    module.
+    """
     found = hashlib.sha256()
     for path in sources():
         code = COMMENTS.sub(lambda match: match[1] or " ", path.read_text("utf-8"))
@@ -109,13 +111,13 @@ def digest() -> str:
 
 
 def exported() -> list[str]:
-    """The functions of the C interface."""
+    """Return the names of the functions of the C interface."""
     header = (CORE / "bindings" / "c" / "include" / "pdeanim.h").read_text("utf-8")
     return re.findall(r"PDEANIM_API [^;(]*?\b(pdeanim_\w+)\(", header)
 
 
 def unsigned(number: int) -> bytes:
-    """A number as WebAssembly has it: LEB128."""
+    """Encode a number as WebAssembly does (LEB128)."""
     found = bytearray()
     while number > 0x7F:
         found.append(number & 0x7F | 0x80)
@@ -129,14 +131,16 @@ def custom_section(content: bytes) -> bytes:
 
 
 def built_from(module: bytes) -> dict[str, str]:
-    """What a module's custom section says: ``sources``, their digest, ``ziglang`` and ``binaryen``, their versions."""
+    """Return the record in a module's custom section: ``sources``, their digest, and the versions ``ziglang``
+    and ``binaryen``.
+    """
     at = module.rindex(SECTION) + len(SECTION)
     found: dict[str, str] = json.loads(module[at:])
     return found
 
 
 def binaryen_version() -> str | None:
-    """The version of Binaryen that is installed, ``None`` where it is not."""
+    """Return the installed version of Binaryen, or ``None``."""
     package = BINARYEN / "package.json"
     if not package.exists():
         return None
@@ -151,7 +155,7 @@ def run(command: Sequence[str | Path]) -> None:
 
 
 def commands(library: Path, folder: Path) -> Iterator[list[str | Path]]:
-    """What compiles each source to an object in a folder."""
+    """Yield the commands that compile each source to an object in a folder."""
     zig = [sys.executable, "-m", "ziglang"]
     includes = [library / name for name in ("libcxx/src", "libcxxabi/src", "libcxxabi/include", "libunwind/include")]
     for name in (f"{part}/{name}" for part, names in LIBRARY.items() for name in names):
@@ -172,14 +176,14 @@ def commands(library: Path, folder: Path) -> Iterator[list[str | Path]]:
 
 
 def build(out: Path, jobs: int = 2) -> None:
-    """Write the module."""
+    """Build the module and write it."""
     spec = importlib.util.find_spec("ziglang")
     if spec is None or spec.origin is None:
-        sys.exit("the package ziglang is not here: pip install ziglang")
+        sys.exit("the package ziglang is missing; run: pip install ziglang")
     node = shutil.which("node")
     binaryen = binaryen_version()
     if node is None or binaryen is None:
-        sys.exit("Node or Binaryen is not here: install Node with npm, then make wasm")
+        sys.exit("Node or Binaryen is missing; install Node with npm, then run make wasm")
     library = Path(spec.origin).parent / "lib"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -187,7 +191,7 @@ def build(out: Path, jobs: int = 2) -> None:
             list(pool.map(run, commands(library, folder)))
         exports = [f"-Wl,--export={name}" for name in (*exported(), "malloc", "free")]
         linked = folder / "linked.wasm"
-        # In one order whatever the file system's: the same sources give the same bytes.
+        # The order must not depend on the file system: the same sources give the same bytes.
         objects = sorted(folder.glob("*.o"))
         link = ["-mexec-model=reactor", "-O2", "-s", "-Wl,--gc-sections", f"-Wl,-z,stack-size={STACK_BYTES}", *exports]
         run([sys.executable, "-m", "ziglang", "cc", *TARGET, *link, *objects, "-o", linked])

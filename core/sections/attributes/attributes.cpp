@@ -153,7 +153,7 @@ private:
     i64 number(Field field, i64 value) { return numbers_[field].code(coder_, value); }
 
     std::string text(std::string_view value) {
-        return texts_.code_text(coder_, value, [this](i64 size) { taken_.take(size, "texts of many bytes"); });
+        return texts_.code_text(coder_, value, [this](i64 size) { taken_.take(size, "long texts"); });
     }
 
     AttributeHead code_head(const AttributeHead &head) {
@@ -169,7 +169,7 @@ private:
         const i64 labels = number(of_labels, static_cast<i64>(head.labels.size()));
         for (i64 label = 0; label < labels; ++label) {
             if constexpr (mode == Mode::decode) {
-                taken_.take(bytes_per_label, "texts of many bytes");
+                taken_.take(bytes_per_label, "long texts");
                 found.labels.push_back(text(""));
             } else {
                 found.labels.push_back(text(head.labels[label]));
@@ -297,7 +297,7 @@ private:
             Scale scale{static_cast<Scale::Kind>(number(of_scale, wanted.kind)), 1};
             if (scale.kind != Scale::place) scale.divisor = number(of_divisor, wanted.divisor);
             if (scale.kind > Scale::place || scale.divisor < 1 || scale.divisor > largest_code) {
-                throw CorruptError("has a scale that is not known");
+                throw CorruptError("has an unknown scale");
             }
             if (scale.kind != Scale::place && (shift < 0 || shift > linear_bits)) {
                 throw CorruptError("has a unit out of range");
@@ -405,7 +405,7 @@ std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, 
             const i64 count = attributes.code_count(0);
             for (i64 each = 0; each < count; ++each) of_part.push_back(attributes.code(mesh, {}));
         }
-        if (!coder.is_finished()) throw CorruptError("does not end where what it holds does");
+        if (!coder.is_finished()) throw CorruptError("does not end with its contents");
     } catch (const CorruptError &error) {
         throw CorruptError(Section("ATTR"),
                            std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));

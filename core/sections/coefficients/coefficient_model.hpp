@@ -65,7 +65,7 @@ private:
     static constexpr int heads = 64;  // leading digits of a count that are distinguished
 
     [[noreturn]] static void broken() {
-        throw CorruptError(Section("COEF"), "holds levels that cannot be; get the file again");
+        throw CorruptError(Section("COEF"), "holds impossible coefficients; get the file again");
     }
 
     // 0 to 7 exactly, then four classes per octave.

@@ -201,7 +201,7 @@ private:
 void check_size(const CoefficientLayout &layout, std::size_t numbers) {
     layout.check();
     if (static_cast<i64>(numbers) != layout.rows * layout.channels) {
-        throw std::invalid_argument("as many coefficients as rows times channels");
+        throw std::invalid_argument("there must be as many coefficients as rows times channels");
     }
 }
 
@@ -214,9 +214,9 @@ void CoefficientLayout::check() const {
     for (i64 subband = 1; agree && subband < subbands.count(); ++subband) {
         agree = parents[subband] >= 0 && parents[subband] < subband;
     }
-    if (!agree) throw std::invalid_argument("subbands that follow each other, each after that of the node above");
+    if (!agree) throw std::invalid_argument("subbands must follow one another, each after the one of the node above");
     if ((axes != 1 && axes != 3) || channels < 0 || channels > CoefficientModel::most_channels || channels % axes) {
-        throw std::invalid_argument("channels of one axis or of three");
+        throw std::invalid_argument("channels must be of one axis or three");
     }
 }
 
@@ -233,7 +233,7 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
                             std::span<const double> copies) {
     check_size(layout, coefficients.size());
     if (!copies.empty() && static_cast<i64>(copies.size()) != layout.subbands.count()) {
-        throw std::invalid_argument("as many copies as subbands");
+        throw std::invalid_argument("there must be as many copies as subbands");
     }
     GivenRows rows(layout, coefficients);
     CoefficientCoder<Mode::measure> all(layout, rows);
@@ -264,7 +264,7 @@ void CoefficientDecoder::decode(i64 end) {
 
 void CoefficientDecoder::finish() const {
     if (state_ && !state_->coder.is_finished()) {
-        throw CorruptError(Section("COEF"), "does not end where its levels do; get the file again");
+        throw CorruptError(Section("COEF"), "does not end with its coefficients; get the file again");
     }
 }
 

@@ -30,7 +30,7 @@ public:
     // differ; smallest: smallest valid size of a polygon; corners are below `vertices`.
     template <Mode mode> void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
                                    std::span<i32> sizes, std::span<i32> corners) {
-        constexpr const char *broken = "refers to a vertex that is not there, or has faces that do not fit it";
+        constexpr const char *broken = "refers to a missing vertex, or has faces that do not fit";
         i64 highest = -1, first = 0;
         std::size_t used = 0;
         int new_history = 0;
@@ -208,7 +208,7 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
     if ((head.size && head.size < smallest[kind]) || overflows || head.corners > most_corners_of_object ||
         head.count > head.corners / smallest[kind]) {
         const char *what = kind == faces ? " faces" : " lines";
-        throw CorruptError(Section("CONN"), "declares " + std::to_string(head.count) + what + " that cannot be");
+        throw CorruptError(Section("CONN"), "declares " + std::to_string(head.count) + what + ", which is impossible");
     }
     if (head.corners > most_corners) {
         throw LimitError("section CONN declares " + std::to_string(head.corners) +
@@ -218,7 +218,7 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
 
 void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
     if (coder.is_finished()) return;
-    throw CorruptError(Section(name), (coder.byte() < size ? "has bytes too many" : "ends too early"));
+    throw CorruptError(Section(name), (coder.byte() < size ? "has too many bytes" : "ends too early"));
 }
 
 }  // namespace

@@ -512,7 +512,7 @@ Faces OrderModel::decode(RangeCoder<Mode::decode> &coder, const CodedSurface &su
     while (left > 0) {
         const i64 start = at + gap_.code(coder, 0), rest = rest_.code(coder, 0);
         if (rest >= left || start + left - rest > vertices) {
-            throw CorruptError("numbers vertices that are not there");
+            throw CorruptError("numbers missing vertices");
         }
         at = start + left - rest;
         for (i64 vertex = start; vertex < at; ++vertex) used.push_back(static_cast<i32>(vertex));

@@ -77,7 +77,7 @@ std::vector<std::string> decode_names(std::span<const u8> data, i64 times, i64 o
         decode_bytes(coder, times);
         TextModel texts(true);
         for (i64 object = 0; object < objects; ++object) names.push_back(texts.code_text(coder, "", take));
-        if (!coder.is_finished()) throw CorruptError("does not end where what it holds does");
+        if (!coder.is_finished()) throw CorruptError("does not end with its contents");
     } catch (const CorruptError &error) {
         refuse(coder, error);
     }

@@ -394,7 +394,7 @@ void decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64
     kinds.assign(data[0] & has_kinds ? values.size() : 0, 0);
     RangeCoder<Mode::decode> coder(data.subspan(2));
     FieldCoder<Mode::decode>(coder, domain, frames, components, coding, values, kinds).code();
-    if (!coder.is_finished()) throw CorruptError("a chunk of a field does not end where its values do");
+    if (!coder.is_finished()) throw CorruptError("a chunk of a field does not end with its values");
 }
 
 }  // namespace pdeanim

@@ -68,7 +68,7 @@ private:
     enum Way { before, after, recent };
 
     [[noreturn]] void broken() const {
-        throw CorruptError(Section("REST"), "welds a vertex to a point that is not there; get the file again");
+        throw CorruptError(Section("REST"), "welds a vertex to a missing point; get the file again");
     }
 
     i32 point_at(i32 corner) const { return point_of_[corners_.vertex(corner)]; }
@@ -313,7 +313,7 @@ std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8>
     Predictor predictor(corners, std::vector<Vector>(points));
     model.code(coder, prediction_order(corners), weights, predictor);
     if (!coder.is_finished()) {
-        throw CorruptError(Section("REST"), "does not end where its numbers do; get the file again");
+        throw CorruptError(Section("REST"), "does not end with its coordinates; get the file again");
     }
     if (kind & smooths_points) predictor.grid = smoothed(corners, predictor.grid, of_smoothing);
     if (!is_welded) return std::move(predictor.grid);

@@ -148,7 +148,7 @@ void check_residuals(const Residuals &residuals, i64 vertices) {
     const auto &[starts, places, quantised, raw_starts, raw_places, raw_positions] = residuals;
     if (starts.size() != raw_starts.size() || quantised.size() != places.size() ||
         raw_positions.size() != raw_places.size()) {
-        throw ArgumentError("residuals must be of as many frames and places as their parts say");
+        throw ArgumentError("residuals and their parts must agree in frames and places");
     }
     check_starts(starts, places.size());
     check_starts(raw_starts, raw_places.size());
@@ -212,7 +212,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
     const Head head = code_head(coder, {});
     if (most(head.residuals, head.raw_vertices) > frames * vertices ||
         raw_vertex_bytes * (head.raw_vertices - 1) > static_cast<i64>(data.size())) {
-        throw CorruptError(Section("CORR"), "declares more residuals than there can be; get the file again");
+        throw CorruptError(Section("CORR"), "declares more residuals than are possible; get the file again");
     }
     taken.take(static_cast<u64>(head.residuals * bytes_per_residual + head.raw_vertices * bytes_per_raw_vertex),
                std::to_string(head.residuals + head.raw_vertices) + " residuals in one group");
@@ -223,7 +223,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
             model->code(frames, {});
         } catch (const CorruptError &error) {
             throw CorruptError(Section("CORR"),
-                               "holds residuals that cannot be: " + std::string(error.what()) + "; get the file again");
+                               "holds impossible residuals: " + std::string(error.what()) + "; get the file again");
         }
     }
     found.frame_starts.resize(frames + 1);
@@ -235,7 +235,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
         Position position{};
         model.code(coder, frame, place, 0, 0, position);
         if (frame >= frames || place >= vertices) {
-            throw CorruptError(Section("CORR"), "refers to a vertex that is not there; get the file again");
+            throw CorruptError(Section("CORR"), "refers to a missing vertex; get the file again");
         }
         if (!(std::isfinite(position[0]) && std::isfinite(position[1]) && std::isfinite(position[2]))) {
             throw CorruptError(Section("CORR"), "has a position that is not finite; get the file again");
@@ -246,7 +246,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
     }
     found.raw_frame_starts.resize(frames + 1, head.raw_vertices);
     if (!coder.is_finished()) {
-        throw CorruptError(Section("CORR"), "does not end where its residuals do; get the file again");
+        throw CorruptError(Section("CORR"), "does not end with its residuals; get the file again");
     }
     return found;
 }

@@ -100,7 +100,7 @@ SpaceLayout SpaceLayout::of_bytes(const SpaceForm &form, std::shared_ptr<const P
     std::vector<i64> affine = affine_of_elements(form, *patches, local);
     code_masks(coder, patches->children, affine, masks);
     if (!coder.is_finished()) {
-        throw CorruptError(Section("MODL"), "does not end where its partition tree does; get the file again");
+        throw CorruptError(Section("MODL"), "does not end with its partition tree; get the file again");
     }
     return {form, std::move(patches), std::move(local), std::move(masks)};
 }

@@ -162,7 +162,7 @@ void TimeShape::check() const {
     constexpr i64 most_numbers = i64{1} << 56;
     if (functions < 0 || frames < 0 || (axes != 1 && axes != 3) ||
         (frames > 0 && functions > most_numbers / frames / axes)) {
-        throw std::invalid_argument("functions of time of one axis or of three, as many as there can be");
+        throw std::invalid_argument("functions of time must have one axis or three, and not too many numbers");
     }
 }
 
@@ -195,22 +195,22 @@ std::vector<double> decode_time_functions(std::span<const u8> data, const TimeSh
     if (data.empty()) return std::vector<double>(shape.numbers());
     if (shape.numbers() == 0) {
         throw CorruptError(Section("TIME"), "has " + std::to_string(data.size()) +
-                                                " bytes of modes where there are none; get the file again");
+                                                " bytes for no functions of time; get the file again");
     }
     if (data[0] > static_cast<u8>(TimeMethod::straight)) {
-        throw CorruptError(Section("TIME"), "has modes that are coded by an unknown method, " +
-                                                std::to_string(data[0]) + "; get the file again");
+        throw CorruptError(Section("TIME"), "codes functions of time by an unknown method, " + std::to_string(data[0]) +
+                                                "; get the file again");
     }
     const TimeMethod method{data[0]};
     if (method == TimeMethod::transformed && shape.frames > longest_transform) {
         throw CorruptError(Section("TIME"), "has " + std::to_string(shape.frames) +
-                                                " frames of modes that are transformed at once; get the file again");
+                                                " frames in one transform, the most is 1024; get the file again");
     }
     std::vector<i64> quantised(shape.numbers());
     RangeCoder<Mode::decode> coder(data.subspan(1));
     code_time_numbers(coder, shape, quantised.data());
     if (!coder.is_finished()) {
-        throw CorruptError(Section("TIME"), "does not end where its modes do; get the file again");
+        throw CorruptError(Section("TIME"), "does not end with its functions of time; get the file again");
     }
     return time_function_values(method, shape, quantised, step);
 }
