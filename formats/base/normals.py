@@ -215,10 +215,11 @@ class NormalRows:
 
     def least_flattened(self, points: Float32Array) -> int:
         """Return the frame of (frames, vertices, 3) whose most flattened face keeps most of its largest area."""
-        sizes = [self.face_sizes(frame) for frame in points]
-        largest = np.max(sizes, axis=0)
+        largest = np.zeros(self._counts.size)
+        for frame in points:
+            np.maximum(largest, self.face_sizes(frame), out=largest)
         there = largest > 0
-        shares = [np.min(size[there] / largest[there], initial=1.0) for size in sizes]
+        shares = [np.min(self.face_sizes(frame)[there] / largest[there], initial=1.0) for frame in points]
         return int(np.argmax(np.array(shares) >= ENOUGH_AREA_RATIO * max(shares)))
 
     def _at_corners(self, points: Float64Array) -> Float64Array:

@@ -5,9 +5,13 @@ from __future__ import annotations
 import base64
 import copy
 import importlib
+import io
 import json
+import shutil
+import tempfile
 import zlib
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +31,9 @@ VERTEX_DATA, INDEX_DATA = 34962, 34963
 """glTF's codes for the content of a buffer view (``target``): vertex attributes, vertex indices."""
 
 
+HELD_BYTES, COPIED_BYTES = 2**22, 3 * 2**18
+"""Bytes of data that are held in memory before a temporary file takes them, and that are copied at once."""
+
 _ALIGNMENT = 4
 """Parts of a file begin at multiples of this [bytes]."""
 
@@ -39,6 +46,8 @@ class GltfBuilder:
     meshopt : bool
         Whether meshoptimizer compresses the buffers, without loss; only viewers that support the extension can then
         show the file.
+    folder : pathlib.Path, optional
+        Where a temporary file holds the data until :meth:`save`. Default: the system's folder for such files.
 
     Raises
     ------
@@ -46,9 +55,10 @@ class GltfBuilder:
         If meshoptimizer is not installed.
     """
 
-    def __init__(self, *, meshopt: bool = False) -> None:
+    def __init__(self, *, meshopt: bool = False, folder: Path | None = None) -> None:
         self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "pdecodec"}}
-        self._data = bytearray()
+        self._data: IO[bytes] = io.BytesIO()
+        self._folder = folder
         self._unpacked = 0
         self._others: list[dict[str, Any]] = []
         self._encoder: Any = None
@@ -112,7 +122,7 @@ class GltfBuilder:
             entry["byteStride"] = stride
         packed = self._packed(data, stride, triangles=triangles)
         if packed is None:
-            entry["byteOffset"] = self._append(data.tobytes())
+            entry["byteOffset"] = self._append(np.ascontiguousarray(data).data)
         else:
             mode, found = packed
             entry |= {"buffer": 1 + len(self._others), "byteOffset": self._unpacked}
@@ -121,10 +131,14 @@ class GltfBuilder:
             entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
         return self.add("bufferViews", entry)
 
-    def _append(self, data: bytes) -> int:
-        self._data += bytes(-len(self._data) % _ALIGNMENT)
-        self._data += data
-        return len(self._data) - len(data)
+    def _append(self, data: bytes | memoryview) -> int:
+        self._data.write(bytes(-self._data.tell() % _ALIGNMENT))
+        offset = self._data.tell()
+        self._data.write(data)
+        if isinstance(self._data, io.BytesIO) and self._data.tell() > HELD_BYTES:
+            held, self._data = self._data, tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - closed by close()
+            self._data.write(held.getbuffer())
+        return offset
 
     def _packed(self, data: NDArray[Any], stride: int, *, triangles: bool) -> tuple[str, bytes] | None:
         """Return the mode and bytes of compressed rows; None if compression does not make them smaller."""
@@ -205,36 +219,36 @@ class GltfBuilder:
         found = {"componentType": _component(dtype), "count": count, "type": kind}
         return self.add("accessors", {**entry, **found})
 
-    def to_glb(self) -> bytes:
-        """Return the file as a GLB."""
-        self._data += bytes(-len(self._data) % _ALIGNMENT)
-        self.root["buffers"] = [{"byteLength": len(self._data)}, *self._others, *self._fallback()]
-        text = self._json()
-        text += b" " * (-len(text) % _ALIGNMENT)
-        length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(self._data)
-        parts = (
-            GLB_HEADER.pack(GLB_MAGIC, 2, length),
-            CHUNK_HEADER.pack(len(text), b"JSON"),
-            text,
-            CHUNK_HEADER.pack(len(self._data), b"BIN\0"),
-            self._data,
-        )
-        return b"".join(parts)
+    def close(self) -> None:
+        """Discard the data."""
+        self._data.close()
+
+    def save(self, path: Path, *, as_text: bool = False) -> None:
+        """Write the file as a GLB, or as JSON with its buffer in base64."""
+        self._data.write(bytes(-self._data.tell() % _ALIGNMENT if not as_text else 0))
+        length = self._data.tell()
+        uri = {"uri": "data:application/octet-stream;base64,"} if as_text else {}
+        self.root["buffers"] = [{"byteLength": length, **uri}, *self._others, *self._fallback()]
+        text = json.dumps(self.root, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        self._data.seek(0)
+        with path.open("wb") as file:
+            if as_text:
+                head, end, tail = text.rpartition(f'"buffers":[{{"byteLength":{length},"uri":"{uri["uri"]}'.encode())
+                file.write(head + end)
+                while block := self._data.read(COPIED_BYTES):
+                    file.write(base64.b64encode(block))
+                file.write(tail)
+            else:
+                text += b" " * (-len(text) % _ALIGNMENT)
+                file.write(GLB_HEADER.pack(GLB_MAGIC, 2, GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + length))
+                file.write(CHUNK_HEADER.pack(len(text), b"JSON") + text + CHUNK_HEADER.pack(length, b"BIN\0"))
+                shutil.copyfileobj(self._data, file, COPIED_BYTES)
 
     def _fallback(self) -> list[dict[str, Any]]:
         """Return the entry of the placeholder buffer that compressed views decode into; it has no data."""
         if not self._unpacked:
             return []
         return [{"byteLength": self._unpacked, "extensions": {MESHOPT: {"fallback": True}}}]
-
-    def to_gltf(self) -> bytes:
-        """Return the file as JSON with its buffer in base64."""
-        uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
-        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._others, *self._fallback()]
-        return self._json()
-
-    def _json(self) -> bytes:
-        return json.dumps(self.root, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
 
 
 def _component(dtype: str) -> int:

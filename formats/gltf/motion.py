@@ -12,6 +12,7 @@ KHR_mesh_quantization rounds a motion: positions to 16 bits, normals of targets 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.normals import NormalRows
-from pdecodec.formats.gltf.functions import find_functions, fit
-from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.formats.gltf.functions import FIT_BYTES, READ_BYTES, Blocks, Samples, find_functions, fit
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
 EXACT_RELATIVE_ERROR = 2.0**-21
 """Largest error that counts as exact, relative to the largest coordinate: four units in the last place of float32."""
 
+MAX_FUNCTIONS_PER_FRAME = 0.95
+"""Largest number of functions relative to frames: more save no bytes, and take long to find."""
+
 NORMAL_ERROR_BOUNDS = (5e-4, 5e-3, 5e-2)
-"""Bounds on the error of a normal's coordinates, try_count in turn: the first that can be reached is used."""
+"""Bounds on the error of a normal's coordinates, tried in turn: the first that can be reached is used."""
 
 MAX_NORMAL_FUNCTIONS = 8
 """Largest number of extra functions of time for normals, if positions do not have more functions than this."""
@@ -48,19 +52,33 @@ _SMALLEST_DIVISOR = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
+class Targets:
+    """Arrays (rows, 3) float32 of a number of targets, computed again whenever they are iterated over."""
+
+    count: int
+    each: Callable[[], Iterator[Float32Array]]
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[Float32Array]:
+        return self.each()
+
+
+@dataclass(frozen=True)
 class Motion:
     """Motion of an object as a rest shape, morph targets that are added to it, and their weights.
 
     Attributes
     ----------
     rest : (vertices, 3) float32
-    targets : (count, vertices, 3) float32
+    targets : (count, vertices, 3) float32, or Targets
     functions : (samples, count) float64 or None
         Weights in [0, 1], because viewers clamp others. Samples lie at the frames, and at the thirds between them if
         the motion is cubic. None: the first frame is the rest shape, and each later frame is a target.
     normals : (rows, 3) float32 or None
         Normals of the rest shape, in the rows of :class:`NormalRows`.
-    normal_targets : (count, rows, 3) float32 or None
+    normal_targets : (count, rows, 3) float32, or Targets, or None
         What targets add to normals, before these are normalised again.
     normal_error : float
         Largest angle at a sample between an input normal and the resulting one [degrees].
@@ -73,10 +91,10 @@ class Motion:
     """
 
     rest: Float32Array
-    targets: Float32Array
+    targets: Float32Array | Targets
     functions: Float64Array | None
     normals: Float32Array | None = None
-    normal_targets: Float32Array | None = None
+    normal_targets: Float32Array | Targets | None = None
     normal_error: float = 0.0
     is_away_from_rest: bool = False
     has_fine_normals: bool = False
@@ -92,73 +110,91 @@ class Motion:
         """Number of targets that are one frame each."""
         return len(self.targets) - self.is_away_from_rest if self.functions is None else 0
 
-    def turned_normals(self) -> Float64Array:
-        """Return normals (samples, rows, 3) at the samples, not normalised; empty if there are none."""
-        if self.normals is None or self.normal_targets is None:
-            return np.zeros((0, 0, 3))
-        rest = self.normals.astype(np.float64)
-        if self.functions is not None:
-            return rest + np.tensordot(self.functions, self.normal_targets, 1)
-        frames = rest + self.normal_targets[: self.frame_targets]
-        if self.is_away_from_rest:
-            frames += self.normal_targets[-1]
-        return np.concatenate([rest[None], frames])
+    def normals_at(self, samples: Int64Array) -> Float32Array:
+        """Return normals (n, rows, 3) at samples (n,) of a motion by functions of time, not normalised."""
+        assert self.functions is not None
+        assert self.normals is not None
+        assert isinstance(self.normal_targets, np.ndarray)
+        found: Float32Array = np.tensordot(self.functions[samples].astype(np.float32), self.normal_targets, 1)
+        found += self.normals
+        return found
 
 
-def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRows | None) -> Motion:
+def motion_of(frames: Float32Array, thirds: Blocks | None, rows: NormalRows | None) -> Motion:
     """Return an object's motion with the fewest targets.
 
     Parameters
     ----------
     frames : (frames, vertices, 3) float32
-    between : (2 (frames - 1), vertices, 3) float32 or None
-        Positions at the thirds between frames, if they are known.
+    thirds : callable or None
+        Returns blocks of positions (n, vertices, 3) at the 2 (frames - 1) thirds between frames, if they are known.
     rows : NormalRows or None
     """
-    count, bound = len(frames), EXACT_RELATIVE_ERROR * float(np.abs(frames).max())
-    tries = [(frames, False)]
-    bow = 0.0
-    if between is not None:
-        thirds = between.reshape(count - 1, 2, *between.shape[1:])
-        steps = np.diff(frames, axis=0)
-        for number in range(2):
-            straight = frames[:-1] + np.float32((number + 1) / 3) * steps
-            bow = max(bow, float(np.linalg.norm(thirds[:, number] - straight, axis=2).max(initial=0)))
-        in_order = np.concatenate([thirds, frames[1:, None]], axis=1).reshape(-1, *frames.shape[1:])
-        tries.insert(0, (np.concatenate([frames[:1], in_order]), True))
-    for points, cubic in tries:
-        found = find_functions(points, bound, most=count - 2, cubic=cubic)
+    bound = EXACT_RELATIVE_ERROR * max(abs(float(end(frames))) for end in (np.min, np.max))
+    most = min(len(frames) - 2, int(MAX_FUNCTIONS_PER_FRAME * len(frames)))
+    for between in (thirds, None) if thirds is not None else (None,):
+        samples, cubic = Samples.of_frames(frames, between), between is not None
+        found = find_functions(samples, bound, most=most, cubic=cubic)
         if found is None:
             continue
-        functions, rest, shapes = found
+        functions, (rest, *_) = found[0], (shapes := found[1])
+        bow = 0.0 if between is None else _bow(frames, between)
         if rows is None:
-            return Motion(rest, shapes, functions, bow=bow if cubic else 0.0)
-        if not len(shapes):
-            return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
-        functions, start, turned = _add_normal_functions(functions, every := rows.of(points), cubic=cubic)
-        shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
+            return Motion(rest, shapes[1:], functions, bow=bow)
+        first = rows.of(frames[:1])[0]
+        if len(shapes) == 1:
+            return Motion(rest, shapes[1:], functions, first, np.zeros((0, rows.count, 3), np.float32))
+        normals = Samples(samples.count, 3 * rows.count, lambda: _read_normals(samples, rows))  # noqa: B023
+        extra = max(MAX_NORMAL_FUNCTIONS, functions.shape[1])
+        more = find_functions(normals, *NORMAL_ERROR_BOUNDS, most=extra, cubic=cubic, known=functions)
+        functions, turned = more or (functions, fit(normals, functions).reshape(-1, rows.count, 3))
+        if functions.shape[1] >= len(shapes):
+            shapes = np.pad(shapes, ((0, functions.shape[1] + 1 - len(shapes)), (0, 0), (0, 0)))
+        start = turned[0].astype(np.float64)
         lengths = np.linalg.norm(start, axis=1, keepdims=True)
-        unit = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
+        unit = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), first)
         if np.linalg.norm(unit - rows.of(rest[None])[0], axis=1).max() > np.radians(MAX_REST_NORMAL_ANGLE):
             # Blender does not morph normals: it turns those of the rest shape as the surface turns from there, and that
             # shape may resemble no frame. Instead a frame becomes the rest shape, and a function that is always 1 adds
             # the difference.
             at = rows.least_flattened(frames)
-            (unit,), lengths = rows.of(frames[at : at + 1]).astype(np.float64), np.ones((rows.count, 1))
-            functions = np.column_stack([functions, np.ones(len(functions))])
-            shapes = np.concatenate([shapes, (rest.astype(np.float64) - frames[at])[None].astype(np.float32)])
-            turned, rest = np.concatenate([turned, (start - unit)[None]]), frames[at]
+            unit, lengths = rows.of(frames[at : at + 1])[0].astype(np.float64), np.ones((rows.count, 1))
+            functions = np.column_stack([np.ones(len(functions)), functions])
+            shapes[0], turned[0], rest = rest.astype(np.float64) - frames[at], start - unit, frames[at]
+        else:
+            shapes, turned = shapes[1:], turned[1:]
         # Viewers normalise the sum: rows may be scaled freely, but the normals at rest must have length 1.
-        normals = _tilt_flat_normals(unit.astype(np.float32), rest, rows)
-        targets = (turned / np.maximum(lengths, SMALLEST_NORMAL_LENGTH)).astype(np.float32)
-        motion = Motion(rest, shapes, functions, normals, targets, bow=bow if cubic else 0.0)
-        return dataclasses.replace(motion, normal_error=largest_angle(motion.turned_normals(), every))
-    rest, shapes = frames[0], frames[1:] - frames[0]
+        shown = _tilt_flat_normals(unit.astype(np.float32), rest, rows)
+        turned /= np.maximum(lengths, SMALLEST_NORMAL_LENGTH).astype(np.float32)
+        motion = Motion(rest, shapes, functions, shown, turned, bow=bow)
+        error = max(largest_angle(motion.normals_at(where), every) for where, every in normals.read())
+        return dataclasses.replace(motion, normal_error=error)
+    rest, count = frames[0], len(frames) - 1
+    targets = Targets(count, lambda: (frame - rest for frame in frames[1:]))
     if rows is None:
-        return Motion(rest, shapes, None)
-    every = rows.of(frames)
-    normals = _tilt_flat_normals(every[0], rest, rows)
-    return Motion(rest, shapes, None, normals, every[1:] - normals)
+        return Motion(rest, targets, None)
+    kept = rows
+    shown = _tilt_flat_normals(rows.of(frames[:1])[0], rest, rows)
+    return Motion(rest, targets, None, shown, Targets(count, lambda: (one - shown for one in kept.of_each(frames[1:]))))
+
+
+def _read_normals(samples: Samples, rows: NormalRows) -> Iterator[tuple[Int64Array, Float32Array]]:
+    """Yield the normals (n, rows, 3) of samples, in blocks as :attr:`Samples.read` does."""
+    step = max(1, READ_BYTES // (12 * max(1, rows.count)))
+    for where, points in samples.read():
+        for start in range(0, len(points), step):
+            yield where[start : start + step], rows.of(points[start : start + step])
+
+
+def _bow(frames: Float32Array, thirds: Blocks) -> float:
+    """Return the largest distance of positions at thirds from straight lines between frames."""
+    bow = 0.0
+    for start, points in thirds():
+        for offset, third in enumerate(points, start):
+            frame, number = divmod(offset, 2)
+            straight = frames[frame] + np.float32((number + 1) / 3) * (frames[frame + 1] - frames[frame])
+            bow = max(bow, float(np.linalg.norm(third - straight, axis=1).max(initial=0)))
+    return bow
 
 
 def _tilt_flat_normals(normals: Float32Array, rest: Float32Array, rows: NormalRows) -> Float32Array:
@@ -173,26 +209,6 @@ def _tilt_flat_normals(normals: Float32Array, rest: Float32Array, rows: NormalRo
     aside /= np.linalg.norm(aside, axis=1, keepdims=True)
     turned[even] = np.cos(TILT_ANGLE) * here + np.sin(TILT_ANGLE) * aside
     return turned
-
-
-def _add_normal_functions(
-    functions: Float64Array, every: Float32Array, *, cubic: bool
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Find functions of time that also turn normals (samples, rows, 3).
-
-    Return the functions, the normals (rows, 3) at rest, and what each function adds to them.
-    """
-    flat = every.reshape(len(every), -1).astype(np.float64)
-    rest, shapes = fit(functions, flat)
-    left = flat - rest - functions @ shapes
-    if np.abs(left).max(initial=0) > NORMAL_ERROR_BOUNDS[0]:
-        most = max(MAX_NORMAL_FUNCTIONS, functions.shape[1])
-        turned = left.reshape(every.shape)
-        more = find_functions(turned, *NORMAL_ERROR_BOUNDS, most=most, cubic=cubic)
-        if more is not None:
-            functions = np.column_stack([functions, more[0]])
-            rest, shapes = fit(functions, flat)
-    return functions, rest.reshape(-1, 3), shapes.reshape(-1, *every.shape[1:])
 
 
 def largest_angle(normals: NDArray[np.floating], others: NDArray[np.floating]) -> float:
@@ -230,20 +246,29 @@ def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
     """Return the finest lattice for the shapes of a motion; `centred` puts its centre at the origin."""
     low, high = motion.rest.min(axis=0).astype(np.float64), motion.rest.max(axis=0).astype(np.float64)
     offset = np.zeros(3) if centred else ((low + high) / 2).astype(np.float32).astype(np.float64)
-    reach = max(float(np.abs(one).max(initial=0)) for one in (low - offset, high - offset, motion.targets))
+    reach = max(largest_coordinate(one) for one in (low - offset, high - offset, *motion.targets))
     scale = float(np.nextafter(np.float32(reach), np.float32(np.inf))) or 1.0
     step = scale / np.iinfo(np.int16).max
 
     def rounding(shapes: NDArray[np.floating]) -> Float64Array:
-        return np.asarray(np.rint(shapes / step) * step - shapes)
+        return np.asarray(np.rint(shapes / step) * step - shapes, np.float64)
 
-    rest, targets = rounding(motion.rest - offset), rounding(motion.targets.astype(np.float64))
-    if motion.functions is None:
-        moved = rest + np.concatenate([np.zeros((1, *rest.shape)), targets])
-    else:
-        functions = motion.functions if len(targets) else np.zeros((1, 0))
-        moved = rest + np.tensordot(functions, targets, 1)
-    return Lattice(scale, offset, float(np.abs(moved).max(initial=0)))
+    rest = rounding(motion.rest - offset)
+    if motion.functions is None or not len(motion.targets):
+        errors = (rest, *(rest + rounding(one.astype(np.float64)) for one in motion.targets))
+        return Lattice(scale, offset, max(map(largest_coordinate, errors)))
+    assert isinstance(motion.targets, np.ndarray)
+    error, size = 0.0, max(1, FIT_BYTES // (24 * len(motion.functions)))
+    for start in range(0, len(rest), size):
+        own = slice(start, start + size)
+        moved = rest[own] + np.tensordot(motion.functions, rounding(motion.targets[:, own].astype(np.float64)), 1)
+        error = max(error, largest_coordinate(moved))
+    return Lattice(scale, offset, error)
+
+
+def largest_coordinate(vectors: NDArray[np.floating]) -> float:
+    """Return the largest absolute value of vectors; 0 if there are none."""
+    return float(np.abs(vectors).max(initial=0))
 
 
 def round_normals(motion: Motion) -> tuple[Motion, float]:
@@ -257,27 +282,49 @@ def round_normals(motion: Motion) -> tuple[Motion, float]:
     if motion.normals is None or motion.normal_targets is None:
         return motion, 0.0
     # Toward 0: Blender shades flat if a normal is longer than 1 along the normal of its triangle.
-    rest, before = _fractions(motion.normals, np.int16, np.trunc), motion.turned_normals()
-    if motion.functions is None and len(motion.targets):
+    rest = _fractions(motion.normals, np.int16, np.trunc)
+    angle = largest_angle(rest[None], motion.normals[None])
+    targets, added = motion.targets, motion.normal_targets
+    if motion.functions is None and len(targets):
+        normals = motion.normals
+
+        def rounded_frames() -> Iterator[tuple[Float32Array, Float32Array]]:
+            for one in added:
+                before = normals + one
+                yield before, _fractions(before, np.int8, np.rint)
+
+        def with_rest() -> Iterator[Float32Array]:
+            yield from (one for _, one in rounded_frames())
+            yield -rest
+
+        def with_still() -> Iterator[Float32Array]:
+            yield from targets
+            yield np.zeros_like(motion.rest)
+
         rounded = dataclasses.replace(
             motion,
-            targets=np.concatenate([motion.targets, np.zeros_like(motion.targets[:1])]),
+            targets=Targets(len(targets) + 1, with_still),
             normals=rest,
-            normal_targets=np.concatenate([_fractions(before[1:], np.int8, np.rint), -rest[None]]),
+            normal_targets=Targets(len(targets) + 1, with_rest),
             is_away_from_rest=True,
         )
-    else:
-        fits = np.abs(motion.normal_targets).max(axis=(1, 2), initial=0) <= 1
-        for dtype in (np.int8, np.int16):
-            fractions = _fractions(motion.normal_targets, dtype, np.rint)
-            targets = np.where(fits[:, None, None], fractions, motion.normal_targets)
-            is_fine = dtype is np.int16
-            rounded = dataclasses.replace(motion, normals=rest, normal_targets=targets, has_fine_normals=is_fine)
-            angle = largest_angle(rounded.turned_normals(), before)
-            if angle <= MAX_ROUNDING_ANGLE:
-                break
-        return rounded, angle
-    return rounded, largest_angle(rounded.turned_normals(), before)
+        return rounded, max(angle, *(largest_angle(after[None], before[None]) for before, after in rounded_frames()))
+    if motion.functions is None or not len(targets):
+        return dataclasses.replace(motion, normals=rest), angle
+    assert isinstance(added, np.ndarray)
+    fits = np.array([largest_coordinate(one) <= 1 for one in added])
+    step = max(1, READ_BYTES // (12 * max(1, len(rest))))
+    blocks = np.split(np.arange(len(motion.functions)), range(step, len(motion.functions), step))
+    for dtype in (np.int8, np.int16):
+        fractions = np.empty_like(added)
+        for one, kept, out in zip(added, fits, fractions, strict=True):
+            out[:] = _fractions(one, dtype, np.rint) if kept else one
+        is_fine = dtype is np.int16
+        rounded = dataclasses.replace(motion, normals=rest, normal_targets=fractions, has_fine_normals=is_fine)
+        angle = max(largest_angle(rounded.normals_at(one), motion.normals_at(one)) for one in blocks)
+        if angle <= MAX_ROUNDING_ANGLE:
+            break
+    return rounded, angle
 
 
 def _fractions(values: NDArray[np.floating], dtype: type[np.signedinteger[Any]], rounding: np.ufunc) -> Float32Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from pdecodec.formats.gltf.animation import Nodes, Pose
 from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import TRIANGLES
+from pdecodec.formats.gltf.functions import Blocks
 from pdecodec.formats.gltf.materials import image_from
 from pdecodec.formats.gltf.mesh_reader import GltfMesh
 from pdecodec.formats.gltf.motion import Motion, motion_of
@@ -51,12 +53,11 @@ def write_gltf_onto(
 ) -> tuple[str, ...]:
     """Write the original's scene with the motion of a sequence; return notices."""
     check_size(sequence.frame_count, sequence.objects)
-    with output.whole_file() as path:
-        builder = GltfBuilder(meshopt=output.meshopt)
+    with output.whole_file() as path, closing(GltfBuilder(meshopt=output.meshopt, folder=path.parent)) as builder:
         builder.begin_with(original.file)
         _relink_images(builder.root, source.parent, output.path.parent)
         notices = _Onto(builder, sequence, original, fits, output).write()
-        path.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
+        builder.save(path, as_text=output.path.suffix.lower() == ".gltf")
     return tuple(notices)
 
 
@@ -119,7 +120,8 @@ class _Onto(GltfScene):
     def write(self) -> list[str]:
         builder, nodes = self._builder, self._builder.root["nodes"]
         every = np.ones(self._sequence.vertex_count, bool)
-        frames, between = self._read(every), self._between(every)
+        frames, known = self._read(every), self._thirds()
+        between = None if known is None else known.read_frames(0, known.frame_count)
         meshes = {one.index: nodes[self._original.shapes[one.index].node]["mesh"] for one in self._fits}
         moved: dict[str, None] = {}
         for one in self._fits:
@@ -127,7 +129,7 @@ class _Onto(GltfScene):
             points, thirds = frames[:, one.own], None if between is None else between[:, one.own]
             where = partial(_worlds, self._original.nodes, part.node)
             placed = Placed(where, self._sequence.times, item.name)
-            turns = rigid_keys(points, thirds) if item.connectivity.face_count else None
+            turns = rigid_keys(points, _blocks(thirds)) if item.connectivity.face_count else None
             entry, place = nodes[part.node], {}
             stays = turns is None and part.instance is None and placed.stands
             if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTENING_CONDITION:
@@ -193,7 +195,8 @@ class _Onto(GltfScene):
         stored = [PrimitiveRows(self._original.file, one) for one in entry["primitives"]]
         sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
         sources[mesh.corner_rows] = mesh.connectivity.face_indices
-        motion = motion_of(points[:, sources], None if thirds is None else thirds[:, sources], _rows_of(mesh, stored))
+        between = _blocks(None if thirds is None else thirds[:, sources])
+        motion = motion_of(points[:, sources], between, _rows_of(mesh, stored))
         whole: dict[int, tuple[dict[str, int], list[dict[str, int]]]] = {}
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
@@ -244,6 +247,11 @@ class _Onto(GltfScene):
         for name in primitive["attributes"]:
             if name not in ("POSITION", "NORMAL") and not name.startswith(_MOTION_ATTRIBUTE_PREFIXES):
                 primitive["attributes"][name] = self._builder.floats(old.read(name), target=VERTEX_DATA)
+
+
+def _blocks(thirds: Float32Array | None) -> Blocks | None:
+    """Return what reads positions between frames that are held."""
+    return None if thirds is None else lambda: ((0, thirds),)
 
 
 def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows]) -> NormalRows | None:

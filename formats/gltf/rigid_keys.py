@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from pdecodec.formats.base.rigid_motion import (
-    RIGID_TOLERANCE,
-    distances_of,
-    largest_error,
-    middle_of,
-    rigid_matrices,
-    rigid_within,
-)
+from pdecodec.formats.base.rigid_motion import RIGID_TOLERANCE, largest_error, middle_of, rigid_matrices
 from pdecodec.formats.gltf.animation import rotations_of
+from pdecodec.formats.gltf.functions import Blocks, split
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 LINEAR_TURN_SINE = 1e-6
@@ -35,15 +30,14 @@ class RigidKeys:
     keys : mapping
         ``translation`` (frames, 3) of the centre, and, if the shape turns, ``rotation`` (frames, 4) as unit
         quaternions, real part last.
-    deviation, between : float
-        Largest distance of vertices from their input positions at frames, and at the thirds between them; 0 if exact.
+    deviation : float
+        Largest distance of vertices from their input positions at frames; 0 if exact.
     """
 
     shape: Float32Array
     centre: Float32Array
     keys: dict[str, Float32Array]
     deviation: float = 0.0
-    between: float = 0.0
 
     def matrices_between(self, matrices: Float64Array) -> Float64Array:
         """Return the matrices (2 (frames - 1), 4, 4) that a viewer interpolates at the thirds between frames.
@@ -93,33 +87,33 @@ def _quaternions(matrices: Float64Array) -> Float64Array:
     return found
 
 
-def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
+def rigid_keys(frames: Float32Array, thirds: Blocks | None) -> RigidKeys | None:
     """Return the node animation of a shape; None if it does not move rigidly, between frames too, or stands still.
 
     Parameters
     ----------
     frames : (frames, vertices, 3) float32
-    between : (2 (frames - 1), vertices, 3) float32 or None
-        Positions at the thirds between frames, if they are known.
-    bound : float, optional
-        Also accept motion that is rigid within this error at frames.
+    thirds : callable or None
+        Returns blocks of positions at the 2 (frames - 1) thirds between frames, if they are known.
     """
-    shape, matrices = frames[0], rigid_matrices(frames, frames[0])
-    deviation = off_between = 0.0
-    if matrices is None and bound is not None:
-        fit = rigid_within(lambda: [frames], {0: slice(None)}, bound).get(0)
-        if fit is not None:
-            shape, matrices, deviation = fit.shape, fit.matrices, fit.deviation
-    if matrices is None or (matrices == np.eye(4)).all():
+    shape, found = frames[0], []
+    # The last frame rules out most objects before the others are read.
+    for _, points in chain([(0, frames[-1:])], split(0, frames)):
+        matrices = rigid_matrices(points, shape)
+        if matrices is None:
+            return None
+        found.append(matrices)
+    matrices = np.concatenate(found[1:])
+    if (matrices == np.eye(4)).all():
         return None
-    keys = keys_of_motion(shape, matrices, deviation)
-    if between is not None:
-        found = keys.matrices_between(matrices)
-        if largest_error(between, shape.astype(np.float64), found) > RIGID_TOLERANCE * float(np.abs(between).max()):
-            if bound is None:
+    keys = keys_of_motion(shape, matrices)
+    if thirds is not None:
+        between, own = keys.matrices_between(matrices), shape.astype(np.float64)
+        for start, points in thirds():
+            bound = RIGID_TOLERANCE * float(np.abs(points).max())
+            if largest_error(points, own, between[start : start + len(points)]) > bound:
                 return None
-            off_between = float(distances_of(between, shape.astype(np.float64), found).max())
-    return replace(keys, between=off_between)
+    return keys
 
 
 def keys_of_motion(shape: Float32Array, matrices: Float64Array, deviation: float = 0.0) -> RigidKeys:

@@ -7,13 +7,14 @@ targets: its node moves. If the motion has an error bound, an object of several 
 joints move.
 
 Faces become triangles, and vertices are split at UV seams; the first rows are the original vertices. The mesh's
-``extras`` record the original structure, so that our reader restores it. The scene is turned Y-up. The motion of
-objects with targets is held in memory.
+``extras`` record the original structure, so that our reader restores it. The scene is turned Y-up. The positions
+of objects with targets are held in memory, normals and positions between frames are not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, renamed
 from pdecodec.formats.gltf.builder import GltfBuilder
-from pdecodec.formats.gltf.functions import cubic_keys
+from pdecodec.formats.gltf.functions import READ_BYTES, Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
 from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
@@ -47,6 +48,9 @@ NOTICED_NORMAL_ANGLE = 1.0
 
 MAX_MOTION_BYTES = 4 * 2**30
 """Largest size of positions and normals held in memory [bytes]: no viewer plays a larger glTF file."""
+
+HELD_THIRDS_BYTES = 2**22
+"""Positions between frames that are held for several objects, if a quarter of all are fewer [bytes]."""
 
 JOINTS = "rigid_parts"
 """Name of the node above the joints; skins want a common root."""
@@ -76,10 +80,9 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     elif metres != 1.0:
         text = f"glTF is in metres: a unit of {metres:g} m appears as one metre"
         notices.append(Notice(text, setting="scale", value=f"{metres:g}", purpose="to convert it"))
-    with output.whole_file() as partial:
-        builder = GltfBuilder(meshopt=output.meshopt)
+    with output.whole_file() as partial, closing(GltfBuilder(meshopt=output.meshopt, folder=partial.parent)) as builder:
         notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
-        partial.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
+        builder.save(partial, as_text=output.path.suffix.lower() == ".gltf")
     return (*notices, *left_out(sequence, "glTF", is_held_by_mesh, metadata=tuple(sequence.metadata)))
 
 
@@ -94,6 +97,45 @@ def check_size(frames: int, objects: Sequence[MeshObject]) -> None:
             setting="frames",
             purpose="to take fewer, or choose fewer objects",
         )
+
+
+def _block_length(sequence: MeshSequence) -> int:
+    """Return the number of frames that are read at once."""
+    return max(1, READ_BYTES // (12 * max(1, sequence.vertex_count)))
+
+
+class ObjectThirds:
+    """Positions of each object at the thirds between frames: read again whenever asked for, or held for small ones.
+
+    Parameters
+    ----------
+    sequence : MeshSequence or None
+        The scene at these times, if it is known there.
+    places : list of slice
+        Vertices of each object.
+    """
+
+    def __init__(self, sequence: MeshSequence | None, places: Sequence[slice]) -> None:
+        self._sequence, self._places = sequence, places
+        self._held = range(0)
+        self._points = np.zeros((0, 0, 3), np.float32)
+
+    def blocks(self, index: int) -> Blocks | None:
+        """Return what reads the positions of an object; valid until another object is asked for."""
+        sequence, own = self._sequence, self._places[index]
+        if sequence is None:
+            return None
+        most = max(HELD_THIRDS_BYTES // 12, sequence.frame_count * sequence.vertex_count // 4) // sequence.frame_count
+        if own.stop - own.start > most:
+            return lambda: ((at, points[:, own]) for at, points in sequence.blocks(_block_length(sequence)))
+        if own.start not in self._held:
+            last = max(one.stop for one in self._places if one.start >= own.start and one.stop - own.start <= most)
+            self._held = range(own.start, last)
+            self._points = np.empty((sequence.frame_count, last - own.start, 3), np.float32)
+            for at, points in sequence.blocks(_block_length(sequence)):
+                self._points[at : at + len(points)] = points[:, own.start : last]
+        here = slice(own.start - self._held.start, own.stop - self._held.start)
+        return lambda: ((0, self._points[:, here]),)
 
 
 class GltfScene:
@@ -116,7 +158,7 @@ class GltfScene:
 
     def _blocks(self) -> Iterator[tuple[int, Float32Array]]:
         """Yield frames in blocks, turned Y-up."""
-        for start, points in self._output.blocks(self._source, "glTF"):
+        for start, points in self._output.blocks(self._source, "glTF", _block_length(self._source)):
             if not np.isfinite(points).all():
                 frame, vertex, _ = np.argwhere(~np.isfinite(points))[0]
                 raise InputError(
@@ -144,13 +186,6 @@ class GltfScene:
         times = (sequence.times[:-1, None] + steps[:, None] * np.array(THIRDS)).reshape(-1)
         sampled: MeshSequence = SampledAnimation(sequence, times)
         return place(sampled, up_axis="Y") if self._turn else sampled
-
-    def _between(self, vertices: BoolArray) -> Float32Array | None:
-        """Return positions (2 (frames - 1), vertices, 3) of selected vertices at the thirds between frames."""
-        thirds = self._thirds()
-        if thirds is None:
-            return None
-        return np.concatenate([points[:, vertices] for _, points in thirds.blocks()]) if vertices.any() else None
 
     def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
         """Animate the morph targets of a node's mesh, and the node by its keys."""
@@ -253,7 +288,7 @@ class _Scene(GltfScene):
             [index not in rigid for index in range(len(sequence.objects))],
             [item.vertex_count for item in sequence.objects],
         )
-        frames, between = self._read(is_held), self._between(is_held)
+        frames, thirds_of = self._read(is_held), ObjectThirds(self._thirds(), vertex_slices(sequence.objects))
         places = dict(zip((id(item) for item in held), vertex_slices(held), strict=True))
         joints: dict[int, int] = {}
         smoothed = 0
@@ -269,14 +304,14 @@ class _Scene(GltfScene):
                 rows = smooth_rows(item)
                 smoothed += rows is not None and not rows.are_of_flat_triangles
             place: dict[str, Any] = {}
-            thirds: Float32Array | None = None
+            thirds: Blocks | None = None
             turns, own = None, rigid.get(index)
             is_skinned = own is not None and len(own.movers) > 1
             if own is not None:
                 turns, part = None if is_skinned else self._movers[own.movers[0]].keys, own.rest[None]
             else:
                 part = frames[:, places[id(item)]]
-                thirds = None if between is None else between[:, places[id(item)]]
+                thirds = thirds_of.blocks(index)
                 turns = rigid_keys(part, thirds) if item.connectivity.face_count and not self._bound else None
             if turns is not None:
                 part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)

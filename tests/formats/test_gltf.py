@@ -388,7 +388,7 @@ def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) ->
             corners = file.accessor(one["indices"]).reshape(-1, 3)
             one["indices"] = made.integers(np.roll(corners, 1, axis=1).reshape(-1))
     change(made)
-    out.write_bytes(made.to_glb())
+    made.save(out)
     return out
 
 
@@ -462,7 +462,7 @@ class Scene:
         entry["channels"].append({"sampler": len(entry["samplers"]) - 1, "target": {"node": node, "path": path}})
 
     def save(self, path: Path) -> Path:
-        path.write_bytes(self.builder.to_glb())
+        self.builder.save(path)
         return path
 
 
@@ -704,7 +704,8 @@ def test_a_last_key_between_frames_is_a_frame(tmp_path: Path) -> None:
 
 def test_a_buffer_beside_the_file_is_read_and_its_absence_named(tmp_path: Path) -> None:
     made, _ = triangle()
-    root = json.loads(made.builder.to_gltf())
+    made.builder.save(tmp_path / "x.gltf", as_text=True)
+    root = json.loads((tmp_path / "x.gltf").read_bytes())
     data = base64.b64decode(root["buffers"][0]["uri"].partition(",")[2])
     root["buffers"][0]["uri"] = "a%20b.bin"
     (tmp_path / "x.gltf").write_text(json.dumps(root))

@@ -34,7 +34,7 @@ def write_keyed(path: Path, times: list[float], weights: list[float]) -> None:
     sampler = {"input": builder.floats(times, bounds=True), "output": builder.floats(weights)}
     channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
     builder.add("animations", {"samplers": [sampler], "channels": [channel]})
-    path.write_bytes(builder.to_glb())
+    builder.save(path)
 
 
 def off(path: Path, other: Path) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
-from pdecodec.formats.gltf.functions import FIRST_SKETCH_RANK, find_functions
-from pdecodec.mesh.arrays import Float64Array
+from pdecodec.formats.gltf.functions import FIRST_SKETCH_RANK, PROBING_ROUNDS, Samples, find_functions
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
 BOUND = 1e-5
 
@@ -29,23 +31,48 @@ def motion_of_functions(count: int, samples: int = 300, vertices: int = 100) -> 
 )
 def test_as_many_functions_are_found_as_a_motion_has(count: int, samples: int) -> None:
     points = motion_of_functions(count, samples)
-    found = find_functions(points, BOUND, most=400)
+    found = find_functions(Samples.of_frames(points), BOUND, most=400)
     assert found is not None
-    functions, rest, shapes = found
+    functions, (rest, *shapes) = found
     assert functions.shape == (samples, count)
     assert functions.min() >= 0
     assert functions.max() <= 1
-    assert np.abs(rest + np.tensordot(functions, shapes, 1) - points).max() <= BOUND
+    assert np.abs(rest + np.tensordot(functions, np.array(shapes), 1) - points).max() <= BOUND
 
 
 @pytest.mark.parametrize("count", [5, 40])
 def test_a_motion_of_more_functions_than_allowed_has_none(count: int) -> None:
-    assert find_functions(motion_of_functions(count), BOUND, most=count - 1) is None
+    assert find_functions(Samples.of_frames(motion_of_functions(count)), BOUND, most=count - 1) is None
 
 
 def test_of_several_bounds_the_first_that_so_many_functions_reach_is_taken() -> None:
     points = motion_of_functions(3) + 0.01 * motion_of_functions(40)
-    found = find_functions(points, BOUND, 0.5, 5.0, most=8)
+    found = find_functions(Samples.of_frames(points), BOUND, 0.5, 5.0, most=8)
     assert found is not None
-    errors = np.abs(found[1] + np.tensordot(found[0], found[2], 1) - points)
+    functions, shapes = found
+    errors = np.abs(shapes[0] + np.tensordot(functions, shapes[1:], 1) - points)
     assert BOUND < errors.max() <= 0.5
+
+
+@pytest.mark.parametrize("movers", [1, 7])
+def test_what_only_a_few_of_many_vertices_do_is_found(movers: int) -> None:
+    points = motion_of_functions(2, samples=50, vertices=20_000)
+    alone = motion_of_functions(12, samples=50, vertices=movers)
+    points[:, 777 : 777 + movers] = alone
+    found = find_functions(Samples.of_frames(points), BOUND, most=48)
+    assert found is not None
+    functions, shapes = found
+    assert functions.shape[1] <= 2 + min(3 * movers, 12)
+    assert np.abs(shapes[0] + np.tensordot(functions, shapes[1:], 1) - points).max() <= BOUND
+
+
+def test_a_motion_is_read_a_bounded_number_of_times() -> None:
+    points, readings = motion_of_functions(5, samples=50, vertices=20_000), []
+    samples = Samples.of_frames(points)
+
+    def read() -> Iterator[tuple[Int64Array, Float32Array]]:
+        readings.append(1)
+        return samples.read()
+
+    assert find_functions(Samples(samples.count, samples.columns, read), BOUND, most=48) is not None
+    assert len(readings) <= 3 + 3 * PROBING_ROUNDS

@@ -60,7 +60,7 @@ def write_textured(folder: Path) -> None:
     sampler = {"input": builder.floats([0, 0.5], bounds=True), "output": builder.floats([[0, 0, 0], [1, 2, 3]])}
     channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
     builder.add("animations", {"samplers": [sampler], "channels": [channel]})
-    (folder / "x.glb").write_bytes(builder.to_glb())
+    builder.save(folder / "x.glb")
 
 
 def shown(file: GltfFile, folder: Path) -> list[Any]:
@@ -178,7 +178,7 @@ def test_normals_that_are_no_averages_of_faces_are_told_to_be_computed_anew(
     builder.add("meshes", {"primitives": [primitive]})
     builder.add("nodes", {"mesh": 0})
     builder.add("scenes", {"nodes": [0]})
-    (tmp_path / "x.glb").write_bytes(builder.to_glb())
+    builder.save(tmp_path / "x.glb")
     with open_sequence(tmp_path / "x.glb") as read:
         told = [one for one in read.notices if one.startswith("normals are recomputed")]
         write_sequence(read, tmp_path / "y.glb")
