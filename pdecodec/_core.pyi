@@ -179,10 +179,13 @@ class Residuals:
     def nbytes(self) -> int: ...
 
 class FieldChunk(NamedTuple):
-    """Values of a field, int64 (frames, rows, components), and their kinds, uint8, None if all are numbers."""
+    """Values of a field, int64 (frames, rows, components); their kinds, uint8, None if all are numbers; and the step
+    that they were encoded with.
+    """
 
     values: Int64Array
     kinds: NDArray[np.uint8] | None
+    step: int
 
 class FieldDomain:
     """Rows of a field, of all objects given, and which rows are neighbours. site: 0 vertices, 1 faces, 2 corners,
@@ -198,6 +201,11 @@ def encode_field_chunk(
 ) -> bytes:
     """A chunk of section FDAT of values (frames, rows, components). Decoded values differ by at most step // 2; of
     values that are no numbers only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
+
+    Raises
+    ------
+    ValueError
+        If a value exceeds 2^36, or arrays do not match the domain.
     """
 
 def decode_field_chunk(domain: FieldDomain, data: bytes, frames: int, components: int) -> FieldChunk:

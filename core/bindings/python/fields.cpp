@@ -39,10 +39,14 @@ nb::bytes py_encode_field_chunk(const FieldDomain &domain, const Block<i64> &val
     {
         nb::gil_scoped_release release;
         const std::span<const i64> all(values.data(), values.size());
-        for (const i64 value : all) require(size_of(value) <= largest_field_value, "a value exceeds 2^40");
-        data = encode_field_chunk(
-            domain, all, kinds ? std::span<const u8>(kinds->data(), kinds->size()) : std::span<const u8>(),
-            static_cast<i64>(values.shape(0)), static_cast<int>(values.shape(2)), {static_cast<u8>(levels), step});
+        for (std::size_t i = 0; kinds && i < kinds->size(); ++i) {
+            require(kinds->data()[i] < field_kinds, "a kind is 0 to 3");
+        }
+        for (const i64 value : all) require(size_of(value) <= largest_field_value, "a value exceeds 2^36");
+        data = encode_field_chunk(domain, all,
+                                  kinds ? std::span<const u8>(kinds->data(), kinds->size()) : std::span<const u8>(),
+                                  static_cast<i64>(values.shape(0)), static_cast<int>(values.shape(2)),
+                                  {static_cast<u8>(levels), static_cast<u8>(step)});
     }
     return to_bytes(data);
 }
@@ -51,21 +55,23 @@ nb::object py_decode_field_chunk(const FieldDomain &domain, const nb::bytes &dat
     require(frames >= 0 && components >= 1, "frames and components are counts");
     std::vector<i64> values;
     std::vector<u8> kinds;
+    FieldCoding coding;
     {
         nb::gil_scoped_release release;
         values.resize(frames * domain.rows() * components);
-        decode_field_chunk(domain, view(data), frames, components, values, kinds);
+        coding = decode_field_chunk(domain, view(data), frames, components, values, kinds);
     }
     const nb::object kinds_found =
         kinds.empty() ? nb::object(nb::none()) : to_block(std::move(kinds), frames, domain.rows(), components);
-    return named("FieldChunk", to_block(std::move(values), frames, domain.rows(), components), kinds_found);
+    return named("FieldChunk", to_block(std::move(values), frames, domain.rows(), components), kinds_found,
+                 static_cast<int>(coding.step));
 }
 
 }  // namespace
 
 void bind_fields(nb::module_ &module) {
     using namespace nb::literals;
-    add_tuple(module, "FieldChunk", "values kinds");
+    add_tuple(module, "FieldChunk", "values kinds step");
     nb::class_<FieldDomain>(module, "FieldDomain", "Rows of a field, and which of them are neighbours.")
         .def("__init__", &make_domain, "site"_a, "parts"_a)
         .def_prop_ro("rows", &FieldDomain::rows);

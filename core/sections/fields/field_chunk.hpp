@@ -1,11 +1,10 @@
-// Chunks of FDAT: the values of one field on a group of frames, as whole numbers (24 of the specification).
+// Chunks of FDAT: the values of one field in a group of frames, as whole numbers (section 18 of the specification).
 //
-// Values are predicted from frames already decoded and from neighbours on the mesh, and the remainder is coded bit by
-// bit with mixed models. Begin here: field_domain finds the neighbours, field_predictor predicts, field_model codes a
-// remainder, field_chunk goes through frames and rows.
+// Values are predicted from frames already decoded and from neighbours on the mesh; the remainder is coded bit by bit
+// with mixed models, which also know values that may return. Begin here, then read field_chunk.cpp, which goes through
+// frames and rows. field_domain finds neighbours, field_predictor predicts, field_model codes a remainder.
 #pragma once
 
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -14,25 +13,26 @@
 
 namespace pdeanim {
 
-// How a chunk is coded. Values are in units; a decoded value differs from the source by at most step / 2 (step is odd).
+// How a chunk is coded. A decoded value differs from the source by at most step / 2, rounded down; the step is odd.
 struct FieldCoding {
-    u8 levels = 0;  // 0: frames in order; n: every 2^n-th frame first, then the frames between, halving the distance
-    i64 step = 1;   // 1: the source itself; above: the decoded value is a prediction plus a multiple of the step
+    u8 levels = 0;  // 0: frames in order; n: first every 2^n-th frame, then those between, halving the distance
+    u8 step = 1;    // 1: the source itself; above: the decoded value is a prediction plus a multiple of the step
 };
 
-constexpr i64 largest_field_value = i64{1} << 40;
+constexpr i64 largest_field_value = i64{1} << 36;
 constexpr int most_field_levels = 8;
 
-// Values that are no numbers have a kind of their own, 1 to 3; the units below them are ignored, and decode to anything.
-constexpr u8 not_a_number = 1, plus_infinity = 2, minus_infinity = 3;
+// Kinds of values that are no numbers are 1 not a number, 2 infinity, 3 minus infinity. Numbers have kind 0.
+constexpr int field_kinds = 4;
 
-// Encode frames x rows x components values; `kinds` has a kind for each value, or is empty if all are numbers.
+// Encode frames x rows x components values. `kinds` has the kind of each value, or is empty if all are numbers; of
+// values that are no numbers only the kind is kept.
 std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
                                    i64 frames, int components, FieldCoding coding);
 
-// Decode to `values`, and to `kinds`, which is resized; it stays empty if all values are numbers. CorruptError if the
+// Decode to `values` and to `kinds`, which is resized, and stays empty if all values are numbers. CorruptError if the
 // bytes are damaged.
-void decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
-                        std::span<i64> values, std::vector<u8> &kinds);
+FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+                               std::span<i64> values, std::vector<u8> &kinds);
 
 }  // namespace pdeanim

@@ -1,4 +1,4 @@
-// A model of remainders: whole numbers, small ones the likelier, some of which were announced by candidates.
+// The model of remainders: whole numbers, mostly small, some of which candidates propose.
 #pragma once
 
 #include <array>
@@ -11,119 +11,125 @@ namespace pdeanim {
 
 // What is known about a remainder.
 struct RemainderContext {
-    static constexpr int most_candidates = 4;
-
-    // A number that may come again, as a remainder; without confidence (-1) there is none.
+    // A value that may return, as a remainder. There is none where the confidence is 0.
     struct Candidate {
         i64 size = 0;
         bool is_negative = false;
-        int confidence = -1;  // up to 31
+        int confidence = 0;  // 1 to 32
     };
+    static constexpr int candidate_count = 4;
 
-    i64 expected = 0;                     // size [1/128]
-    i64 own = 0, around = 0, across = 0;  // sizes of the same row before, of its neighbours, of the value before
-    i64 mean = 0;                         // of the sizes of the same row before [1/16]
-    int component = 0, way = 0, signs = 0;
-    std::array<Candidate, most_candidates> candidates;
+    i64 expected = 0;  // size [1/128]
+    i64 own = 0, around = 0,
+        across = 0;                // sizes: of the row in the frame before, of its neighbours, of the value before
+    i64 mean = 0;                  // size of the row in the frames before
+    int component = 0, signs = 0;  // up to 2; signs of a neighbour's remainder and of the value before, 0 to 8
+    bool is_second_guess = false;  // whether two frames or more predict the value
+    std::array<Candidate, candidate_count> candidates;
 };
 
 class RemainderModel {
 public:
     RemainderModel() {
+        for (auto &position : weights_) {
+            for (auto &own : position) own.fill(first_weight);
+        }
         for (auto &candidate : by_candidate_) {
             for (auto &position : candidate) {
-                for (int kind = 1; kind < 65; ++kind) {
-                    for (int time = 0; time < 3; ++time) position[kind].adapt(kind % 2 == 0);
+                for (int kind = 2; kind < candidate_kinds; ++kind) {
+                    for (int time = 0; time < first_trust; ++time) position[kind].adapt(kind % 2 == 1);
                 }
             }
         }
     }
 
+    // Code the number of digits, counted up or down from a guess; the sign; the digits below the first.
+    //
+    // A candidate is a witness as long as it agrees with the bits so far: then it predicts the next one.
     template <Mode mode> i64 code(RangeCoder<mode> &coder, const RemainderContext &known, i64 remainder) {
-        const int guess = least(bit_length((known.expected * 3) >> 9), most_digits - 1);
+        const int guess = least(bit_length((known.expected * 3) >> 9), most_digits - 1), scale = least(guess, 6);
         const auto relative = [&](i64 size) { return clamp(bit_length(size) - guess + 2, 0, 5); };
-        const int scale = least(guess, 6);
-        contexts_[0] = by_expected_[known.way > 1][class_of(known.expected)].data();
-        contexts_[1] = by_sizes_[scale][relative(known.own)][relative(known.around)].data();
-        contexts_[2] =
-            by_across_[least(known.component, 2)][scale][relative(known.across)][relative(known.mean >> 4)].data();
-        alive_ = 0;
-        for (int i = 0; i < candidates; ++i) {
-            if (known.candidates[i].confidence >= 0) alive_ |= 1 << i;
-        }
-        const int wanted = bit_length(size_of(remainder));
-        const auto exceeds = [&](int digits, int way) {
-            return decide(coder, known, (way ? 16 : 0) + least(digits, 15), wanted > digits,
+        contexts_ = {by_expected_[known.is_second_guess][class_of(known.expected)].data(),
+                     by_sizes_[scale][relative(known.own)][relative(known.around)].data(),
+                     by_across_[known.component][scale][relative(known.across)][relative(known.mean)].data()};
+        witnesses_ = 0;
+        for (int i = 0; i < candidates; ++i) witnesses_ |= (known.candidates[i].confidence > 0) << i;
+        const i64 size = size_of(remainder);
+        const auto exceeds = [&](int digits, int first_position) {
+            return decide(coder, known, first_position + least(digits, 15), bit_length(size) > digits,
                           [&](const auto &candidate) { return bit_length(candidate.size) > digits; });
         };
         int digits = guess;
-        if (exceeds(digits, 0)) {
-            ++digits;
-            while (digits < most_digits && exceeds(digits, 0)) ++digits;
+        if (exceeds(digits, rising)) {
+            do ++digits;
+            while (digits < most_digits && exceeds(digits, rising));
         } else {
-            while (digits > 0 && !exceeds(digits - 1, 1)) --digits;
+            while (digits > 0 && !exceeds(digits - 1, falling)) --digits;
         }
         if (digits == 0) return 0;
         contexts_[1] = by_signs_[known.signs].data();
         const bool is_negative =
-            decide(coder, known, 32, remainder < 0, [&](const auto &candidate) { return candidate.is_negative; });
+            decide(coder, known, sign, remainder < 0, [](const auto &candidate) { return candidate.is_negative; });
         i64 found = 1;
         for (int place = digits - 2; place >= 0; --place) {
-            const bool bit = (size_of(remainder) >> place) & 1;
-            const int done = digits - 2 - place;
-            if (done < 2) {
-                found = 2 * found + decide(coder, known, 33 + 3 * least(digits, 15) + static_cast<int>(found) - 1, bit,
-                                           [&](const auto &candidate) { return (candidate.size >> place) & 1; });
-            } else if (alive_) {
-                found = 2 * found + decide(coder, known, 81 + least(place, 15), bit,
-                                           [&](const auto &candidate) { return (candidate.size >> place) & 1; });
+            bool bit = (size >> place) & 1;
+            const bool is_upper = place >= digits - 3;
+            if (is_upper || witnesses_ != 0) {
+                const int position =
+                    is_upper ? upper + 3 * least(digits, 15) + static_cast<int>(found) - 1 : lower + least(place, 15);
+                bit = decide(coder, known, position, bit,
+                             [&](const auto &candidate) { return ((candidate.size >> place) & 1) != 0; });
             } else {
-                found = 2 * found + coder.bypass(bit);
+                bit = coder.bypass(bit);
             }
+            found = 2 * found + bit;
         }
         return is_negative ? -found : found;
     }
 
 private:
-    static constexpr int candidates = RemainderContext::most_candidates, inputs = 3 + candidates;
-    static constexpr int most_digits = 44, positions = 97, classes = 48;
+    static constexpr int candidates = RemainderContext::candidate_count, inputs = 3 + candidates;
+    static constexpr int most_digits = 44, classes = 48, candidate_kinds = 2 + 2 * 32;
+    static constexpr int rising = 0, falling = 16, sign = 32, upper = 33, lower = 81, positions = 97;
+    static constexpr i32 first_weight = 14500;  // [1/65536]; a sum of 1.2 costs 1 % of the bytes
+    static constexpr int first_trust = 4;       // times that a candidate counts as right before; none cost 4 %
     using Models = std::array<BitModel, positions>;
+    template <int count> using Relative = std::array<std::array<std::array<Models, 6>, 6>, count>;
 
     static int class_of(i64 expected) {
         const i64 number = expected >> 3;
-        if (number < 4) return static_cast<int>(number);
         const int digits = bit_length(number);
-        return least(static_cast<int>(4 + 4 * (digits - 3) + ((number >> (digits - 3)) & 3)), classes - 1);
+        return digits < 3 ? static_cast<int>(number)
+                          : least(4 * (digits - 2) + static_cast<int>((number >> (digits - 3)) & 3), classes - 1);
     }
 
     template <Mode mode, class Expect>
     bool decide(RangeCoder<mode> &coder, const RemainderContext &known, int position, bool bit, const Expect &expect) {
         std::array<BitModel *, inputs> chosen;
-        for (int i = 0; i < 3; ++i) chosen[i] = &contexts_[i][position];
+        for (int i = 0; i < inputs - candidates; ++i) chosen[i] = &contexts_[i][position];
         int expected = 0;
         for (int i = 0; i < candidates; ++i) {
             int kind = 0;
-            if (alive_ >> i & 1) {
+            if (witnesses_ >> i & 1) {
                 const int one = expect(known.candidates[i]) ? 1 : 0;
                 expected |= one << i;
-                kind = 1 + 2 * known.candidates[i].confidence + one;
+                kind = 2 * known.candidates[i].confidence + one;
             }
-            chosen[3 + i] = &by_candidate_[i][position][kind];
+            chosen[inputs - candidates + i] = &by_candidate_[i][position][kind];
         }
-        bit = coder.template mixed<inputs>(chosen, weights_[position][alive_].data(), bit);
-        alive_ &= bit ? expected : ~expected;
+        bit = coder.template mixed<inputs>(chosen, weights_[position][witnesses_].data(), bit);
+        witnesses_ &= bit ? expected : ~expected;
         return bit;
     }
 
-    BitModel *contexts_[3] = {};
-    int alive_ = 0;
-    std::vector<std::array<Models, classes>> by_expected_ = std::vector<std::array<Models, classes>>(2);
-    std::vector<std::array<std::array<Models, 6>, 6>> by_sizes_ = std::vector<std::array<std::array<Models, 6>, 6>>(7);
-    std::vector<std::array<std::array<std::array<Models, 6>, 6>, 7>> by_across_ =
-        std::vector<std::array<std::array<std::array<Models, 6>, 6>, 7>>(3);
-    std::vector<Models> by_signs_ = std::vector<Models>(9);
-    std::array<std::array<BitModel, 65>, positions> by_candidate_[candidates];
+    std::array<BitModel *, inputs - candidates> contexts_{};
+    int witnesses_ = 0;  // a bit for each candidate
+    std::array<std::array<BitModel, candidate_kinds>, positions> by_candidate_[candidates];
     std::array<std::array<Weights<inputs>, 1 << candidates>, positions> weights_;
+    std::vector<std::array<Models, classes>> by_expected_ = std::vector<std::array<Models, classes>>(2);
+    Relative<7> by_sizes_;
+    std::array<Relative<7>, 3> by_across_;
+    std::array<Models, 9> by_signs_;
 };
 
 }  // namespace pdeanim
