@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from spec.decoder.fields import CorruptFileError, require
-from spec.decoder.rangecoder import INITIAL_MODEL, RangeDecoder, Rehearsal
+from spec.decoder.rangecoder import INITIAL_MODEL, RangeDecoder, Rehearsal, adapt_model
 
 HALF = 1 << 15
 MAX_DIGITS = 32
@@ -21,7 +21,7 @@ PRIMER = (
     b"Material.001\xffinitialShadingGroup\xfflambert1SG\xffmesh\xff/root/Armature/BodyShape\xff/World/Geometry/Cube\xff"
     b"Sphere_002/SphereShape_003\xffdefault\xffpCube1|pCubeShape1\xffPlane_0001\xffCylinder_10\xff"
 )
-FIRST_WEIGHTS = {2: 39321, 3: 26214, 4: 19660}
+FIRST_WEIGHTS = {2: 39321, 3: 26214, 4: 19660, 7: 14500}
 
 Name = tuple[object, ...]
 
@@ -73,6 +73,13 @@ class Contexts:
         if into:
             into.add(bit)
         return bit
+
+    def trust(self, name: Name, bit: int, times: int) -> None:
+        """Let a model begin as if it had adapted to `bit` so many times."""
+        if name not in self._numbers:
+            model = self._model(name)
+            for _ in range(times):
+                self._models[model] = adapt_model(self._models[model], bit)
 
     def counted(self, most: int, *name: object) -> int:
         """Read a number of 1 to `most` binary digits, 1 or more."""

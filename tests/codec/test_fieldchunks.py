@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,29 +11,40 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pdecodec import CorruptFileError, _core
+from pdecodec.codec.encode.fields import choose_coding, encode_chunk, field_quantiser
+from spec.decoder.fieldchunks import neighbours_of_rows, read_chunk
+from spec.decoder.mesh import Mesh
 
 SITES = {"vertex": 0, "face": 1, "corner": 2, "object": 3}
 NONE = np.zeros(0, np.int32)
 
 
-def grid(columns: int, rows: int) -> tuple[int, ...]:
+def grid(columns: int, rows: int) -> tuple[Any, ...]:
     """Return a part: a grid of quads, one edge along its first row, and a vertex of its own."""
     first = np.arange(columns * rows, dtype=np.int32).reshape(rows, columns)
     quads = np.stack([first[:-1, :-1], first[:-1, 1:], first[1:, 1:], first[1:, :-1]], axis=-1).reshape(-1, 4)
     sizes = np.full(len(quads), 4, np.int32)
     line = first[0, :2].copy()
-    return (columns * rows + 1, sizes, quads.ravel(), np.array([line.size], np.int32), line)  # type: ignore[return-value]
+    return (columns * rows + 1, sizes, quads.ravel(), np.array([line.size], np.int32), line)
+
+
+def mesh_of(part: tuple[Any, ...]) -> Mesh:
+    vertices, *numbers = part
+    sizes, faces, line_sizes, lines = (one.tolist() for one in numbers)
+    return Mesh(
+        "",
+        vertices,
+        [faces[at : at + 4] for at in range(0, 4 * len(sizes), 4)],
+        [lines[: line_sizes[0]]],
+    )
+
+
+PARTS = [grid(4, 3), grid(2, 2)]
+MESHES = [mesh_of(part) for part in PARTS]
 
 
 def domain(site: str) -> _core.FieldDomain:
-    return _core.FieldDomain(SITES[site], [grid(4, 3), grid(2, 2)])  # type: ignore[list-item]
-
-
-def decoded(
-    at: _core.FieldDomain, values: np.ndarray, kinds: np.ndarray | None, levels: int, step: int
-) -> _core.FieldChunk:
-    data = _core.encode_field_chunk(at, values, kinds, levels, step)
-    return _core.decode_field_chunk(at, data, values.shape[0], values.shape[2])
+    return _core.FieldDomain(SITES[site], PARTS)
 
 
 @pytest.mark.parametrize(("site", "rows"), [("vertex", 18), ("face", 7), ("corner", 28), ("object", 2)])
@@ -48,12 +61,33 @@ def test_values_come_back_within_half_the_step_and_with_their_kinds(data: st.Dat
     values = data.draw(arrays.arrays(np.int64, shape, elements=st.integers(-largest, largest)))
     kinds = data.draw(st.none() | arrays.arrays(np.uint8, shape, elements=st.integers(0, 3)))
     step = data.draw(st.sampled_from([1, 15, 255]))
-    found = decoded(at, values, kinds, data.draw(st.integers(0, 8)), step)
+    chunk = _core.encode_field_chunk(at, values, kinds, data.draw(st.integers(0, 8)), step)
+    found = _core.decode_field_chunk(at, chunk, shape[0], shape[2])
     numbers = np.ones(shape, bool) if kinds is None else kinds == 0
     assert np.abs(found.values - values)[numbers].max(initial=0) <= step // 2
     assert (found.kinds is None) == (kinds is None)
     if kinds is not None:
         assert np.array_equal(found.kinds, kinds)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_the_plain_decoder_finds_the_same(data: st.DataObject) -> None:
+    site = data.draw(st.sampled_from(sorted(SITES)))
+    at, rng = domain(site), np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    shape = (data.draw(st.integers(1, 12)), at.rows, data.draw(st.integers(1, 3)))
+    largest = data.draw(st.sampled_from([1, 5, 300, 2**36]))
+    values = rng.integers(-largest, largest + 1, shape)
+    values[:, ::2] = np.sort(values[:, ::2], axis=0)
+    values[rng.integers(0, shape[0]) :] = values[0]
+    kinds = data.draw(st.none() | st.just(rng.choice(4, shape, p=[0.7, 0.1, 0.1, 0.1]).astype(np.uint8)))
+    chunk = _core.encode_field_chunk(
+        at, values, kinds, data.draw(st.integers(0, 4)), data.draw(st.sampled_from([1, 15]))
+    )
+    found = _core.decode_field_chunk(at, chunk, shape[0], shape[2])
+    read = read_chunk(chunk, neighbours_of_rows(site, MESHES), shape[0], shape[2])
+    assert np.array_equal(found.values.ravel(), np.ravel(read.values))
+    assert read.kinds is None if kinds is None else np.array_equal(kinds.ravel(), np.ravel(read.kinds or []))
 
 
 @pytest.mark.parametrize("site", SITES)
@@ -70,6 +104,29 @@ def test_a_smooth_field_costs_less_with_frames_between_frames() -> None:
     values = np.rint(1e4 * np.sin(times + np.arange(at.rows)[:, None] / 5)).astype(np.int64)
     sizes = {levels: len(_core.encode_field_chunk(at, values, None, levels, 15)) for levels in (0, 4)}
     assert sizes[4] < sizes[0]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_every_value_is_within_the_bound_or_exact(data: st.DataObject) -> None:
+    dtype = np.dtype(data.draw(st.sampled_from(["f4", "f8", "i1", "u2", "i4", "u4", "i8", "u8", "?"])))
+    at = domain("face")
+    values = data.draw(arrays.arrays(dtype, (3, at.rows, 2)))
+    finite = values[np.isfinite(values)].astype(np.float64)
+    least, most = float(finite.min(initial=0)), float(finite.max(initial=0))
+    bound = data.draw(st.none() | st.sampled_from([1e-2, 1e-7])) if dtype.kind == "f" else None
+    span = min(most - least, 1e300)
+    quantiser = field_quantiser(dtype, least, most, None if bound is None else bound * span)
+    coding = choose_coding(at, quantiser, values)
+    chunk = _core.decode_field_chunk(at, encode_chunk(at, quantiser, values, coding), 3, 2 * quantiser.planes)
+    found = quantiser.restore(chunk)
+    assert found.dtype == dtype
+    if quantiser.step is None:
+        assert found.tobytes() == values.tobytes()
+    else:
+        numbers = np.isfinite(values)
+        assert np.array_equal(found[~numbers], values[~numbers], equal_nan=True)
+        assert np.abs(found[numbers].astype(np.float64) - values[numbers]).max(initial=0) <= bound * span
 
 
 def test_damaged_chunks_are_refused() -> None:
