@@ -141,6 +141,7 @@ dist: $(READY)
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
 	$(BIN)/python docs/make_formats.py docs/formats.md
+	$(BIN)/python docs/make_encoder.py docs/encoder.md
 
 # The decoder as WebAssembly, for the player; the test of its sources says when.
 wasm: $(INSTALLED)

@@ -18,6 +18,7 @@ from pdecodec.cli.main import run as pdecodec_run
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 START_PAGE = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+ENCODER = (ROOT / "docs" / "encoder.md").read_text(encoding="utf-8")
 
 INSTALLED_ALREADY = "pip install"
 """Commands that begin so are for readers, not for tests: the package under test is there."""
@@ -54,14 +55,21 @@ def test_the_commands_of_a_page_run_in_order(
     run_commands(page)
 
 
-@pytest.mark.parametrize("code", blocks("python") + blocks("python", START_PAGE))
-def test_the_python_of_the_readmes_runs(code: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("code", [code for page in (README, START_PAGE, ENCODER) for code in blocks("python", page)])
+def test_the_python_of_the_pages_runs(code: str, tmp_path: Path) -> None:
     result = run([sys.executable, "-W", "error", "-c", code], tmp_path)
     assert result.returncode == 0, result.stderr
 
 
 def test_every_link_of_the_documents_leads_to_a_file() -> None:
-    for document in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/README.md", "docs/glossary.md"):
+    for document in (
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "docs/README.md",
+        "docs/glossary.md",
+        "docs/encoder.md",
+    ):
         page = ROOT / document
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert target.startswith("https://") or (page.parent / target).exists(), f"{document} links to {target}"
@@ -145,7 +153,12 @@ def test_the_readme_lists_every_registered_extension() -> None:
 
 
 @pytest.mark.parametrize(
-    ("maker", "page", "function"), [("make_cli", "cli", "help_pages"), ("make_formats", "formats", "formats_page")]
+    ("maker", "page", "function"),
+    [
+        ("make_cli", "cli", "help_pages"),
+        ("make_formats", "formats", "formats_page"),
+        ("make_encoder", "encoder", "encoder_page"),
+    ],
 )
 def test_the_pages_in_docs_are_those_of_the_code(maker: str, page: str, function: str) -> None:
     spec = importlib.util.spec_from_file_location(maker, ROOT / "docs" / f"{maker}.py")
