@@ -21,7 +21,7 @@ import pytest
 from pdecodec import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from tests.slow.fuzz.readers import mutant, read_all, write
-from tests.slow.fuzz.seeds import targets
+from tests.slow.fuzz.seeds import target
 from tests.support.scene_cases import scene
 
 MUTANTS = 60
@@ -30,10 +30,10 @@ MUTANTS = 60
 
 @pytest.mark.parametrize("reader", ["obj", "mdd", "pc2", "ply", "stl", "off", "gltf", "glb", "npz", "hdf5"])
 def test_damaged_files_are_refused_by_our_errors_or_read_whole(reader: str, tmp_path: Path) -> None:
-    target = targets()[reader]
+    fuzzed = target(reader)
     changed = 0
     for number in range(MUTANTS):
-        seed, data = mutant(target, number)
+        seed, data = mutant(fuzzed, number)
         changed += data != seed.files[seed.changed]
         write(tmp_path, seed, data)
         with warnings.catch_warnings():
@@ -43,8 +43,8 @@ def test_damaged_files_are_refused_by_our_errors_or_read_whole(reader: str, tmp_
 
 
 def test_a_mutant_is_the_same_whenever_it_is_made() -> None:
-    for target in (targets()["npz"], targets()["gltf"]):
-        assert [mutant(target, number)[1] for number in range(5)] == [mutant(target, number)[1] for number in range(5)]
+    for fuzzed in (target("npz"), target("gltf")):
+        assert [mutant(fuzzed, number)[1] for number in range(5)] == [mutant(fuzzed, number)[1] for number in range(5)]
 
 
 @pytest.fixture(scope="module")

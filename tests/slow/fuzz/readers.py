@@ -2,7 +2,9 @@
 
 Each reader runs in a process of its own, with a limit of memory and of time for each file. Whatever is raised but our
 own errors, takes too long, takes too much, or ends the process is a finding: its file is kept under
-``build/fuzz-readers``, once for each place in the code. The exit code is 1 where there is one.
+``build/fuzz-readers``, once for each place in the code. The exit code is 1 where there is one. Where a library is known
+to crash (USD, Alembic), a file that ends the process is opened again with ``isolate=True``, and is a finding only if
+this raises anything but our errors, or hangs.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ import numpy as np
 
 from pdecodec.errors import PdecodecError
 from pdecodec.formats import open_sequence
-from tests.slow.fuzz.seeds import Seed, Target, targets
+from tests.slow.fuzz.seeds import READERS, Seed, Target, target
 
 KEPT = Path("build/fuzz-readers")
 MOST_MEMORY = 2**31
@@ -41,6 +43,9 @@ MOST_SECONDS = 10
 MOST_WAITED = 300
 """Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
 
+MOST_ISOLATED_MEMORY = 6 * 2**30
+"""Address space of the process that opens a file in isolation, so that no file takes the memory of the machine."""
+
 MOST_POSITIONS = 10**6
 """Of which frames are read: a file may declare more than it has."""
 
@@ -49,11 +54,11 @@ class TooSlowError(Exception):
     """A file took more than :data:`MOST_SECONDS`."""
 
 
-def read_all(folder: Path, seed: Seed) -> None:
+def read_all(folder: Path, seed: Seed, *, isolate: bool = False) -> None:
     """Open, and read what there is; what is raised but our errors is a finding, as is what does not fit together."""
     mesh = folder / "mesh.obj" if "mesh.obj" in seed.files else None
     try:
-        with open_sequence(folder / seed.opened, mesh=mesh, skip_unsupported=True) as sequence:
+        with open_sequence(folder / seed.opened, mesh=mesh, skip_unsupported=True, isolate=isolate) as sequence:
             for run in list(sequence.runs)[:4]:
                 objects = run.objects
                 for item in objects:
@@ -70,11 +75,11 @@ def read_all(folder: Path, seed: Seed) -> None:
         pass
 
 
-def mutant(target: Target, number: int) -> tuple[Seed, bytes]:
+def mutant(of: Target, number: int) -> tuple[Seed, bytes]:
     """The file of a number: the same in every run."""
     source = random.Random(number)
-    seed = source.choice(target.seeds)
-    return seed, target.mutate(source, seed.files[seed.changed])
+    seed = source.choice(of.seeds)
+    return seed, of.mutate(source, seed.files[seed.changed])
 
 
 def write(folder: Path, seed: Seed, changed: bytes) -> None:
@@ -95,13 +100,12 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, _too_slow)
-    target, number = targets()[name], first
-    shared = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=shared if shared.is_dir() else None))
+    of, number = target(name), first
+    folder = _new_folder()
     try:
         while time.monotonic() < deadline:
             wire.send(("next", number))
-            seed, changed = mutant(target, number)
+            seed, changed = mutant(of, number)
             write(folder, seed, changed)
             signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
             try:
@@ -116,6 +120,28 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _new_folder() -> Path:
+    shared = Path("/dev/shm")
+    return Path(tempfile.mkdtemp(prefix="fuzz-", dir=shared if shared.is_dir() else None))
+
+
+def _isolated(name: str, number: int) -> BaseException | None:
+    """Open a file that ended a process in isolation; return what is raised but our errors, or that it hangs."""
+    signal.signal(signal.SIGALRM, _too_slow)
+    folder = _new_folder()
+    try:
+        seed, changed = mutant(target(name), number)
+        write(folder, seed, changed)
+        signal.alarm(3 * MOST_SECONDS)
+        read_all(folder, seed, isolate=True)
+    except (Exception, TooSlowError) as error:
+        return error
+    finally:
+        signal.alarm(0)
+        shutil.rmtree(folder, ignore_errors=True)
+    return None
+
+
 def _place(error: BaseException) -> str:
     """Kind of an error and the last line of our code that it went through."""
     frames = [one for one in traceback.extract_tb(error.__traceback__) if "site-packages" not in one.filename]
@@ -124,7 +150,7 @@ def _place(error: BaseException) -> str:
 
 
 def _keep(name: str, number: int, place: str, text: str) -> None:
-    seed, changed = mutant(targets()[name], number)
+    seed, changed = mutant(target(name), number)
     folder = KEPT / name / hashlib.sha256(place.encode()).hexdigest()[:12]
     if folder.exists():
         return
@@ -135,10 +161,11 @@ def _keep(name: str, number: int, place: str, text: str) -> None:
     (folder / "traceback.txt").write_text(text, encoding="utf-8")
 
 
-def fuzz(name: str, seconds: float, first: int) -> tuple[int, dict[str, int]]:
-    """Fuzz one reader; how many files were opened, and how often each finding was made."""
-    deadline, number, found, runs = time.monotonic() + seconds, first, dict[str, int](), 0
-    context = multiprocessing.get_context("fork")
+def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int]]:
+    """Fuzz one reader; return how many files were opened, how many crashed a library, and the findings."""
+    deadline, number, found, runs, crashes = time.monotonic() + seconds, first, dict[str, int](), 0, 0
+    # Not by fork: threads that a library has started here would not go on in the new process.
+    context = multiprocessing.get_context("spawn")
 
     def note(place: str, text: str) -> None:
         found[place] = found.get(place, 0) + 1
@@ -160,7 +187,11 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, dict[str, int]]:
                 kind, number, *rest = wire.recv()
             except EOFError:
                 child.join()
-                note(f"the process ended ({child.exitcode})", f"exit code {child.exitcode}")
+                if not target(name).ends_process:
+                    note(f"the process ended ({child.exitcode})", f"exit code {child.exitcode}")
+                elif (error := _isolated(name, number)) is not None:
+                    note(f"isolated: {_place(error)}", "".join(traceback.format_exception(error))[-4000:])
+                crashes += 1
                 break
             if kind == "found":
                 note(*rest)
@@ -170,16 +201,18 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, dict[str, int]]:
                 break
         child.join()
         number += 1
-    return runs, found
+    return runs, crashes, found
 
 
 def main() -> int:
-    minutes, names = float(sys.argv[1]), sys.argv[2:] or [*targets()]
+    minutes, names = float(sys.argv[1]), sys.argv[2:] or [*READERS]
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_ISOLATED_MEMORY, resource.RLIM_INFINITY))
     first = random.SystemRandom().randrange(2**40)
     total = 0
     for name in names:
-        runs, found = fuzz(name, 60 * minutes, first)
-        print(f"{name}: {runs:,} files opened from number {first} on, {len(found)} findings", flush=True)
+        runs, crashes, found = fuzz(name, 60 * minutes, first)
+        told = f", {crashes} crashes of the library held" if crashes else ""
+        print(f"{name}: {runs:,} files opened from number {first} on{told}, {len(found)} findings", flush=True)
         for place, count in found.items():
             print(f"  {count} times: {place}", flush=True)
         total += len(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,6 +45,8 @@ class Target:
 
     seeds: tuple[Seed, ...]
     mutate: Mutation
+    ends_process: bool = False
+    """Whether damage may crash the library: then the file is read in isolation, which must end in our error."""
 
 
 def _alone(name: str, data: bytes) -> Seed:
@@ -152,20 +155,90 @@ def _exodus() -> tuple[Seed, ...]:
         return (_alone("in.e", (Path(folder) / "in.e").read_bytes()),)
 
 
-def targets() -> dict[str, Target]:
-    """By the name of the reader."""
-    return {
-        "obj": Target(_obj(), mixed(of_text)),
-        "mdd": Target(_point_caches("mdd"), mixed(of_fields)),
-        "pc2": Target(_point_caches("pc2"), mixed(of_fields)),
-        "ply": Target(_ply(), mixed(of_ply)),
-        "stl": Target(_stl(), mixed(of_text, of_fields)),
-        "off": Target(_off(), mixed(of_text)),
-        "glb": Target(_gltf(), mixed(of_glb)),
-        "gltf": Target(_gltf_text(), mixed(of_json, of_fields)),
-        "npz": Target(_container("npz"), mixed(of_npz)),
-        "hdf5": Target(_container("h5"), mixed(of_hdf5)),
-        "xdmf": Target(_beside("in.xdmf"), mixed(of_text, of_hdf5)),
-        "vtk": Target(_lists(), mixed(of_text)),
-        "exodus": Target(_exodus(), mixed(of_hdf5)),
-    }
+def _usd() -> tuple[Seed, ...]:
+    """Text, the binary format and a package of a stage, and a hand-written one with what our writer never writes."""
+    identity = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))"
+    stage = f"""#usda 1.0
+(
+    defaultPrim = "a"
+    upAxis = "Z"
+    timeCodesPerSecond = 24
+)
+def Xform "a" (
+    variants = {{ string size = "small" }}
+    prepend variantSets = "size"
+    prepend references = </base>
+)
+{{
+    matrix4d xformOp:transform.timeSamples = {{ 0: {identity}, 4: None }}
+    uniform token[] xformOpOrder = ["xformOp:transform"]
+    def Sphere "ball" {{
+        double radius.timeSamples = {{ 0: 1, 2: 3 }}
+    }}
+    variantSet "size" = {{
+        "small" {{
+            def Cube "cube" {{
+            }}
+        }}
+        "large" {{
+        }}
+    }}
+}}
+class "base" {{
+    def BasisCurves "hair" {{
+        int[] curveVertexCounts = [2, 3]
+        point3f[] points = [(0,0,0), (1,0,0), (0,1,0), (0,0,1), (1,1,1)]
+        uniform token type = "linear"
+    }}
+}}
+def PointInstancer "many" {{
+    rel prototypes = </many/one>
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(0,0,0), (5,0,0)]
+    quath[] orientations = [(1,0,0,0), (0,1,0,0)]
+    def Cube "one" {{
+    }}
+}}
+def SkelRoot "root" {{
+    def Skeleton "bones" {{
+        uniform token[] joints = ["a", "a/b"]
+        uniform matrix4d[] bindTransforms = [{identity}, {identity}]
+        uniform matrix4d[] restTransforms = [{identity}, {identity}]
+    }}
+    def Mesh "skin" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    ) {{
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0,0,0), (1,0,0), (0,1,0)]
+        rel skel:skeleton = </root/bones>
+        int[] primvars:skel:jointIndices = [0, 1, 1] ( elementSize = 1; interpolation = "vertex" )
+        float[] primvars:skel:jointWeights = [1, 1, 1] ( elementSize = 1; interpolation = "vertex" )
+    }}
+}}
+""".encode()
+    return (_alone("in.usda", stage), *(_container(extension)[0] for extension in ("usda", "usdc", "usdz")))
+
+
+def target(reader: str) -> Target:
+    """Return what is fuzzed of a reader of :data:`READERS`."""
+    return READERS[reader]()
+
+
+READERS: Mapping[str, Callable[[], Target]] = {
+    "obj": lambda: Target(_obj(), mixed(of_text)),
+    "mdd": lambda: Target(_point_caches("mdd"), mixed(of_fields)),
+    "pc2": lambda: Target(_point_caches("pc2"), mixed(of_fields)),
+    "ply": lambda: Target(_ply(), mixed(of_ply)),
+    "stl": lambda: Target(_stl(), mixed(of_text, of_fields)),
+    "off": lambda: Target(_off(), mixed(of_text)),
+    "glb": lambda: Target(_gltf(), mixed(of_glb)),
+    "gltf": lambda: Target(_gltf_text(), mixed(of_json, of_fields)),
+    "npz": lambda: Target(_container("npz"), mixed(of_npz)),
+    "hdf5": lambda: Target(_container("h5"), mixed(of_hdf5)),
+    "xdmf": lambda: Target(_beside("in.xdmf"), mixed(of_text, of_hdf5)),
+    "vtk": lambda: Target(_lists(), mixed(of_text)),
+    "exodus": lambda: Target(_exodus(), mixed(of_hdf5)),
+    "usd": lambda: Target(_usd(), mixed(of_text, of_fields), ends_process=True),
+    "alembic": lambda: Target(_container("abc"), mixed(of_fields), ends_process=True),
+}
