@@ -10,7 +10,7 @@ import glob
 import io
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points, fields_as_arrays
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.fields import Field
-from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.mesh.sequence import Content, MeshSequence
 from pdecodec.system.reading import FileScope
 from pdecodec.system.storage import RemoteFile
 
@@ -73,8 +74,8 @@ class Hdf5Sequence(LaidOutSequence):
 
                 self._points = sliced("points")
                 self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset", sliced)
-            if lost:
-                self.notices = (*self.notices, f"attributes not kept: {', '.join(lost)}")
+            self._contents += _containers(self._file, lost)
+            self.notices = (*self.notices, *not_kept(lost, "attributes not kept: {}"))
         except InputError:
             self._file.close()
             raise
@@ -194,6 +195,14 @@ def _attribute_names(file: Any) -> list[str]:
     names = list(file.attrs)
     file.visititems(lambda name, item: names.extend(f"{name}.{key}" for key in item.attrs))
     return [name for name in names if name.rpartition(".")[2] not in _SCALES]
+
+
+def _containers(file: Any, lost: Sequence[str]) -> Iterator[Content]:
+    """List the groups of a file, and its attributes, of which `lost` are not kept."""
+    groups: list[str] = []
+    file.visititems(lambda name, item: groups.append(name) if isinstance(item, h5py.Group) else None)
+    yield from (Content(f"/{name}", "groups", "implied") for name in groups)
+    yield from (Content(f"/{name}", "attributes", "dropped") for name in lost)
 
 
 def linked_item(file: Any, name: str, scope: FileScope) -> Any:

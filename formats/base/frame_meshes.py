@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,20 +54,20 @@ class MeshFile:
 
 
 class NotKept(str):
-    """A line that names data of a file that is not kept, and the `names`."""
+    """A line that names data of a file that is not kept, and the `names`, which the inventory lists as dropped."""
 
     __slots__ = ("names",)
     names: tuple[str, ...]
 
 
-def not_kept(names: Iterable[str]) -> tuple[str, ...]:
+def not_kept(names: Iterable[str], line: str = "not kept: {}") -> tuple[str, ...]:
     """Return the line that names data of a file that is not kept; nothing if there is none."""
     found = tuple(dict.fromkeys(names))
     if not found:
         return ()
-    line = NotKept(f"not kept: {', '.join(found)}")
-    line.names = found
-    return (line,)
+    told = NotKept(line.format(", ".join(found)))
+    told.names = found
+    return (told,)
 
 
 def joined_meshes(parts: list[MeshFile]) -> MeshFile:
@@ -158,16 +158,28 @@ class FrameChanges:
         ]
         return (*self._notices.values(), *changes)
 
-    def contents(self, first: MeshObject) -> tuple[Content, ...]:
-        """List what the files hold: positions, faces, lines and attributes of the first frame, and what is not kept."""
-        faces, lines = first.connectivity.face_count, first.connectivity.line_count
-        kept = ["positions", *["faces"] * bool(faces), *["lines"] * bool(lines), *map(kind_of, first.attributes)]
+    def contents(self, objects: Iterable[MeshObject]) -> tuple[Content, ...]:
+        """List what the files hold: what is kept of the objects of the first frame, and what of all is not kept."""
         lost = [name for line in self._notices.values() if isinstance(line, NotKept) for name in line.names]
         lost += sorted(self._absent)
+        lost += [f"changes of {kind}" for kind in sorted(self._frames.keys() - self._absent)]
         return (
-            *(Content(f"{first.name}/{kind}", kind, "coded") for kind in kept),
-            *(Content(f"{first.name}/{kind}", kind, "dropped") for kind in dict.fromkeys(lost)),
+            *(one for item in objects for one in _kept_of(item)),
+            *(Content(f"/{kind}", kind, "dropped") for kind in dict.fromkeys(lost)),
         )
+
+
+def _kept_of(item: MeshObject) -> Iterator[Content]:
+    """List positions, faces, lines, and attributes of an object, labels of attributes one by one."""
+    faces, lines = item.connectivity.face_count, item.connectivity.line_count
+    for kind in ["positions", *["faces"] * bool(faces), *["lines"] * bool(lines)]:
+        yield Content(f"/{item.name}/{kind}", kind, "coded")
+    for attribute in item.attributes:
+        if attribute.name == "object":
+            continue  # the reader lists the names of objects
+        kind = kind_of(attribute)
+        for label in attribute.labels or ("",):
+            yield Content(f"/{item.name}/{kind}/{label}".rstrip("/"), kind, "coded")
 
 
 class FrameMeshes:
@@ -264,7 +276,7 @@ def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fp
     files = find_frames(path, extension)
     meshes = FrameMeshes([[file] for file in files.paths], read)
     sequence = _sequence_of_meshes(meshes, timing_of_numbers(files.numbers, fps))
-    sequence.list_contents = lambda: meshes.changes.contents(sequence.runs[0].objects[0])
+    sequence.list_contents = lambda: meshes.changes.contents(sequence.runs[0].objects)
     return sequence
 
 

@@ -31,11 +31,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.times import timing_of_arrays
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.fields import DTYPES, Field, FieldDomain, check_fields, field_of_array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import (
+    Attribute,
+    AttributeDomain,
+    Connectivity,
+    Content,
+    Fate,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 
 PADDING_FACTOR = 4
 """``faces`` is left out if padding would make it this many times as large as the indices: one n-gon of a
@@ -51,6 +61,8 @@ _DOMAINS: Mapping[str, FieldDomain] = {
     "cell": "face",
 }
 
+_WHOLE = ("points", "faces", "times", "fps", "metadata", *_OF_FIELDS)
+
 _CONNECTIVITY = ("face_counts", "face_indices", "line_counts", "line_indices")
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -61,6 +73,7 @@ class LaidOutSequence(MeshSequence):
 
     _points: Any
     _values: Mapping[str, Any] = {}
+    _contents: list[Content]
 
     def _take(
         self,
@@ -81,7 +94,7 @@ class LaidOutSequence(MeshSequence):
             )
         if shape[1] == 0:
             raise InputError("points have no vertices; give at least one", code="no-vertices")
-        arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
+        arrays = {name: read(name) for name in names if name in _WHOLE[1:] or name.startswith("objects/")}
         self.objects = _objects_of(arrays, shape[1])
         self.metadata = _metadata_of(arrays)
         values = {} if sliced is None else {name: sliced(name) for name in names if _is_field(name)}
@@ -90,8 +103,14 @@ class LaidOutSequence(MeshSequence):
             frames = max(len(array.shape) and array.shape[0] for array in values.values())
         self.times, self.fps, notices = timing_of_arrays(arrays, frames, fps)
         lost = self._take_fields(arrays, values)
-        other = [*lost, *(name for name in names if not _is_ours(name) and not _is_field(name))]
-        self.notices = (*notices, f"{what}s not kept: {', '.join(other)}") if other else notices
+        kept = {*_WHOLE, *_names_of(self.objects), *(name for name in values if name not in lost)}
+        fates: dict[str, Fate] = {name: "coded" if name in kept else "dropped" for name in names}
+        if "faces" in fates and "objects/0/name" in fates:
+            fates["faces"] = "implied"
+        self._contents = [Content(f"/{name}", name.rpartition("/")[2], fate) for name, fate in fates.items()]
+        self.list_contents = lambda: tuple(self._contents)
+        other = [*lost, *(name for name, fate in fates.items() if fate == "dropped" and name not in lost)]
+        self.notices = (*notices, *not_kept(other, f"{what}s not kept: {{}}"))
 
     def _take_fields(self, arrays: Arrays, values: Mapping[str, Any]) -> list[str]:
         """Keep the arrays of fields, and return the names of those that have no place on this mesh."""
@@ -194,9 +213,13 @@ def _padded_faces(whole: Connectivity) -> Int32Array | None:
     return padded
 
 
-def _is_ours(name: str) -> bool:
-    """Return whether an array of this name is part of the layout."""
-    return name in ("points", "faces", "times", "fps", "metadata", *_OF_FIELDS) or name.startswith("objects/")
+def _names_of(objects: Sequence[MeshObject]) -> Iterator[str]:
+    """Yield the names that arrays of objects have in the layout, whether or not a file has all of them."""
+    for number, item in enumerate(objects):
+        yield from (f"objects/{number}/{name}" for name in ("name", "vertex_count", *_CONNECTIVITY))
+        for rank in range(len(item.attributes)):
+            for name in ("name", "domain", "values", "indices", "labels"):
+                yield f"objects/{number}/attributes/{rank}/{name}"
 
 
 def _is_field(name: str) -> bool:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError, Notice, damaged
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.base.times import (
@@ -28,7 +29,7 @@ from pdecodec.formats.base.times import (
     snapped_times,
 )
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Connectivity, Content, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 MDD_HEADER, PC2_HEADER = struct.Struct(">ii"), struct.Struct("<12siiffi")
@@ -62,8 +63,13 @@ class PointCacheSequence(MeshSequence):
             )
         times, rate, notices = timing
         self.times, self.fps = check_times(frames, times, rate)
-        more = (f"{there - needed} bytes after the last frame are not read",) if there > needed else ()
+        rest = ["bytes after the last frame"] if there > needed else []
+        more = not_kept(rest, f"{there - needed} {{}} are not read")
         self.notices = (*notices, *self._take_mesh(mesh, points), *more)
+        self.list_contents = lambda: (
+            *(Content(f"/{kind}", kind, "coded") for kind in ("times", "positions")),
+            *(Content(f"/{kind}", kind, "dropped") for kind in rest),
+        )
 
     def _take_mesh(self, mesh: Mesh, points: int) -> tuple[str, ...]:
         """Take objects and metadata from the mesh; return notices about it."""

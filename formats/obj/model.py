@@ -16,12 +16,12 @@ from itertools import pairwise
 import numpy as np
 
 from pdecodec._core import ObjScan
-from pdecodec.formats.base.frame_meshes import is_same_attribute
+from pdecodec.formats.base.frame_meshes import is_same_attribute, not_kept
 from pdecodec.formats.base.normals import normal_group, read_normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
 from pdecodec.formats.obj.text import ObjText
 from pdecodec.mesh.arrays import Int32Array
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
+from pdecodec.mesh.sequence import Attribute, Connectivity, Content, MeshObject
 
 GEOMETRY_NOT_READ = frozenset({"curv", "curv2", "surf", "fo", "bzp", "bsp", "cdc", "cdp", "res", "call", "csh"})
 """Statements that carry geometry: a file read without them would be another model, so they are refused."""
@@ -115,6 +115,7 @@ class ObjModel:
                     libraries[argument] = None
                 case _:
                     left_out[word] = None
+        self._libraries = tuple(libraries)
         if libraries:
             self.metadata["mtllib"] = " ".join(libraries)
         marks.append((None, scan.vertex_count, scan.element_sizes.size))
@@ -136,7 +137,9 @@ class ObjModel:
         counts = Counter(part.name or DEFAULT_NAME for part in named)
         several = [repr(name) for name, count in counts.items() if count > 1]
         merged = (f"several objects are called {', '.join(several)}: the file is one object",) if several else ()
-        self.notices = merged + self._notices(left_out)
+        comments = ("#MRGB",) if b"\n#MRGB" in text.data else ()  # ZBrush's colours, which other programs skip
+        self.notices = merged + self._notices(left_out) + not_kept(comments, "colours in comments ({}) are not kept")
+        self._has_comments = b"#" in text.data
 
     @cached_property
     def objects(self) -> tuple[MeshObject, ...]:
@@ -144,6 +147,15 @@ class ObjModel:
         if self._is_separate:
             return tuple(self._build(part, alone=len(self._parts) == 1) for part in self._parts)
         return (self._build_whole(self._parts, self._whole.vertices),)
+
+    def contents(self) -> Iterator[Content]:
+        """List what the file has besides the data of its objects: their names, libraries of materials, comments."""
+        for name in self._labels["object"]:
+            yield Content(f"/{name}", "objects", "coded")
+        for library in self._libraries:
+            yield Content(f"/mtllib {library}", "mtllib", "coded")
+        if self._has_comments:
+            yield Content("/comments", "comments", "implied")
 
     def changes_to(self, other: ObjModel) -> Iterator[tuple[str, bool]]:
         """Yield what differs in a file of the same connectivity, and whether this file has it at all."""
@@ -279,11 +291,9 @@ class ObjModel:
             if count and not (scan.corners[:, column] >= 0).any():
                 left_out = {word: None, **dict.fromkeys(left_out)}
         if (scan.vertex_sizes == 4).any():
-            notices.append("the weight of vertices (the fourth number of v) is not kept")
+            notices += not_kept(["weights of v"], "the weight of vertices (the fourth number of v) is not kept")
         if (scan.corners[np.repeat(lines, scan.element_sizes), 1] >= 0).any():
-            notices.append("texture vertices of lines (l v/vt) are not kept")
+            notices += not_kept(["vt of l"], "texture vertices of lines (l v/vt) are not kept")
         if any((self._states[name][lines] >= 0).any() for name in ("group", "material")):
-            notices.append("groups and materials of lines and points are not kept")
-        if left_out:
-            notices.append(f"statements not kept: {', '.join(left_out)}")
-        return tuple(notices)
+            notices += not_kept(["g and usemtl of l and p"], "groups and materials of lines and points are not kept")
+        return (*notices, *not_kept(left_out, "statements not kept: {}"))

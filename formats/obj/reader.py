@@ -35,7 +35,7 @@ from pdecodec.formats.obj.text import (
 )
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
-from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Content, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 MAX_THREADS = 8
@@ -83,7 +83,9 @@ def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None
     frames = _ObjFrames(files.paths, threads)
     starts, (times, rate, notices) = frames.run_starts(), timing
     told = (*notices, *frames.changes.notices(len(starts)))
-    return runs_of_frames(starts, (times, rate, told), lambda first, own: ObjSequence(frames, first, own))
+    sequence = runs_of_frames(starts, (times, rate, told), lambda first, own: ObjSequence(frames, first, own))
+    sequence.list_contents = lambda: frames.contents(sequence.runs[0])
+    return sequence
 
 
 class _ObjFrames:
@@ -131,6 +133,11 @@ class _ObjFrames:
                 at_once = min(2 * at_once, 2 * self.threads)
         return starts
 
+    def contents(self, run: MeshSequence) -> tuple[Content, ...]:
+        """List what the files hold, for a sequence or its first run."""
+        assert isinstance(run, ObjSequence)
+        return (*run.model.contents(), *self.changes.contents(run.objects))
+
     def structure(self, first: int) -> _Structure:
         """Return the structure of the run that begins with a frame; that of the first run is cached."""
         return self._opened.get(first) or _Structure(read_text(self.paths[first], first))
@@ -168,9 +175,9 @@ class ObjSequence(MeshSequence):
     def __init__(self, frames: _ObjFrames, first: int, timing: Timing) -> None:
         self._frames, self._first = frames, first
         self._structure = frames.structure(first)
-        model = self._structure.model
+        self.model = self._structure.model
         self.times, self.fps, self.notices = timing
-        self.objects, self.metadata = model.objects, model.metadata
+        self.objects, self.metadata = self.model.objects, self.model.metadata
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

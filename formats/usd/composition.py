@@ -11,7 +11,7 @@ from typing import Any
 
 from pxr import Pcp, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 
-from pdecodec.errors import InputError, damaged
+from pdecodec.errors import InputError, PdecodecError, damaged
 from pdecodec.formats.base.scene_reading import Refusals, listed
 
 PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: (?:parse error matching \S+ (?P<place>at .*)|(?P<what>.*))")
@@ -49,6 +49,12 @@ def stage_errors(path: Path) -> Iterator[None]:
             lines = ["its text is not UTF-8"]
         reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
         raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
+    except PdecodecError:
+        raise
+    except (TypeError, ValueError) as error:
+        # A stage may declare attributes of a schema with types of its own, even with types that USD does not know.
+        reason = str(error).splitlines()[0]
+        raise damaged(f"has values of other types than their schemas ({reason}); export it again", path=path) from error
     finally:
         del warnings
 

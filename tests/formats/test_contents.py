@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import base64
 import json
+import struct
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,7 +118,132 @@ def ply(folder: Path) -> tuple[Path, Counter[str]]:
     return folder / "x.#.ply", Counter(("positions", "faces", "vertex colours", "heat", "late", "face flags"))
 
 
+def obj(folder: Path) -> tuple[Path, Counter[str]]:
+    """Frames with names, colours and what has no place, and how often their text has each kind of statement."""
+    text = """# by hand
+#MRGB ffff0000
+mtllib a.mtl
+mtllib my b.mtl
+o seat
+v 0 0 0 1 0 0
+v 1 0 0 0 1 0
+v 0 1 0 0 0 1
+vp 1 2
+vt 0 0
+vt 1 0
+vt 1 1
+vn 0 0 1
+g legs
+usemtl oak
+s 1
+f 1/1/1 2/2/1 3/3/1
+usemtl pine
+g back
+f 1/1/1 3/3/1 2/2/1
+o wire
+v 0 0 1
+v 0 0 2
+l 4/1 5/2
+lod 3
+"""
+    frames = [text, text.replace("1 0 0\nv", "1 1 0\nv").replace("v 0 0 1\n", "v 0 0 1\n# later\n")]
+    for number, frame in enumerate(frames):
+        (folder / f"x.{number}.obj").write_text(frame)
+    # One entry for the numbers of an object, one for each name.
+    lines = [line.split(maxsplit=1) for line in text.splitlines()]
+    first = Counter(dict.fromkeys((word for word, _ in lines), 1))
+    names = Counter(word for word, _ in {(word, tuple(rest.split())) for word, rest in lines})
+    listed = {
+        "objects": names["o"],
+        "mtllib": names["mtllib"],
+        "groups": names["g"],
+        "materials": names["usemtl"],
+        "smoothing groups": names["s"],
+        "positions": names["o"],  # both have their own
+        "faces": first["f"],
+        "lines": first["l"],
+        "UVs": first["vt"],
+        "hard edges": first["vn"],
+        "vertex colours": 1,
+        "changes of vertex colours": 1,
+        "comments": first["#"],
+        "#MRGB": first["#MRGB"],
+        "vp": first["vp"],
+        "lod": first["lod"],
+        "vt of l": 1,
+        "g and usemtl of l and p": 1,
+    }
+    return folder / "x.#.obj", Counter(listed)
+
+
+ARRAYS = {
+    **{"points": np.zeros((2, 3, 3), np.float32), "faces": np.array([[0, 1, 2]]), "times": np.array([0, 0.5])},
+    **{"objects/0/name": "tri", "objects/0/vertex_count": 3, "objects/0/face_counts": [3]},
+    **{"objects/0/face_indices": [0, 1, 2], "objects/0/line_counts": [], "objects/0/line_indices": []},
+    **{
+        "field_warm": np.zeros((2, 3)),
+        "field_odd": np.zeros((2, 7)),
+        "run/7/heat": 5,
+        "objects/0/colour of the year": 1,
+        "objects/2/name": "lost",
+    },
+}
+
+
+def npz(folder: Path) -> tuple[Path, Counter[str]]:
+    """An archive with arrays of the layout and others, also under the layout's names, and NumPy's list of it."""
+    typed = {name: np.array(value, None if np.size(value) else np.int32) for name, value in ARRAYS.items()}
+    np.savez(folder / "x.npz", **typed)
+    with np.load(folder / "x.npz") as archive:
+        return folder / "x.npz", Counter(name.rpartition("/")[2] for name in archive.files)
+
+
+def hdf5(folder: Path) -> tuple[Path, Counter[str]]:
+    """A file of the same datasets, groups and attributes, and h5py's list of it."""
+    import h5py
+
+    listed: Counter[str] = Counter()
+
+    def count(name: str, item: Any) -> None:
+        listed["groups" if isinstance(item, h5py.Group) else name.rpartition("/")[2]] += 1
+        listed["attributes"] += len(item.attrs)
+
+    with h5py.File(folder / "x.h5", "w") as file:
+        for name, value in ARRAYS.items():
+            file[name] = np.array(value, None if np.size(value) else np.int32) if name[-4:] != "name" else value
+        file.create_group("empty")
+        file["run/7"].attrs["solver"] = file["field_odd"].attrs["unit"] = "K"
+        file.visititems(count)
+    return folder / "x.h5", listed
+
+
+def mdd(folder: Path) -> tuple[Path, Counter[str]]:
+    """A cache of one frame of one point, and bytes after it."""
+    (folder / "x.mdd").write_bytes(struct.pack(">iif3f", 1, 1, 0.5, 1, 2, 3) + b"more")
+    return folder / "x.mdd", Counter(("times", "positions", "bytes after the last frame"))
+
+
+def pc2(folder: Path) -> tuple[Path, Counter[str]]:
+    """A cache of two frames of one point."""
+    (folder / "x.pc2").write_bytes(b"POINTCACHE2\0" + struct.pack("<iiffi6f", 1, 1, 0, 1, 2, *range(6)))
+    return folder / "x.pc2", Counter(("times", "positions"))
+
+
+LAYOUT = {
+    "coded": ("points", "times", "name", "face_counts", "field_warm"),
+    "implied": ("faces",),
+    "dropped": ("heat", "field_odd", "name", "colour of the year"),
+}
 EXPECTED = {
+    npz: LAYOUT,
+    hdf5: {**LAYOUT, "implied": ("faces", "groups"), "dropped": (*LAYOUT["dropped"], "attributes")},
+    mdd: {"coded": ("times", "positions"), "dropped": ("bytes after the last frame",)},
+    pc2: {"coded": ("times", "positions"), "dropped": ()},
+    obj: {
+        "coded": ("positions", "groups", "materials", "mtllib", "objects", "vertex colours"),
+        "implied": ("comments",),
+        "dropped": ("vp", "lod", "#MRGB", "vt of l", "changes of vertex colours"),
+    },
     ply: {"coded": ("positions", "faces", "vertex colours"), "dropped": ("heat", "late", "face flags")},
     alembic: {"coded": ("P", ".faces", "visible"), "dropped": ("studio", "width"), "implied": (".selfBnds",)},
     usd: {
@@ -140,7 +267,7 @@ EXPECTED = {
 def test_info_counts_what_a_file_holds_by_what_becomes_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Callable[[Path], tuple[Path, Counter[str]]]
 ) -> None:
-    needed({alembic: "abc", usd: "usda", gltf: "gltf", ply: "ply"}[make])
+    needed({alembic: "abc", usd: "usda", gltf: "gltf"}.get(make, make.__name__))
     path, listed = make(tmp_path)
     shown = []
     for options in ([], ["--isolate"]):

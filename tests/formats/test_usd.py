@@ -494,3 +494,30 @@ def test_usd_of_a_real_tool_comes_back(shared_data: Path, tmp_path: Path) -> Non
         assert broken_rules(tmp_path / "x.usdc") == []
         with open_sequence(tmp_path / "x.usdc") as again:
             assert_same_scene(again, read)
+
+
+@pytest.mark.parametrize(
+    ("declared", "other"),
+    [
+        ("point3f[] points", "foo[] points"),
+        ("int[] faceVertexCounts", "foo[] faceVertexCounts"),
+        ("int[] indices", "foo[] indices"),
+        ("int[] protoIndices", "foo[] protoIndices"),
+    ],
+)
+def test_an_attribute_of_another_type_than_its_schema_is_refused(tmp_path: Path, declared: str, other: str) -> None:
+    text = (
+        '#usda 1.0\ndef Mesh "m" {\n    int[] faceVertexCounts = [3]\n    int[] faceVertexIndices = [0, 1, 2]\n'
+        '    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n    def GeomSubset "s" {\n'
+        '        uniform token elementType = "face"\n        int[] indices = [0]\n    }\n}\n'
+        'def PointInstancer "p" {\n    rel prototypes = </m>\n    int[] protoIndices = [0]\n'
+        "    point3f[] positions = [(0, 0, 0)]\n}\n"
+    )
+    path = tmp_path / "x.usda"
+    path.write_text(text)
+    with open_sequence(path) as sound:
+        assert sound.vertex_count == 6
+    path.write_text(text.replace(declared, other))
+    with pytest.raises(InputError, match="has values of other types than their schemas") as caught:
+        open_sequence(path)
+    assert caught.value.code == "damaged-input"

@@ -164,8 +164,9 @@ def _keep(name: str, number: int, place: str, text: str) -> None:
 def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int]]:
     """Fuzz one reader; return how many files were opened, how many crashed a library, and the findings."""
     deadline, number, found, runs, crashes = time.monotonic() + seconds, first, dict[str, int](), 0, 0
-    # Not by fork: threads that a library has started here would not go on in the new process.
-    context = multiprocessing.get_context("spawn")
+    # Not by fork: threads that a library has started here do not run in the new process.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__ if __name__ != "__main__" else "tests.slow.fuzz.readers"])
 
     def note(place: str, text: str) -> None:
         found[place] = found.get(place, 0) + 1
