@@ -209,9 +209,16 @@ def print_alternatives(questions: Sequence[Question]) -> None:
 
 
 def say_alternatives(questions: Sequence[Question]) -> None:
-    """Print :func:`alternatives_in_rows` on standard error."""
-    for what, taken, others in alternatives_in_rows(questions):
-        say(f"{what}: {taken} bytes; instead of {others}")
+    """Print each decision of the encoder in a line on standard error."""
+    if questions:
+        say("choices of the encoder, and the bytes that each would take with all else as it was then:")
+    for question in questions:
+        taken = " and ".join(f"{item.way} ({item.size:,} bytes)" for item in question.ways if item.chosen)
+        *others, last = [f"{item.way} ({item.size:,})" for item in question.ways if not item.chosen] or [
+            "anything else"
+        ]
+        refused = f"{', '.join(others)} or {last}" if others else last
+        say(f"  {question.what}, {counted(question.frames, 'frame')}: {taken}, not {refused}")
 
 
 @contextmanager
