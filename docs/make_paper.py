@@ -37,7 +37,7 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
         record = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         for key, figure in record["figures"].items():
             # Values of charts alone are many, and are made again by the command.
-            if len(figure["rows"]) > MOST_ROWS:
+            if len(figure["rows"]) > MAX_ROWS:
                 del record["figures"][key]["columns"], record["figures"][key]["rows"]
         (target / name).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         for chart in charts:
@@ -52,7 +52,7 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
             picture.unlink()
 
 
-MOST_ROWS = 20
+MAX_ROWS = 20
 """Rows of a table that is kept in JSON."""
 
 

@@ -34,7 +34,7 @@ from pdecodec.formats.base.attribute_roles import (
     source_name,
     uv_sets,
 )
-from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unique_name, write_parameters
+from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, unique_name, write_parameters
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 
@@ -92,7 +92,7 @@ class ExtrasWriter:
         self._members: dict[tuple[str, str], NDArray[np.integer]] = {}
         self._frames = 0
 
-    def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str]) -> list[str]:
+    def write(self, item: MeshObject, drawn: ShapeForm, written: Sequence[str]) -> list[str]:
         """Write a sample of all attributes of an object except those named `written`; return notices about what
         was lost.
         """
@@ -151,7 +151,7 @@ class ExtrasWriter:
         for key, face_set in self._face_sets.items():
             _set_faces(face_set, self._members[key])
 
-    def _put_parameter(self, item: MeshObject, drawn: Drawn, notices: list[str], one: Parameter) -> bool:
+    def _put_parameter(self, item: MeshObject, drawn: ShapeForm, notices: list[str], one: Parameter) -> bool:
         """Write an attribute as a parameter; return whether Alembic has a type for it."""
         attribute, values, indices = one.attribute, one.values, one.indices
         name, kind, domain = attribute.name, _KINDS.get(one.kind), attribute.domain

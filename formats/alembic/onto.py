@@ -21,9 +21,9 @@ from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_nump
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, archive_file, time_sampling
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import normal_rows
-from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
+from pdecodec.formats.base.onto import Fitted, ShapeOver, ShapePlacement, corner_order, write_over
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.scene_writing import drawn_as
+from pdecodec.formats.base.scene_writing import find_shape_form
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import ReservedRoom
@@ -138,7 +138,7 @@ class _Copy:
             shape = self._original.shapes[fit.index]
             # No reference cycle may include the archive: it is complete once it is closed, which happens when it is
             # released.
-            placed = Placed(partial(self._original.shape_matrices, shape), self._sequence.times, fit.item.name)
+            placed = ShapePlacement(partial(self._original.shape_matrices, shape), self._sequence.times, fit.item.name)
             item = self._original.objects[fit.index]
             self._shapes.append(_ShapeOver(new, old, there, fit.own, item, placed, self._sampling, self._output))
 
@@ -166,13 +166,16 @@ class _ShapeOver(ShapeOver):
         headers: Mapping[str, Any],
         own: slice,
         item: MeshObject,
-        placed: Placed,
+        placed: ShapePlacement,
         sampling: int,
         output: Output,
     ) -> None:
         rows = normal_rows(item) if _NORMALS in headers and item.connectivity.face_count else None
         super().__init__(
-            own, placed, rows, None if drawn_as(item.connectivity).gather is None else item.connectivity.line_indices
+            own,
+            placed,
+            rows,
+            None if find_shape_form(item.connectivity).gather is None else item.connectivity.line_indices,
         )
         position = headers[_POSITIONS]
         self._points = Abc.OArrayProperty(new, _POSITIONS, position.getDataType(), position.getMetaData(), sampling)

@@ -244,7 +244,7 @@ def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> Int
     return reversed_corners(connectivity.face_counts)
 
 
-class Placed:
+class ShapePlacement:
     """Placement of a shape of the original in the scene, to bring data of the scene into the shape's own space.
 
     Parameters
@@ -263,7 +263,7 @@ class Placed:
         self._slopes: Float64Array | None = None
 
     @property
-    def stands(self) -> bool:
+    def is_constant(self) -> bool:
         """Whether its transform is the same at every frame."""
         return bool((self.matrices == self.matrices[:1]).all())
 
@@ -280,7 +280,7 @@ class Placed:
         """
         if self._is_identity:
             return scene
-        matrices = self.matrices[:1] if self.stands else self.matrices[start : start + len(scene)]
+        matrices = self.matrices[:1] if self.is_constant else self.matrices[start : start + len(scene)]
         turns, moves = matrices[:, :3, :3], matrices[:, None, 3, :3]
         own: Float32Array = ((scene - moves) @ np.linalg.pinv(turns)).astype(np.float32)
         off = np.abs(own @ turns + moves - scene).max(axis=(1, 2), initial=0)
@@ -327,14 +327,14 @@ class ShapeOver(ABC):
     ----------
     own : slice
         The shape's vertices in the sequence.
-    placed : Placed
+    placed : ShapePlacement
     rows : NormalRows or None
         Rows of its normals, if it has any.
     gather : (points,) int32 or None
         Vertex of each point of its curves, unless these are all vertices in order.
     """
 
-    def __init__(self, own: slice, placed: Placed, rows: NormalRows | None, gather: Int32Array | None) -> None:
+    def __init__(self, own: slice, placed: ShapePlacement, rows: NormalRows | None, gather: Int32Array | None) -> None:
         self._own, self._placed, self._rows, self._gather = own, placed, rows, gather
 
     def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:

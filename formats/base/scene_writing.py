@@ -110,7 +110,7 @@ Kind = Literal["mesh", "curves", "points"]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ShapeForm:
     """What an object is in formats where meshes, curves and points are separate.
 
     Attributes
@@ -128,17 +128,17 @@ class Drawn:
     hidden_lines: bool = False
 
 
-def drawn_as(connectivity: Connectivity) -> Drawn:
+def find_shape_form(connectivity: Connectivity) -> ShapeForm:
     """Return what an object of this connectivity is drawn as."""
     if connectivity.face_count:
-        return Drawn("mesh", hidden_lines=connectivity.line_count > 0)
+        return ShapeForm("mesh", hidden_lines=connectivity.line_count > 0)
     if not connectivity.line_count:
-        return Drawn("points")
+        return ShapeForm("points")
     indices = connectivity.line_indices
     if connectivity.line_counts.min() < 2 or np.unique(indices).size < connectivity.vertex_count:
-        return Drawn("points", hidden_lines=True)
+        return ShapeForm("points", hidden_lines=True)
     in_order = np.array_equal(indices, np.arange(connectivity.vertex_count))
-    return Drawn("curves", gather=None if in_order else indices)
+    return ShapeForm("curves", gather=None if in_order else indices)
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _keys_of(objects: Sequence[MeshObject]) -> list[ShapeKey]:
     keys = []
     for item in objects:
         subdivision, basis, wrap = (label_of(item, name) for name in (SUBDIVISION, CURVE_BASIS, CURVE_WRAP))
-        first = ShapeKey(item.name, 0, drawn_as(item.connectivity).kind, subdivision, basis, wrap)
+        first = ShapeKey(item.name, 0, find_shape_form(item.connectivity).kind, subdivision, basis, wrap)
         keys.append(dataclasses.replace(first, number=counts[first]))
         counts[first] += 1
     return keys
@@ -203,7 +203,7 @@ class ShapeWriter(ABC):
     ----------
     item : MeshObject
         The object in this run; one without vertices if the run does not have it.
-    drawn : Drawn
+    drawn : ShapeForm
     normals : NormalRows or None
     in_samples : list of str
         Names of attributes that samples hold.
@@ -217,7 +217,7 @@ class ShapeWriter(ABC):
     def begin(self, item: MeshObject, times: Float64Array) -> None:
         """Begin a run of frames at times [s], in which the shape is this object."""
         self.item = item
-        self.drawn = drawn_as(item.connectivity) if item.vertex_count else Drawn(self.key.kind)
+        self.drawn = find_shape_form(item.connectivity) if item.vertex_count else ShapeForm(self.key.kind)
         # A subdivision surface has only the normals that follow from it.
         self.normals = None if self.key.subdivision else normal_rows(item)
         self.in_samples = [] if self.normals is None else [NORMAL_GROUP]
@@ -322,7 +322,7 @@ class Parameter:
 
 def write_parameters(
     item: MeshObject,
-    drawn: Drawn,
+    drawn: ShapeForm,
     title: str,
     put: Callable[[Parameter], bool],
     written: Sequence[str],
@@ -333,7 +333,7 @@ def write_parameters(
     Parameters
     ----------
     item : MeshObject
-    drawn : Drawn
+    drawn : ShapeForm
     title : str
         Title of the format.
     put : callable

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.formats.base.normals import NormalRows
-from pdecodec.formats.base.onto import Fitted, Placed
+from pdecodec.formats.base.onto import Fitted, ShapePlacement
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import mirrors
@@ -128,10 +128,10 @@ class _Onto(GltfScene):
             part, item = self._original.shapes[one.index], one.item
             points, thirds = frames[:, one.own], None if between is None else between[:, one.own]
             where = partial(_worlds, self._original.nodes, part.node)
-            placed = Placed(where, self._sequence.times, item.name)
+            placed = ShapePlacement(where, self._sequence.times, item.name)
             turns = rigid_keys(points, _blocks(thirds)) if item.connectivity.face_count else None
             entry, place = nodes[part.node], {}
-            stays = turns is None and part.instance is None and placed.stands
+            stays = turns is None and part.instance is None and placed.is_constant
             if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTENING_CONDITION:
                 points, thirds = placed.points(points, 0), None if thirds is None else placed.points(thirds, 0)
             else:

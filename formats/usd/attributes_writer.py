@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade, Vt
 
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_sets, is_by_vertex, source_name
-from pdecodec.formats.base.scene_writing import Drawn, Parameter, named_face_sets, unique_name, write_parameters
+from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, unique_name, write_parameters
 from pdecodec.formats.usd.metadata import NAME, OWN, valid_name
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
@@ -70,7 +70,7 @@ class ExtrasWriter:
         self._overlapping: set[str] = set()
         self._first: Any = None
 
-    def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str], at: Sequence[Any]) -> list[str]:
+    def write(self, item: MeshObject, drawn: ShapeForm, written: Sequence[str], at: Sequence[Any]) -> list[str]:
         """Write the attributes of a run of frames, except those named in `written`; return notices about what cannot be
         stored.
 
@@ -147,7 +147,7 @@ class ExtrasWriter:
             UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(_material(self._prim.GetStage(), label))
         return subset
 
-    def _write_own(self, connectivity: Connectivity, drawn: Drawn, at: Any) -> None:
+    def _write_own(self, connectivity: Connectivity, drawn: ShapeForm, at: Any) -> None:
         """Write what USD's shapes cannot hold as attributes in pdecodec's namespace."""
         arrays = {name: np.zeros(0, np.int32) for name in self._own}
         if drawn.gather is not None:

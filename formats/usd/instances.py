@@ -13,7 +13,7 @@ from pdecodec.errors import damaged
 from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES
 from pdecodec.mesh.arrays import BoolArray, Float64Array, Int64Array
 
-MOST_KEPT = 2**28
+MAX_KEPT_BYTES = 2**28
 """Bytes of transforms that are cached."""
 
 
@@ -64,7 +64,7 @@ class Instancer:
         """Return each instance's transform, including its prototype's own: (instances, 4, 4)."""
         key = code.GetValue()
         if key not in self._kept:
-            if len(self._kept) * self.prototypes.size * 128 > MOST_KEPT:
+            if len(self._kept) * self.prototypes.size * 128 > MAX_KEPT_BYTES:
                 self._kept.clear()
             include, ignore = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
             found = self.arrays.ComputeInstanceTransformsAtTime(code, code, include, ignore)

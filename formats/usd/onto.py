@@ -18,7 +18,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.normals import NormalRows, normal_rows
-from pdecodec.formats.base.onto import Fitted, Placed, ShapeOver, corner_order, write_over
+from pdecodec.formats.base.onto import Fitted, ShapeOver, ShapePlacement, corner_order, write_over
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import NORMALS
@@ -194,7 +194,7 @@ class _PrimOver(ShapeOver):
         geometry = UsdGeom.PointBased(prim)
         rows = normal_rows(item) if item.connectivity.face_count else None
         rows = rows if is_implicit or _has_normals(geometry) else None
-        placed = Placed(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
+        placed = ShapePlacement(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
         super().__init__(fit.own, placed, rows, None if shape.gather is None else item.connectivity.line_indices)
         if shape.skinning is not None:
             _let_go(prim)

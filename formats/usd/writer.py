@@ -55,7 +55,7 @@ ROOT = "scene"
 USD_METRES = 0.01
 """Length of a unit [m] if a stage does not state it, by USD's rule."""
 
-MOST_STREAMED = 2_000_000_000
+MAX_STREAMED_BYTES = 2_000_000_000
 """Bytes of a layer beyond which Python's archives have 64-bit sizes, which USD does not read."""
 
 ZIP_HEADER_BYTES, PACKAGE_ALIGNMENT = 34, 64
@@ -107,7 +107,7 @@ def layer_file(folder: Path, path: Path) -> Path:
 def packed(file: Path, path: Path, *, alone: bool = False) -> Path:
     """Make the package of a layer, next to it, named like `path`; `alone` if the layer refers to no other file."""
     package = file.with_name(path.name)
-    if alone and file.stat().st_size < MOST_STREAMED:
+    if alone and file.stat().st_size < MAX_STREAMED_BYTES:
         _stream_package(file, package)
         return package
     # USD does not report that it could not write the end of the package.

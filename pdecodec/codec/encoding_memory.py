@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
-from pdecodec.codec.sections.space_basis import MOST_FUNCTIONS
+from pdecodec.codec.sections.space_basis import MAX_FUNCTIONS
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 
@@ -137,7 +137,7 @@ def memory_plan(vertices: int, frames: int, settings: EncodeSettings) -> MemoryP
 
 
 def _functions(size: int, vertices: int) -> int:
-    return min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, size // (8 * vertices)))
+    return min(MAX_FUNCTIONS, max(FEWEST_FUNCTIONS, size // (8 * vertices)))
 
 
 def encoding_bytes(frames: int, vertices: int, settings: EncodeSettings) -> int:

@@ -1,7 +1,7 @@
 """Rate control: search the tolerance whose file has a given size, mean error or error of normals.
 
 Every step of the search is a whole encode, since nothing short of it tells the size of a file;
-:data:`MOST_ENCODES` of them at most.
+:data:`MAX_ENCODES` of them at most.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ long before it."""
 COARSEST = 1.0
 """Coarsest tolerance tried: vertices may be anywhere in the scene."""
 
-MOST_ENCODES = 10
+MAX_ENCODES = 10
 """Encodes at most: six to bracket the limit from anywhere in the range, four to close in on it."""
 
 CLOSE = 0.01
@@ -176,7 +176,7 @@ def search_tolerance(
     coarsest: float = COARSEST,
     close: float = CLOSE,
 ) -> Outcome | None:
-    """The outcome nearest to a limit among those that keep it, in :data:`MOST_ENCODES` measurements at most.
+    """The outcome nearest to a limit among those that keep it, in :data:`MAX_ENCODES` measurements at most.
 
     Brackets the limit in growing strides, then interpolates on logarithmic scales, where size and error are
     nearly straight lines over the tolerance, and bisects where that narrows too little.
@@ -208,7 +208,7 @@ def search_tolerance(
     fine: tuple[float, float] | None = None
     coarse: tuple[float, float] | None = None
     last_width = math.inf
-    for _ in range(MOST_ENCODES):
+    for _ in range(MAX_ENCODES):
         outcome, share = measure(float(f"{math.exp(at):.4g}"))
         excess = math.log(max(share, SMALLEST_VALUE))
         if excess <= 0.0:

@@ -29,7 +29,7 @@ Quantised = TypeVar("Quantised")
 Encoder = Callable[[float], bytes]
 """From a length [scene units] to bytes; a larger length gives fewer bytes and a larger error."""
 
-MOST_BITS = 52
+MAX_BITS = 52
 """Largest number of bits of a rounded number; more are finer than float64."""
 
 
@@ -162,9 +162,9 @@ def rounded(values: Float64Array, step: float) -> Int64Array:
     Raises
     ------
     UnreachableError
-        If one would have more than :data:`MOST_BITS` bits.
+        If one would have more than :data:`MAX_BITS` bits.
     """
     largest = float(np.abs(values).max(initial=0.0))
-    if largest >= 2.0**MOST_BITS * step:
-        raise UnreachableError(f"steps of {step:.3g} for numbers up to {largest:.3g} are more than {MOST_BITS} bits")
+    if largest >= 2.0**MAX_BITS * step:
+        raise UnreachableError(f"steps of {step:.3g} for numbers up to {largest:.3g} are more than {MAX_BITS} bits")
     return np.rint(values / step).astype(np.int64)

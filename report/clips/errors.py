@@ -31,7 +31,7 @@ MAX_DRAWN_FACES = 60_000
 minutes.
 """
 
-LEAST_RADIUS, MOST_RADIUS, DISC_AREA = 0.5, 5.0, 17_000.0
+MIN_RADIUS, MAX_RADIUS, DISC_AREA = 0.5, 5.0, 17_000.0
 """Smallest and largest radius of a vertex's disc [pixels], and the area over pi that all discs cover together."""
 
 AMBIENT = 0.75
@@ -180,7 +180,7 @@ def _draw(view: View, seen: Float64Array, connectivity: Connectivity, shares: Fl
         view.segments(seen[ends], heat_colours(shares[ends].max(axis=1)))
     if not connectivity.line_count and not has_faces:
         order = np.argsort(seen[:, 2], kind="stable")
-        radius = min(max(LEAST_RADIUS, (DISC_AREA / len(seen)) ** 0.5), MOST_RADIUS)
+        radius = min(max(MIN_RADIUS, (DISC_AREA / len(seen)) ** 0.5), MAX_RADIUS)
         view.discs(seen[order], heat_colours(shares[order]), radius)
 
 

@@ -21,7 +21,7 @@ ALPHA, R = 2.0, 2.0
 TIME_FUNCTIONS, SPACE_FUNCTIONS = 4, 8
 """Number of functions of t, Eq. 12, and of u, Eqs. 14 and 16."""
 
-MOST_TERMS = 40
+MAX_TERMS = 40
 """Largest number of power series terms, enough for |rate x| up to 60; the sum ends once a term is below rounding."""
 
 SOLVES_EQ_10: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
@@ -91,11 +91,11 @@ def series_functions(x: ArrayLike, rate: float, count: int) -> Float64Array:
 def _series_terms(largest: float, count: int) -> int:
     """Return how many terms beyond the first exceed rounding; `largest` is the greatest power."""
     term = 1.0
-    for k in range(1, MOST_TERMS):
+    for k in range(1, MAX_TERMS):
         term *= largest / math.prod(range(count * (k - 1) + 1, count * k + 1))
         if term < np.finfo(np.float64).eps:
             return k - 1
-    return MOST_TERMS
+    return MAX_TERMS
 
 
 def unit_basis(x: ArrayLike, rate: float, count: int) -> Float64Array:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from spec.decoder.fields import LARGEST_REAL, Fields, require
 
 PATCH, CURVE = 0, 1
-MOST_POINTS = (256, 65535)
-MOST_FUNCTIONS, MOST_FRAMES = 128, 4096
+MAX_POINTS = (256, 65535)
+MAX_FUNCTIONS, MAX_FRAMES = 128, 4096
 TRAJECTORIES, SHAPES, COSINES, CLOSED_FORM = 0, 1, 2, 3
 PRECISE = 4
 LARGEST_RATE = 12.0
@@ -37,8 +37,8 @@ def read_model(data: bytes) -> Model:
     points, functions, threshold = fields.count(), fields.u8(), fields.u8()
     rate, affine = (fields.f64(), fields.u8()) if kind == CURVE else (0.0, 1)
     require(0 <= rate <= LARGEST_RATE and affine < 2, "a rate or a kind of pieces out of range")
-    require(1 <= points <= MOST_POINTS[kind], "a size of patches out of range")
-    require(1 <= functions <= MOST_FUNCTIONS and threshold < 8, "a number of functions out of range")
+    require(1 <= points <= MAX_POINTS[kind], "a size of patches out of range")
+    require(1 <= functions <= MAX_FUNCTIONS and threshold < 8, "a number of functions out of range")
     step = fields.f64()
     require(0 < step <= LARGEST_REAL, "a step out of range")
     return Model(kind, points, functions, threshold, rate, affine == 1, step, fields.rest())
@@ -82,7 +82,7 @@ def read_group(fields: Fields, sources: list[Fields]) -> Group:
     """Read one row of GRUP, and its chunks from `sources`."""
     frames, functions, kind = fields.count(), fields.count(), fields.u8()
     basis = kind & ~PRECISE
-    require(1 <= frames <= MOST_FRAMES, "a group of no frames, or too many")
+    require(1 <= frames <= MAX_FRAMES, "a group of no frames, or too many")
     require(basis <= CLOSED_FORM, "an unknown kind of group")
     step = fields.f64()
     is_stored = basis in (TRAJECTORIES, SHAPES)

@@ -13,12 +13,12 @@ from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
 WELDED, MATCHED, SMOOTHED = 1, 2, 4
 GRID_BITS = 40
-MOST_CORNERS = MOST_FOLLOWED = 16
+MAX_CORNERS = MAX_FOLLOWED = 16
 LARGEST_MISS = 2**30
 LARGEST_TURNED = 2**32
 KINDS = 9
 TERMS = 4
-MOST_GRADE = 47
+MAX_GRADE = 47
 CLASS_SIZES = (16, 32, 48, 64, 96, 160)
 
 Vector = NDArray[np.int64]
@@ -66,7 +66,7 @@ def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
         return [around.after, around.before] if mesh.before_counts(corner) else [around.after]
 
     neighbours = [
-        [v for corner in corners[:MOST_CORNERS] for v in counted_neighbours(corner) if v != NONE]
+        [v for corner in corners[:MAX_CORNERS] for v in counted_neighbours(corner) if v != NONE]
         for corners in mesh.corners
     ]
 
@@ -154,7 +154,7 @@ class WeldReader:
 
     def _latest(self, point: int) -> list[int]:
         """List the corners entered last at a point, latest first."""
-        return self._entered[point][: -MOST_FOLLOWED - 1 : -1]
+        return self._entered[point][: -MAX_FOLLOWED - 1 : -1]
 
     def _read_distance(self) -> int:
         distance = self._contexts.counted(31, "distance")
@@ -263,7 +263,7 @@ class GridReader:
 
     def _predict(self, vertex: int) -> Prediction | None:
         """7.5: predict a vertex from its known neighbours; None if there are none."""
-        corners = self._mesh.corners[vertex][:MOST_CORNERS]
+        corners = self._mesh.corners[vertex][:MAX_CORNERS]
         around = [self._mesh.neighbourhood(corner) for corner in corners]
         counting = [each.before for each, c in zip(around, corners, strict=True) if self._mesh.before_counts(c)]
         neighbours = [v for v in [*(each.after for each in around), *counting] if v in self._grid]
@@ -313,8 +313,8 @@ class GridReader:
         mixed = self._contexts.mixed
         expected = int(prediction.errors[axis]) + 8
         first = clamp(bits(expected >> 4), 1, GRID_BITS)
-        u, q = grade(int(prediction.errors.sum()), MOST_GRADE), grade(expected, MOST_GRADE)
-        t, p = grade(prediction.spread, MOST_GRADE), min(prediction.parallelograms, 3)
+        u, q = grade(int(prediction.errors.sum()), MAX_GRADE), grade(expected, MAX_GRADE)
+        t, p = grade(prediction.spread, MAX_GRADE), min(prediction.parallelograms, 3)
 
         def decide(length: int, way: int) -> int:
             row = min(abs(fraction - 8) >> 1, 3) if length == 1 else min(length + 2, 15)

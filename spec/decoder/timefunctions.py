@@ -8,8 +8,8 @@ from spec.decoder.contexts import Contexts, find_length
 from spec.decoder.fields import bits, grade, require
 from spec.decoder.space import Floats, Ints, series_functions
 
-MOST_EXPONENT = 39
-MOST_GRADE = 23
+MAX_EXPONENT = 39
+MAX_GRADE = 23
 COVARIANCE_GROWTH = 1.0 + 1.0 / 512.0
 LEAST_LENGTH = 2.0**-52
 
@@ -47,7 +47,7 @@ def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
         return sum(abs(at(k, f, x)) for x in range(axes)) * 3 // axes
 
     def coarse(number: int) -> int:
-        return grade(abs(number), MOST_GRADE)
+        return grade(abs(number), MAX_GRADE)
 
     for k in range(count):
         for f in range(frames):
@@ -79,7 +79,7 @@ def read_magnitude(contexts: Contexts, inputs: Inputs, expected: int) -> int:
     def decide(exponent: int, way: int) -> int:
         return contexts.mixed(("fall" if way == 2 else "rise", min(exponent - 1, 15)), *inputs)
 
-    exponent = find_length(min(expected, MOST_EXPONENT - 1) + 1, MOST_EXPONENT, decide)
+    exponent = find_length(min(expected, MAX_EXPONENT - 1) + 1, MAX_EXPONENT, decide)
     if exponent == 0:
         return 0
     top = contexts.mixed(("top", min(exponent, 15)), *inputs)

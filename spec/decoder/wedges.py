@@ -13,7 +13,7 @@ from spec.decoder.contexts import Contexts, History, choose, find_length
 from spec.decoder.fields import bits, clamp, require, sign
 from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
-MOST_CORNERS = 16
+MAX_CORNERS = 16
 BESIDE_BEFORE, BESIDE_AFTER, AROUND, LATEST = range(4)
 GRID, COMPLEMENT, FLOAT = range(3)
 LARGEST_CODE = 2**31 - 1
@@ -100,7 +100,7 @@ class WedgeReader:
         wedges = 0
         for element in range(elements.count):
             refused: set[int] = set()
-            corners = elements.corners.get(element, [])[:MOST_CORNERS]
+            corners = elements.corners.get(element, [])[:MAX_CORNERS]
             at_corners = (self._compare(body, table, elements, found, corner, refused) for corner in corners)
             wedge = next((wedge for wedge in at_corners if wedge != NONE), NONE)
             is_run = self._name in ("rows", "integers") and found and found[-1] not in refused
@@ -132,7 +132,7 @@ class WedgeReader:
         agreement = like(wedge_at(one), wedge_at(other))
         kinds = [(BESIDE_BEFORE, one, like(wedge_at(before), wedge_at(end_of_one)))]
         kinds += [(BESIDE_AFTER, other, like(wedge_at(after), wedge_at(end_of_other)))]
-        for kind, place, e in kinds + [(AROUND, place, 0) for place in table.corners[v][:MOST_CORNERS]]:
+        for kind, place, e in kinds + [(AROUND, place, 0) for place in table.corners[v][:MAX_CORNERS]]:
             wedge = wedge_at(place)
             if wedge == NONE or wedge in refused:
                 continue
@@ -317,7 +317,7 @@ class Values:
         table, y = self._table, self._linear
         ways: Predictions = defaultdict(list)
         neighbours: list[int] = []
-        for corner in table.corners[x][:MOST_CORNERS]:
+        for corner in table.corners[x][:MAX_CORNERS]:
             after, before, z = table.next[corner], table.previous[corner], table.size(corner)
             neighbours += [wedge for wedge in (self._known(after, x), self._known(before, x)) if wedge != NONE]
             is_first = True

@@ -24,7 +24,7 @@ from pdecodec import (
     encode_to_size,
     open_animation,
 )
-from pdecodec.codec.rate_control import CLOSE, COARSEST, FINEST, MOST_ENCODES, search_tolerance
+from pdecodec.codec.rate_control import CLOSE, COARSEST, FINEST, MAX_ENCODES, search_tolerance
 from pdecodec.mesh.metrics import measure_distortion
 from tests.support.mesh_cases import grid
 
@@ -59,7 +59,7 @@ def test_a_power_law_is_solved_to_a_hundredth_within_the_encodes_allowed(
     found = search_tolerance(measure, start=start, falls=falls)
     assert found is not None
     assert math.exp(-CLOSE * max(1.0, exponent)) - DIGITS <= measure(found)[1] <= 1.0
-    assert len(tried) - 1 <= MOST_ENCODES
+    assert len(tried) - 1 <= MAX_ENCODES
     assert FINEST <= min(tried) <= max(tried) <= COARSEST
 
 
@@ -122,7 +122,7 @@ def test_a_file_is_written_whole_and_progress_says_which_encode_it_is(tmp_path: 
     assert list(tmp_path.iterdir()) == [path]
     attempts = sorted({int(what.removeprefix("encoding, attempt ")) for what in said})
     assert attempts == list(range(1, len(attempts) + 1))
-    assert 2 <= len(attempts) <= MOST_ENCODES
+    assert 2 <= len(attempts) <= MAX_ENCODES
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_a_file_that_may_be_as_large_as_it_likes_is_exact_and_no_finer_tolerance
     attempts = set[str]()
     report = encode_to_size(SHEET, 10**6, effort="fast", progress=lambda done, total, what: attempts.add(what))
     assert report.max_error == 0
-    assert len(attempts) < MOST_ENCODES
+    assert len(attempts) < MAX_ENCODES
 
 
 @pytest.mark.parametrize("limit", [0, -1, 1.5, math.inf, math.nan, "1500", None])

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as arrays
 
 from pdecodec.codec.sections.time_functions import (
     LONGEST_TRANSFORM,
-    MOST_STEPS,
+    MAX_STEPS,
     PREDICTED,
     STRAIGHT,
     TRANSFORMED,
@@ -61,7 +61,7 @@ def swings(frames: int, count: int) -> Float64Array:
 @st.composite
 def any_functions(draw: st.DrawFn) -> Float64Array:
     shape = (draw(st.integers(0, 14)), draw(st.sampled_from([1, 3])), draw(st.integers(0, 4)))
-    size = draw(st.sampled_from([0.3, 3.0, 1e3, MOST_STEPS]))
+    size = draw(st.sampled_from([0.3, 3.0, 1e3, MAX_STEPS]))
     return draw(arrays.arrays(np.float64, shape, elements=st.floats(-size, size) | st.just(0.0)))
 
 
@@ -164,7 +164,7 @@ def test_no_functions_and_functions_of_nothing_take_no_bytes(shape: tuple[int, i
 
 
 def test_numbers_of_thirty_bits_come_back() -> None:
-    scaled = np.random.default_rng(2).uniform(-MOST_STEPS, MOST_STEPS, (30, 3, 5))
+    scaled = np.random.default_rng(2).uniform(-MAX_STEPS, MAX_STEPS, (30, 3, 5))
     data, decoded = encoded(scaled, 1.0)
     assert_decodes(data, decoded, 1.0)
     assert np.abs(decoded - scaled).max() < 4  # a transform spreads the errors of its waves
@@ -182,14 +182,14 @@ def test_a_step_that_is_none_is_refused(step: float) -> None:
         encoded(wanderings(5, 2), step)
 
 
-@pytest.mark.parametrize("number", [MOST_STEPS * 1.001, 1e37])
+@pytest.mark.parametrize("number", [MAX_STEPS * 1.001, 1e37])
 def test_where_numbers_would_exceed_the_steps_there_are_the_step_is_coarser(number: float) -> None:
     scaled = np.zeros((5, 3, 2))
     scaled[3, 1, 1] = number
     for count in (2, 30):  # those of many are coded by the method that suits some of them
         many = np.resize(scaled, (5, 3, count))
         found = quantise_time_functions(many, 1.0)
-        assert found.step == number / MOST_STEPS
+        assert found.step == number / MAX_STEPS
         assert_decodes(found.to_bytes(), found.decoded, found.step)
         assert np.abs(found.decoded - many).max() <= LARGEST_ERROR * found.step
-    assert quantise_time_functions(scaled * (MOST_STEPS / number), 1.0).step == 1.0
+    assert quantise_time_functions(scaled * (MAX_STEPS / number), 1.0).step == 1.0

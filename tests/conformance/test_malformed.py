@@ -67,7 +67,7 @@ DAMAGED = ("groups_of_shapes", "raw_vertices", "welded", "polygons_attributes", 
 MEMORY = 2**25
 """Limit that every file here is opened with."""
 
-MOST_MEMORY = 2**32
+MAX_MEMORY = 2**32
 """Address space that a test may take beyond what is taken: more is a MemoryError, not a machine without memory."""
 
 SOUND, CORRUPT, LIMIT = "sound", "CorruptFileError", "LimitError"
@@ -80,7 +80,7 @@ def _bounded_memory() -> Iterator[None]:
         return
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     before = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, before[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MAX_MEMORY, before[1]))
     yield
     resource.setrlimit(resource.RLIMIT_AS, before)
 

@@ -31,26 +31,26 @@ from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.scene_cases import needed
 
-MOST_SECONDS = 10
+MAX_SECONDS = 10
 """Of processor time; a machine that is busy elsewhere does not count."""
 
-MOST_MEMORY = 2**29
+MAX_MEMORY = 2**29
 """Address space beyond what the process has [bytes]."""
 
 HUGE = 10**12
 
 
 @contextmanager
-def little(memory: int = MOST_MEMORY) -> Iterator[None]:
+def little(memory: int = MAX_MEMORY) -> Iterator[None]:
     """Let what happens within take little time and memory, as errors of Python else."""
 
     def too_slow(number: int, frame: object) -> None:
-        raise TimeoutError(f"took more than {MOST_SECONDS} s")
+        raise TimeoutError(f"took more than {MAX_SECONDS} s")
 
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     before, handler = resource.getrlimit(resource.RLIMIT_AS), signal.signal(signal.SIGPROF, too_slow)
     resource.setrlimit(resource.RLIMIT_AS, (taken + memory, before[1]))
-    signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, MAX_SECONDS)
     try:
         yield
     finally:
@@ -418,7 +418,7 @@ def test_a_file_made_to_be_bad_is_refused_in_one_line_with_little_time_and_memor
     (tmp_path / "x.bin").write_bytes(bytes(12))
     with (
         pytest.raises(InputError) as caught,
-        little(2**40 if in_library else MOST_MEMORY),
+        little(2**40 if in_library else MAX_MEMORY),
         open_sequence(path) as found,
     ):
         found.read_frames(0, 1)

@@ -57,7 +57,7 @@ GLB_VARIANTS = {
 
 MEGABYTE = 1e6
 
-MOST_FRAMES = 48
+MAX_FRAMES = 48
 """Of each clip; with all of them programs take hours to take in a target a frame."""
 
 
@@ -98,7 +98,7 @@ def round_trips(data: Path, folder: Path) -> Iterator[str]:
                 if len(sequence.runs) > 1:
                     read[name] = f"{sequence.frame_count} frames in {len(sequence.runs)} runs"
                     continue
-                some = FrameSelection(sequence, range(min(MOST_FRAMES, sequence.frame_count)))
+                some = FrameSelection(sequence, range(min(MAX_FRAMES, sequence.frame_count)))
                 clip = _as_array(place(bake_transforms(some), up_axis="Y"))
         except PdecodecError as error:
             read[name] = error.message
@@ -182,7 +182,7 @@ def sizes(data: Path, folder: Path) -> Iterator[str]:
         name = path.stem
         say(f"glb of {name}")
         with open_sequence(path) as sequence:
-            some = FrameSelection(sequence, range(min(MOST_FRAMES, sequence.frame_count)))
+            some = FrameSelection(sequence, range(min(MAX_FRAMES, sequence.frame_count)))
             clip = _as_array(place(some, up_axis="Y"))
         clips[name] = expected_of(clip)
         cells = [f"{clip.points.nbytes / MEGABYTE:.2f}"]

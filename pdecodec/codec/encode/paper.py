@@ -27,7 +27,7 @@ from pdecodec.codec.sections.bytestream import LARGEST
 from pdecodec.codec.sections.closed_form import SPACE_FUNCTIONS, TIME_FUNCTIONS, ClosedForm
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.reference import quantise_reference
-from pdecodec.codec.sections.space_basis import MOST_POINTS, SpaceBasis, build_space_basis
+from pdecodec.codec.sections.space_basis import MAX_POINTS, SpaceBasis, build_space_basis
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
@@ -105,7 +105,7 @@ class PaperEncoder(Encoder):
             "curve",
             self._sequence.objects,
             grid,
-            points=self._settings.paper.piece_points or MOST_POINTS["curve"],
+            points=self._settings.paper.piece_points or MAX_POINTS["curve"],
             functions=SPACE_FUNCTIONS,
             rate=rate,
             affine=False,

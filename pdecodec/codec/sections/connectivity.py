@@ -15,7 +15,7 @@ from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.errors import InputError
 from pdecodec.mesh.sequence import Connectivity
 
-MOST_CORNERS = 2**31 - 1
+MAX_CORNERS = 2**31 - 1
 """Largest number of face corners of an object, and of points of its lines: they are numbered by int32."""
 
 
@@ -42,7 +42,7 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
     Raises
     ------
     InputError
-        If an object has more than MOST_CORNERS corners.
+        If an object has more than MAX_CORNERS corners.
     """
     head = FieldWriter()
     for count in (len(parts), *(part.vertex_count for part in parts)):
@@ -63,8 +63,8 @@ def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
     int32 can number.
     """
     for part in parts:
-        if max(part.face_indices.size, part.line_indices.size) > MOST_CORNERS:
-            raise InputError(f"an object has more than {MOST_CORNERS} face corners; split it", code="too-large")
+        if max(part.face_indices.size, part.line_indices.size) > MAX_CORNERS:
+            raise InputError(f"an object has more than {MAX_CORNERS} face corners; split it", code="too-large")
     return [
         (part.vertex_count, part.face_counts, part.face_indices, part.line_counts, part.line_indices) for part in parts
     ]

@@ -41,10 +41,10 @@ SpaceKind = Literal["patch", "curve"]
 SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
 """Kinds by their number in the file."""
 
-MOST_POINTS = {"patch": 256, "curve": 65535}
+MAX_POINTS = {"patch": 256, "curve": 65535}
 """Largest number of vertices of a patch; largest approximate number of a piece of a curve."""
 
-MOST_FUNCTIONS = 128
+MAX_FUNCTIONS = 128
 """Largest number of functions of an element: building them costs the square of their number."""
 
 THRESHOLDS = 8

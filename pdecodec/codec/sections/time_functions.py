@@ -30,7 +30,7 @@ PREDICTED, TRANSFORMED, STRAIGHT = 0, 1, 2
 LONGEST_TRANSFORM = 1024
 """Largest number of frames for a transform: a decoder's work grows with its square."""
 
-MOST_STEPS = 2.0**30
+MAX_STEPS = 2.0**30
 """Largest magnitude of a number, in steps. float32 itself is coarser than that."""
 
 ROUNDING = 0.4
@@ -90,7 +90,7 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
         Functions by falling energy, each times its singular value; finite.
     step : float
         Quantisation step, in the same unit. The mean squared error comes out near step^2 / 12, or below where
-        little moves. A coarser step is taken if numbers would exceed :data:`MOST_STEPS`.
+        little moves. A coarser step is taken if numbers would exceed :data:`MAX_STEPS`.
 
     Raises
     ------
@@ -175,12 +175,12 @@ def quantise_by_each_method(scaled: Float64Array, step: float, only: int | None 
 
 
 def _representable_step(step: float, scaled: Float64Array) -> float:
-    """Return the step, or a coarser one if numbers would exceed :data:`MOST_STEPS`. A motion that many vertices share
+    """Return the step, or a coarser one if numbers would exceed :data:`MAX_STEPS`. A motion that many vertices share
     is larger than each vertex's by the root of their number, so the error of each vertex hardly grows.
     """
     if not 0.0 < step < math.inf:
         raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
-    return max(step, float(np.abs(scaled).max(initial=0.0)) / MOST_STEPS)
+    return max(step, float(np.abs(scaled).max(initial=0.0)) / MAX_STEPS)
 
 
 def _count_digits(steps: Float64Array) -> float:

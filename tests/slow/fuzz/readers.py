@@ -34,24 +34,24 @@ from pdecodec.formats import open_sequence
 from tests.slow.fuzz.seeds import READERS, Seed, Target, target
 
 KEPT = Path("build/fuzz-readers")
-MOST_MEMORY = 2**31
+MAX_MEMORY = 2**31
 """Address space beyond what the process has at first: more is a MemoryError, and a finding."""
 
-MOST_SECONDS = 10
+MAX_SECONDS = 10
 """Of processor time, for one file of some kilobytes."""
 
-MOST_WAITED = 300
+MAX_WAITED_SECONDS = 300
 """Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
 
 MOST_ISOLATED_MEMORY = 6 * 2**30
 """Address space of the process that opens a file in isolation, so that no file takes the memory of the machine."""
 
-MOST_POSITIONS = 10**6
+MAX_POSITIONS = 10**6
 """Of which frames are read: a file may declare more than it has."""
 
 
 class TooSlowError(Exception):
-    """A file took more than :data:`MOST_SECONDS`."""
+    """A file took more than :data:`MAX_SECONDS`."""
 
 
 def read_all(folder: Path, seed: Seed, *, isolate: bool = False) -> None:
@@ -68,7 +68,7 @@ def read_all(folder: Path, seed: Seed, *, isolate: bool = False) -> None:
                     assert part.face_counts.sum() == part.face_indices.size
                     assert all(attribute.values is not None for attribute in item.attributes)
                 assert (np.diff(run.times) > 0).all()
-                count = min(run.frame_count, max(1, MOST_POSITIONS // max(1, run.vertex_count)))
+                count = min(run.frame_count, max(1, MAX_POSITIONS // max(1, run.vertex_count)))
                 assert run.read_frames(0, count).shape == (count, run.vertex_count, 3)
                 run.read_frames(run.frame_count - 1, run.frame_count)
     except PdecodecError:
@@ -89,7 +89,7 @@ def write(folder: Path, seed: Seed, changed: bytes) -> None:
 
 
 def _too_slow(number: int, frame: FrameType | None) -> None:
-    raise TooSlowError(f"took more than {MOST_SECONDS} s")
+    raise TooSlowError(f"took more than {MAX_SECONDS} s")
 
 
 def _work(name: str, first: int, deadline: float, wire: Any) -> None:
@@ -97,7 +97,7 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
     faulthandler.disable()
     warnings.simplefilter("ignore")
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MAX_MEMORY, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, _too_slow)
     of, number = target(name), first
@@ -107,7 +107,7 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
             wire.send(("next", number))
             seed, changed = mutant(of, number)
             write(folder, seed, changed)
-            signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
+            signal.setitimer(signal.ITIMER_PROF, MAX_SECONDS)
             try:
                 read_all(folder, seed)
             except (Exception, TooSlowError) as error:
@@ -132,7 +132,7 @@ def _isolated(name: str, number: int) -> BaseException | None:
     try:
         seed, changed = mutant(target(name), number)
         write(folder, seed, changed)
-        signal.alarm(3 * MOST_SECONDS)
+        signal.alarm(3 * MAX_SECONDS)
         read_all(folder, seed, isolate=True)
     except (Exception, TooSlowError) as error:
         return error
@@ -180,9 +180,9 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int
         theirs.close()
         while True:
             # A library that loops in its own code does not see the signal.
-            if not multiprocessing.connection.wait([wire], timeout=MOST_WAITED):
+            if not multiprocessing.connection.wait([wire], timeout=MAX_WAITED_SECONDS):
                 child.kill()
-                note("hangs in a library", f"took more than {MOST_WAITED} s")
+                note("hangs in a library", f"took more than {MAX_WAITED_SECONDS} s")
                 break
             try:
                 kind, number, *rest = wire.recv()
