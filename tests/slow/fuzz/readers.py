@@ -43,7 +43,7 @@ MAX_SECONDS = 10
 MAX_WAITED_SECONDS = 300
 """Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
 
-MOST_ISOLATED_MEMORY = 6 * 2**30
+MAX_ISOLATED_MEMORY = 6 * 2**30
 """Address space of the process that opens a file in isolation, so that no file takes the memory of the machine."""
 
 MAX_POSITIONS = 10**6
@@ -207,7 +207,7 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int
 
 def main() -> int:
     minutes, names = float(sys.argv[1]), sys.argv[2:] or [*READERS]
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_ISOLATED_MEMORY, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_ISOLATED_MEMORY, resource.RLIM_INFINITY))
     first = random.SystemRandom().randrange(2**40)
     total = 0
     for name in names:
