@@ -1,7 +1,7 @@
-"""What every profile's encoder does: group after group of frames into the sections of a file.
+"""The encoder from top to bottom: read group after group of frames, encode each, and collect the sections of a file.
 
-Which functions a group is fitted with is the profile's choice (:mod:`pdecodec.codec.encode.pipeline`,
-:mod:`pdecodec.codec.encode.paper`).
+:class:`Encoder` holds what all profiles share; :class:`AutoEncoder` is profile "auto", whose choices
+:mod:`pdecodec.codec.encode.search` makes. Profile "paper" is :mod:`pdecodec.codec.encode.paper`.
 """
 
 from __future__ import annotations
@@ -51,21 +51,20 @@ from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.shares import side_by_side, threads_for
 
 FINEST_STEP = 2.0**-24
-"""Least quantisation step where there is no bound, over the scale: the digits of float32."""
+"""Smallest quantisation step if there is no bound, as a share of the scale: the precision of float32."""
 
 FARTHEST = 1e37
-"""Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
+"""Largest coordinate. Float32 ends at 3.4e38, and motion between frames may swing beyond the frames."""
 
 
 class Encoder(ABC):
-    """One encode: what is the same whatever the model is.
+    """One encode of any profile.
 
     Parameters
     ----------
     sequence : MeshSequence
     settings : EncodeSettings
     progress : callable, optional
-
     """
 
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
@@ -76,7 +75,7 @@ class Encoder(ABC):
         self._bound = settings.bound(self._scale)
         largest = float(np.abs(self._first).max())
         self._residual_step = residual_step(self._scale if self._bound is None else self._bound, largest)
-        # Where float32 is coarser than the bound, a finer model would describe its rounding.
+        # Where float32 is coarser than the bound, a finer model would only describe its rounding.
         spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
         self._unit = max(FINEST_STEP * self._scale if self._bound is None else self._bound, spacing)
         self._entries: list[GroupEntry] = []
@@ -96,12 +95,12 @@ class Encoder(ABC):
 
     @contextmanager
     def encoded(self, path: Path | None) -> Iterator[list[Section]]:
-        """Encode group after group; the sections of a file, some in unnamed files beside it until the block ends."""
+        """Encode all groups and yield the file's sections; some are in unnamed files that last as long as the block."""
         spools = [Spool(path) for _ in CHUNK_SECTIONS]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
         beside = ThreadPoolExecutor(1)
         try:
-            # Nothing waits for it until the end.
+            # The result is needed only at the end.
             self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
             with threads_for(self._sequence.vertex_count * self._sequence.frame_count):
@@ -118,24 +117,24 @@ class Encoder(ABC):
 
     @abstractmethod
     def _groups(self) -> Iterator[EncodedGroup]:
-        """Groups of frames in order; with the first the space basis is chosen."""
+        """Yield the encoded groups of frames in order; the spatial basis is chosen with the first one."""
 
     @property
     @abstractmethod
     def _space(self) -> SpaceBasis:
-        """The space basis."""
+        """Return the spatial basis."""
 
     @property
     def _recorded_settings(self) -> EncodeSettings:
-        """What the file says that it was made with."""
+        """Return the settings that the file records."""
         return self._settings
 
     @abstractmethod
     def _summary(self) -> str:
-        """In a sentence, what model was taken and why."""
+        """Describe the chosen model in a sentence."""
 
     def _set_reference(self, step: float) -> None:
-        """Quantise frame 0 with a step [scene units]; what the decoder makes of it is what displacements start from."""
+        """Quantise frame 0 with a step [scene units]; displacements start from what the decoder makes of it."""
         shape = quantise_reference(self._first, step)
         self._reference_bytes = encode_reference(shape, self._sequence.objects)
         self._reference: ReferenceFrame = decode_reference(self._reference_bytes, self._sequence.objects)
@@ -185,7 +184,7 @@ class Encoder(ABC):
         ]
 
     def report(self, path: Path | None, data: bytes | None, sizes: dict[str, int]) -> EncodeReport:
-        """What the encode did, once all is encoded; `sizes` are the bytes of sections."""
+        """Return the report after everything is encoded; `sizes` are the bytes of the sections."""
         frames, vertices = self._sequence.frame_count, self._sequence.vertex_count
         return EncodeReport(
             path=path,
@@ -210,11 +209,11 @@ class Encoder(ABC):
         )
 
     def _jumps(self) -> Sequence[int]:
-        """Frames that motion jumps to, once all have been read: none that a decoder makes no difference for."""
+        """Return the frames at discontinuities that matter to a decoder, once all frames have been read."""
         return ()
 
     def _where(self, what: str, ending: str) -> str:
-        """Patches or pieces, and the residuals, in words."""
+        """Describe patches or pieces, and residuals, in words."""
         space, vertices = self._space, self._sequence.vertex_count
         corrected = f"{self._residuals} of {self._sequence.frame_count * vertices} positions corrected"
         count = space.element_count
@@ -222,9 +221,9 @@ class Encoder(ABC):
 
 
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
-    """Frames of a sequence; InputError names the first position that is no number or beyond :data:`FARTHEST`."""
+    """Read frames; raise InputError for the first position that is not finite or beyond :data:`FARTHEST`."""
     points = sequence.read_frames(start, stop)
-    # False for NaN too, which is both the least and the largest where there is one.
+    # False for NaN, too: then both minimum and maximum are NaN.
     if points.size and not -FARTHEST <= float(points.min()) <= float(points.max()) <= FARTHEST:
         frame, vertex, axis = np.argwhere(~(np.abs(points) <= FARTHEST))[0]
         name, index = _owner(sequence, int(vertex))
@@ -247,7 +246,7 @@ def _owner(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class EncodedPart:
-    """A group, how it is encoded, and the share of its motion that functions carry where that is yet to be told."""
+    """An encoded group, its candidate, and the share of the motion that its functions explain, if computed."""
 
     choice: Candidate
     group: EncodedGroup
@@ -255,12 +254,12 @@ class EncodedPart:
 
     @property
     def bits(self) -> int:
-        """What it takes."""
+        """Return the bits of its chunks."""
         return 8 * sum(map(len, self.group.chunks))
 
 
 class AutoEncoder(Encoder):
-    """One encode under profile "auto": in the bases and steps that cost least."""
+    """Encoder of profile "auto": searches the bases and steps that cost least."""
 
     def __init__(
         self,
@@ -290,7 +289,7 @@ class AutoEncoder(Encoder):
 
     def _read(self, begin: int, end: int) -> Float32Array:
         points = super()._read(begin, end)
-        if begin == self._jump_finder.frames:  # the first time that these are read
+        if begin == self._jump_finder.frames:  # only when these frames are read for the first time
             self._jump_finder.add(points)
         return points
 
@@ -301,11 +300,11 @@ class AutoEncoder(Encoder):
     def _groups(self) -> Iterator[EncodedGroup]:
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
-        choices: list[tuple[int, Candidate]] = []  # of the group before: frames and choice of each of its parts
+        choices: list[tuple[int, Candidate]] = []  # frames and candidate of each part of the group before
         is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._tuning.searched_positions
-        usual_bits = 0.0  # of a frame of the last group that was searched
+        usual_bits = 0.0  # bits per frame of the last group that was searched
         parts = self._first_parts(steps)
-        coarser = 0  # than steps that leave the usual mean error, in indices
+        coarser = 0  # how many indices coarser than the steps that leave the usual mean error
         for index, (begin, end) in enumerate(self._ranges):
             searched = self._tuning.searched_groups
             is_searched = index < searched or index % (2 * searched) == 0
@@ -327,7 +326,7 @@ class AutoEncoder(Encoder):
             yield from (part.group for part in parts)
 
     def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
-        """Parts of the first group; its motion tells how long groups are to be."""
+        """Return the parts of the first group; its motion decides how long groups are."""
         self._ranges = self._group_ranges(self._plan.group_frames)
         points = self._read(*self._ranges[0])
         longer = self._group_ranges(self._plan.smooth_group_frames)
@@ -356,7 +355,7 @@ class AutoEncoder(Encoder):
         if self._settings.why:
             self._questions = self._model.questions
         del search, look, points
-        # None is kept: the next group takes as much memory again.
+        # Keep none: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()
 
@@ -372,7 +371,7 @@ class AutoEncoder(Encoder):
         return EncodedPart(choice, group.fitter.encode(group.fitted, self._space), explained)
 
     def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
-        """Frames after the first ones."""
+        """Return the fitter of a later group."""
         return GroupFitter(
             self._read(begin, end),
             self._reference.points,
@@ -383,9 +382,9 @@ class AutoEncoder(Encoder):
         )
 
     def _by_rule(self, fitter: GroupFitter, before: Sequence[EncodedPart], coarser: int) -> list[EncodedPart]:
-        """Groups that frames after the first ones are taken as without a search, dense as long as those before are.
+        """Encode a later group without a search, as dense motion if the group before was dense.
 
-        Their steps are so many indices coarser than leave the usual mean error.
+        Steps are `coarser` indices above those that leave the usual mean error.
         """
         frames = sum(part.group.entry.frames for part in before)
         is_smooth = _bits(before) < self._tuning.smooth_bits * frames * fitter.points.shape[1]
@@ -394,18 +393,18 @@ class AutoEncoder(Encoder):
         return side_by_side(*(partial(self._encoded, group) for group in groups))
 
     def _divided(self, fitter: GroupFitter, usual: Candidate) -> list[EncodedPart]:
-        """The groups that frames after the first ones are divided into."""
+        """Search a later group, which may be divided."""
         basis = self._space
         search = GroupSearch(fitter, basis)
         groups = divide(search, search.candidates(usual)).groups
         if self._tuning.divides_groups:
             groups = side_by_side(*(group.tuned for group in groups))
         chosen = [(item.fitter, item.choice) for item in groups]
-        del search, groups  # and with them all that was found out on the way
+        del search, groups  # free everything that the search computed
         return self._all_finished(chosen)
 
     def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, Candidate]]) -> list[EncodedPart]:
-        """The groups that frames are divided into as those before were, encoded in the same way."""
+        """Divide a later group as the group before was divided, and encode the parts with its choices."""
         ends = np.cumsum([frames for frames, _ in choices])
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
         parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
@@ -414,7 +413,7 @@ class AutoEncoder(Encoder):
         )
 
     def _all_finished(self, chosen: Sequence[tuple[GroupFitter, Candidate]]) -> list[EncodedPart]:
-        """Parts of a group, fitted in full and encoded; together they take no more memory than the group would."""
+        """Fit parts of a group in full and encode them; together they take no more memory than the whole group."""
 
         def encoded(part: tuple[GroupFitter, Candidate]) -> EncodedPart:
             return self._encoded(finish(*part, self._space))
@@ -422,7 +421,7 @@ class AutoEncoder(Encoder):
         return side_by_side(*(partial(encoded, part) for part in chosen))
 
     def _group_ranges(self, most: int) -> list[tuple[int, int]]:
-        """First and last frame but one of groups of so many frames at most, all but equal."""
+        """Return first frame and end of each group, of at most `most` frames, as equal in length as possible."""
         frames = self._sequence.frame_count
         longest = min(most, self._settings.group_frames or self._tuning.longest_group)
         count = -(-frames // longest)
@@ -441,7 +440,7 @@ class AutoEncoder(Encoder):
             ending, cut = ("ies", 1) if bases == ["trajectories"] else ("s", 0)
             what = counted(most, "trajectory" if bases == ["trajectories"] else "shape", ending, cut)
             carry = "carries" if most == 1 else "carry"
-            assert self._explained is not None  # told by the first of these
+            assert self._explained is not None  # known since the first group of these bases
             carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"
@@ -450,10 +449,10 @@ class AutoEncoder(Encoder):
 
 
 def _out_of_balance(parts: Sequence[EncodedPart], residual_share: float) -> int:
-    """Return by how many indices the steps of the next group should be coarser, for residuals to take their share.
+    """Return by how many indices the steps of the next group should be coarser, so that residuals take their share.
 
-    One index for each octave that residuals are off by, two at most. At 1e-2 residuals may take more than their share:
-    steps are never finer than those that leave the usual mean error.
+    It is one index per octave that residuals are off by, at most two. At 1e-2 residuals may take more than their
+    share: steps are never finer than those that leave the usual mean error.
     """
     chunks = zip(*(part.group.chunks for part in parts), strict=True)
     _, coefficients, residuals = (sum(map(len, of_a_kind)) for of_a_kind in chunks)

@@ -1,4 +1,4 @@
-"""Quantisation of coefficients: the grid of steps, dead zones, and what of them a group needs."""
+"""Quantisation of coefficients: the grid of steps, dead zones, and which functions of time keep a coefficient."""
 
 from __future__ import annotations
 
@@ -18,49 +18,54 @@ from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import in_shares, thread_count
 
 BLOCK_BYTES = 2**25
-"""Memory for values whose channels are projected and quantised together: all of them would take several times as much
-as the group's positions."""
+"""Memory for values whose channels are projected and quantised together. All channels at once would take
+several times the memory of the group's positions.
+"""
 
 QUARTERS = (1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429)
-"""Powers of the fourth root of two. Those that are computed differ in the last bit from one processor to another."""
+"""Powers of the fourth root of two, as literals: computed ones differ in the last bit between processors."""
 
 HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.9170040432046712)
-"""Half-way between these, from a half on: -7/8, -5/8, -3/8 and -1/8 as powers of two."""
+"""Powers of two halfway between these, from a half on: exponents -7/8, -5/8, -3/8 and -1/8."""
 
 
 def rounding_error(rounded_up_at: float) -> float:
-    """Return the mean square of what rounding takes from a coefficient that does not become zero, in steps^2."""
+    """Return the mean square rounding error, in steps^2, of a coefficient that does not become zero."""
     return (rounded_up_at**3 + (1.0 - rounded_up_at) ** 3) / 3.0
 
 
 def grid_step(index: int) -> float:
-    """Quantisation step of an index: powers of the fourth root of two, whatever the bound is.
+    """Return the quantisation step of an index: a power of the fourth root of two, independent of the bound.
 
-    A bound that is a little looser then finds the very models that a tighter one found, and only residuals change.
+    A slightly looser bound then finds the same models as a tighter one, and only residuals change.
     """
     octave, quarter = divmod(index, 4)
     return math.ldexp(QUARTERS[quarter], octave)
 
 
 def grid_index(step: float) -> int:
-    """Index of the step nearest to one."""
+    """Return the index of the step nearest to `step`."""
     share, octave = math.frexp(step)  # from a half to one
     return 4 * octave - 4 + bisect.bisect(HALF_WAY, share)
 
 
 def axes_of(time: TimeFunctions) -> int:
-    """Coefficients that a function of time has for each of space: one, or one an axis."""
+    """Return how many coefficients a function of time has for each function of space: one, or one per axis."""
     return 1 if time == "trajectories" else 3
 
 
 def cosines_needed(largest: Int64Array) -> int:
-    """Cosines up to the last that has a coefficient, by the largest of each channel."""
+    """Return the number of cosines up to the last one that has a coefficient, given the largest magnitude per
+    channel.
+    """
     used = np.flatnonzero(largest)
     return int(used[-1]) // axes_of("cosines") + 1 if used.size else 0
 
 
 def needed_functions(largest: Int64Array, axes: int) -> NDArray[np.intp]:
-    """Functions of time, of `axes` channels one, that have a coefficient, by the largest of each channel."""
+    """Return the functions of time, of `axes` channels each, that have a coefficient, given the largest
+    magnitude per channel.
+    """
     return np.flatnonzero(largest.reshape(-1, axes).any(axis=1))
 
 
@@ -70,23 +75,23 @@ def quantise(values: Float64Array, step: float, rounded_up_at: float) -> Int64Ar
 
 
 def quantise_sparsely(values: Rows, step: float, axes: int, zone: DeadZone) -> tuple[Int64Array, Int64Array]:
-    """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
+    """Quantise coefficients (functions of space, channels) like :func:`quantise`, with a wider dead zone among zeros.
 
     Returns
     -------
     quantised : (functions of space, channels) int64
     largest : (channels,) int64
-        Magnitude in each channel.
+        Largest magnitude per channel.
     """
     return _core.quantise_sparsely(np.ascontiguousarray(values), axes, step, *zone, thread_count())
 
 
 Columns = Callable[[slice], Rows]
-"""Values on vertices, (vertices, channels), of some functions of time."""
+"""Function that returns values on vertices, (vertices, channels), of a slice of the functions of time."""
 
 
 def columns_of(values: Rows, axes: int) -> Columns:
-    """Those that an array has, each function of time `axes` channels; all of them as they are."""
+    """Return a function that takes channels from an array, `axes` channels per function of time."""
 
     def columns(some: slice) -> Rows:
         channels = slice(axes * some.start, axes * some.stop)
@@ -97,14 +102,14 @@ def columns_of(values: Rows, axes: int) -> Columns:
 
 
 def some_channels(values: Rows, channels: slice) -> Rows:
-    """A copy of some channels of values (vertices, channels)."""
+    """Return a copy of some channels of values (vertices, channels)."""
     found = np.empty((len(values), channels.stop - channels.start), values.dtype)
     _copy_rows(found, values[:, channels])
     return found
 
 
 def _copy_rows(to: NDArray[Any], rows: NDArray[Any]) -> None:
-    """Copy rows in shares: memory that is written for the first time takes as long to be had as to be filled."""
+    """Copy rows in several threads: the first write to new memory costs as much as filling it."""
 
     def copy(first: int, end: int) -> None:
         to[first:end] = rows[first:end]
@@ -115,7 +120,9 @@ def _copy_rows(to: NDArray[Any], rows: NDArray[Any]) -> None:
 def quantise_on(
     basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
 ) -> tuple[Int64Array, Int64Array]:
-    """:func:`quantise_sparsely` what values on vertices are in a space basis, of so many functions of time."""
+    """Project values of `count` functions of time onto a spatial basis and quantise them with
+    :func:`quantise_sparsely`.
+    """
     if 8 * axes * count * basis.functions <= BLOCK_BYTES:
         return quantise_sparsely(basis.project(values(slice(0, count))), step, axes, zone)
     quantised, largest = np.empty((basis.functions, axes * count), np.int64), np.zeros(axes * count, np.int64)
@@ -128,10 +135,10 @@ def quantise_on(
 def _blocks(
     basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
 ) -> Iterator[tuple[slice, Int64Array, Int64Array]]:
-    """The same, some channels after others: which, their coefficients, and their largest magnitudes."""
+    """Do the same in blocks of channels: yield the channels, their coefficients, and their largest magnitudes."""
     at_once = max(1, BLOCK_BYTES // (8 * axes * basis.functions))
     for begin in range(0, count, at_once):
-        # With the neighbours, which tell a coefficient that is alone.
+        # Include the neighbouring functions, which decide whether a coefficient is alone.
         first, end = max(0, begin - 1), min(begin + at_once, count)
         quantised, largest = quantise_sparsely(
             basis.project(values(slice(first, min(end + 1, count)))), step, axes, zone
@@ -141,6 +148,6 @@ def _blocks(
 
 
 def magnitudes(quantised: Int64Array) -> Int64Array:
-    """The largest magnitude in each channel, (channels,) int64."""
+    """Return the largest magnitude per channel, (channels,) int64."""
     found: Int64Array = np.maximum(quantised.max(axis=0, initial=0), -quantised.min(axis=0, initial=0))
     return found

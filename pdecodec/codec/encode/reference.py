@@ -1,8 +1,8 @@
-"""The reference frame: which quantisation steps are tried, and what each costs.
+"""Reference frame: which quantisation steps are tried, and reference frames cached by step.
 
-The reference frame's error is there in every frame. Where parts turn, it turns with them: what every vertex is off by
-then looks like motion that no function of space describes, and a finer reference frame pays for itself many times
-over. Where little turns or the clip is short, bits are better spent on the motion.
+The reference frame's error is in every frame and turns with the parts of the mesh. Then it looks like motion that no
+function of space describes, so a finer reference frame saves many times its own bits. Where little turns, or the
+clip is short, bits are better spent on the motion.
 """
 
 from __future__ import annotations
@@ -19,28 +19,31 @@ from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshObject
 
 SINGLE_FRAME_STEP = 1.1
-"""Step where there is one frame, in units: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+"""Step for clips of one frame [units]: the largest that keeps the bound (2 / sqrt 3 = 1.15), less a margin for
+float32.
+"""
 
 
 COARSEST_STEP = 2.0
-"""Coarsest step that is tried, in units: a coarser one breaks the bound even when smoothed."""
+"""Coarsest step that is tried [units]: a coarser one breaks the bound even when smoothed."""
 
 WELL_SMOOTHED, COARSE_GRID = 0.75, 512
-"""Smoothing pays where it leaves so much of the mean error of a frame at most, on a grid of so many steps along the
-longest side at most."""
+"""Smoothing pays if it leaves at most this share of a frame's mean error, on a grid of at most this many steps
+along the longest side.
+"""
 
 
 def smooths_well(reference: ReferenceFrame) -> bool:
-    """Return whether smoothing in the decoder brings a reference frame much nearer to the points."""
+    """Return whether smoothing in the decoder brings a reference frame much closer to the points."""
     coded = reference.coded
     return coded is not None and coded.error_ratio <= WELL_SMOOTHED and coded.grid.max() <= COARSE_GRID
 
 
 def reference_steps(points: Float32Array, unit: float, tuning: Tuning) -> list[float]:
-    """Return the quantisation steps of a reference frame that are worth trying, falling.
+    """Return the quantisation steps of a reference frame that are worth trying, in falling order.
 
-    Halves and thirds of halves of its longest side: symmetric shapes, which many man-made ones are, then have
-    coordinates that repeat, and steps do not depend on the bound.
+    They are the longest side divided by powers of two, and two thirds of these. Symmetric shapes, as many man-made
+    ones are, then have coordinates that repeat, and steps do not depend on the bound.
 
     Parameters
     ----------
@@ -59,7 +62,7 @@ def reference_steps(points: Float32Array, unit: float, tuning: Tuning) -> list[f
 
 
 class References:
-    """Reference frames and their sections, made by another thread or when they are asked for, each once."""
+    """Cache of reference frames and their sections, each made once, ahead in another thread or when asked for."""
 
     def __init__(self, objects: Sequence[MeshObject], beside: ThreadPoolExecutor) -> None:
         self._objects, self._beside = objects, beside
@@ -67,20 +70,21 @@ class References:
         self._frames: dict[float, ReferenceFrame] = {}
 
     def frame(self, points: Float32Array, step: float) -> ReferenceFrame:
-        """Return the clip's first frame on a grid of `step`, smoothed where that brings it nearer to the points."""
+        """Return the clip's first frame on a grid of `step`, smoothed if that brings it closer to the points."""
         if step not in self._frames:
             self._frames[step] = quantise_smoothly(points, step, self._objects)
         return self._frames[step]
 
     def begin(self, reference: ReferenceFrame) -> None:
-        """Begin to make what will be asked for."""
+        """Start encoding a reference frame in the other thread."""
         if reference.coded_step not in self._made:
             self._made[reference.coded_step] = self._beside.submit(encode_reference, reference, self._objects)
 
     def data(self, reference: ReferenceFrame) -> bytes:
-        """Return the section."""
+        """Return section REST of a reference frame."""
         if reference.coded_step not in self._made:
             made: Future[bytes] = Future()
             made.set_result(encode_reference(reference, self._objects))
-            self._made[reference.coded_step] = made  # only now: whoever found it before would wait for one that failed
+            # Stored only now: another thread must not wait for a section that failed.
+            self._made[reference.coded_step] = made
         return self._made[reference.coded_step].result()

@@ -1,4 +1,4 @@
-"""What an encode says of itself when it is done."""
+"""The report of an encode: what was written, how exact it is, and which alternatives were compared."""
 
 from __future__ import annotations
 
@@ -14,26 +14,30 @@ from pdecodec.errors import Notice
 from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
 COARSE_TOLERANCE = 0.1
-"""Share of the diagonal beyond which a bound is hardly meant: 1 stands for the whole scene, not for one percent."""
+"""Share of the diagonal beyond which a bound is probably a mistake: 1 stands for the whole scene, not for one
+percent.
+"""
 
 ROUGH_EDGE_SHARE = 0.5
 """Bound over the median edge beyond which a surface looks rough."""
 
 GENERATOR = "pdecodec "
-"""What stands before the version in the remarks of files that this package made."""
+"""Text before the version in the remarks of files that this package made."""
 
 SECTION_TITLES = {"container": "header and table", **{kind.type: kind.title for kind in SECTION_KINDS.values()}}
-"""Parts of a `.pdeanim` file in words."""
+"""Titles of the parts of a `.pdeanim` file."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """One way, and what the frames that are compared would have taken with it.
+    """One alternative and its bytes.
 
     Attributes
     ----------
     way : str
+        Name of the alternative.
     size : int [bytes]
+        Bytes of the compared frames with it.
     chosen : bool
     """
 
@@ -44,13 +48,14 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Question:
-    """What was chosen among several ways.
+    """One decision of the encoder and the alternatives that it compared.
 
     Attributes
     ----------
     what : str
+        What was decided.
     frames : int
-        How many costs are of, from the first on.
+        Number of frames, from the first on, whose bytes were compared.
     ways : tuple of Alternative
     """
 
@@ -60,13 +65,13 @@ class Question:
 
 
 def ask(what: str, frames: int, bits: dict[str, float], chosen: str) -> Question | None:
-    """Return a question with the bits of its ways; None where there was but one way."""
+    """Return a question, given the bits of each way; None if there was only one way."""
     ways = tuple(Alternative(way, round(taken / 8.0), way == chosen) for way, taken in bits.items())
     return Question(what, frames, ways) if len(ways) > 1 else None
 
 
 def to_json(questions: Sequence[Question]) -> list[dict[str, Any]]:
-    """For section META."""
+    """Return questions as JSON for section META."""
     return [
         {
             "what": question.what,
@@ -81,7 +86,7 @@ def to_json(questions: Sequence[Question]) -> list[dict[str, Any]]:
 
 
 def from_json(record: Any) -> tuple[Question, ...]:
-    """Undo :func:`to_json`; nothing where somebody else wrote something else."""
+    """Return the questions of :func:`to_json`; empty if the record has another form."""
     try:
         return tuple(
             Question(
@@ -100,14 +105,14 @@ def from_json(record: Any) -> tuple[Question, ...]:
 
 @dataclass(frozen=True)
 class EncodeReport:
-    """What an encode did.
+    """The result of an encode.
 
     Attributes
     ----------
     path : Path, str or None
-        Where the file is, of one at an address that.
+        Path or address of the file.
     frames, vertices : int
-        Of several runs the vertices are the most that one has.
+        With several runs, the largest number of vertices of a run.
     sections : dict of str to int
         Bytes of each section; the sum is the file.
     max_error, rms_error : float [scene units]
@@ -115,37 +120,37 @@ class EncodeReport:
         the float32 positions that the written bytes decode to.
     bound : float or None [scene units]
     scale : float [scene units]
-        What tolerances are relative to.
+        Length that tolerances are relative to.
     residuals : int
-        Vertices of single frames that were corrected.
+        Number of positions (vertices of single frames) that were corrected.
     groups, patches, functions_of_space : int
-        How large the model is: groups of frames, patches or pieces of curves, and their functions together.
+        Size of the model: groups of frames, patches or pieces of curves, and the total number of their functions.
     coefficients : int
-        Numbers that the motion is made of: coefficients other than zero, and all stored values of functions of time.
-        The reference frame and residuals are not among them.
+        Numbers that make up the motion: coefficients other than zero, and all stored values of functions of time.
+        The reference frame and residuals are not included.
     seconds : float
     summary : str
-        In a sentence, what model was taken and why.
+        The chosen model in a sentence.
     data : bytes or None
-        The file itself where it was encoded without a path.
+        The file itself if it was encoded without a path.
     runs : int
-        Runs of frames of one connectivity each.
+        Number of runs of frames of one connectivity.
     jumps : tuple of int
-        Frames that motion jumps to from the frame before: splines between frames end and begin there.
+        Frames at discontinuities, where splines between frames end and begin.
     alternatives : tuple of Question
-        Where that was asked for: what else could have been taken, and what it would have cost.
+        If requested: the alternatives that were compared, with their bytes.
     positions : int or None
-        Vertices of all frames together, where that is not vertices times frames.
+        Vertices of all frames together, if that is not vertices times frames.
     dropped_fields : tuple of str
         Names of the fields of the sequence that are not in the file.
     rounding : float [scene units]
-        How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
+        Largest distance of the float32 positions that were encoded, from which errors count, to the input's positions.
     size_limit : int or None [bytes]
-        The size that was asked for.
+        The requested size.
     median_edge : float or None [scene units]
-        Median length of the edges of faces in the first frame, in that of several runs where it is least.
+        Median length of the edges of faces in the first frame; with several runs, the smallest of their medians.
     preset : str or None
-        The preset that was asked for.
+        The requested preset.
     normal_p99 : float or None [degrees]
         Angle that 99 % of all corners' normals are off by at most, at frames; measured under preset "hero" alone.
     """
@@ -179,21 +184,24 @@ class EncodeReport:
 
     @property
     def raw_bytes(self) -> int:
-        """Of float32 positions alone."""
+        """Return the size of the input's positions in float32."""
         return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
 
     @property
     def is_rough(self) -> bool:
-        """Whether the surface looks rough: errors may reach half of a median edge, which tilts faces by 45 degrees."""
+        """Return whether the surface looks rough: errors may reach half a median edge, which tilts faces by 45
+        degrees.
+        """
         if self.bound is None or self.median_edge is None or self.normal_p99 is not None:
             return False
         return self.bound > ROUGH_EDGE_SHARE * self.median_edge
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was asked for and is hardly meant: no motion, a coarse bound, too much room, fine steps far away.
+        """Return what probably was not intended: no motion, a coarse bound, too much room, positions far from the
+        origin.
 
-        One that a setting changes is a :class:`pdecodec.errors.Notice`.
+        A warning about something that a setting changes is a :class:`pdecodec.errors.Notice`.
         """
         found: list[str] = []
         if self.frames == 1:
@@ -222,15 +230,15 @@ class EncodeReport:
 
     @property
     def file_bytes(self) -> int:
-        """Of the whole file."""
+        """Return the size of the whole file."""
         return sum(self.sections.values())
 
 
 def generator() -> str:
-    """What the file says it was made by."""
+    """Return the name and version that the file records as its generator."""
     return f"{GENERATOR}{__version__}"
 
 
 def counted(number: int, what: str, ending: str = "s", cut: int = 0) -> str:
-    """A number and its noun; in the plural the noun's last `cut` letters give way to `ending`."""
+    """Return a number with its noun; in the plural, the noun's last `cut` letters are replaced by `ending`."""
     return f"{number} {what}" if number == 1 else f"{number} {what[: len(what) - cut]}{ending}"

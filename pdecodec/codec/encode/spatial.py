@@ -1,4 +1,4 @@
-"""Spatial bases to choose from: patches or pieces of curves of several sizes on one reference frame."""
+"""Spatial bases to choose from: patches, or pieces of curves, of several sizes on one reference frame."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pdecodec.mesh.sequence import MeshObject
 
 
 class SpatialBases:
-    """Spatial bases on one reference frame, made by another thread or when they are asked for, each once.
+    """Cache of spatial bases on one reference frame, each made once, ahead in another thread or when asked for.
 
     Parameters
     ----------
     objects : sequence of MeshObject
     reference : ReferenceFrame
     functions : int
-        Of an element at most.
+        Largest number of functions of an element.
     patches : EarlyPatches
     beside : ThreadPoolExecutor
-        Makes what will be asked for.
+        Makes bases ahead.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class SpatialBases:
         self._begun: dict[tuple[SpaceKind, int], Future[SpaceBasis]] = {}
 
     def begin(self, spaces: Sequence[tuple[SpaceKind, int]]) -> None:
-        """Begin to make bases that will be asked for."""
+        """Start making bases in the other thread."""
         for space in spaces:
             if space not in self._begun:
                 self._begun[space] = self._beside.submit(self._build, space)

@@ -14,10 +14,10 @@ from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.codec.settings import EffortName
 
 SpaceBases = tuple[tuple[SpaceKind, int], ...]
-"""Kinds of elements and their points."""
+"""Kinds of elements, and their largest number of vertices."""
 
 DeadZone = tuple[float, float]
-"""How far (in steps) beyond a whole number a coefficient is rounded up, and one whose neighbours are all zero."""
+"""Fractions of a step from which a coefficient is rounded up: usually, and if its neighbours are all zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,93 +29,94 @@ class Tuning:
     Attributes
     ----------
     spatial_bases : tuple of (kind, points)
-        Spatial bases that are compared; the first is usual.
+        Spatial bases that are compared; the first is the usual one.
     small_mesh_spatial_bases : tuple of (kind, points)
-        More of them on small meshes.
+        Spatial bases that are compared on small meshes in addition.
     large_patch_gain : float [share of bits]
-        What patches larger than usual must save on large meshes: their functions take a decoder the square of their
-        number.
+        Saving that patches larger than usual need on large meshes: decoding takes the square of their functions.
     small_mesh_vertices : int [vertices]
-        Meshes up to this size are fitted in full for every candidate; larger ones are estimated from a sample.
+        Largest mesh on which every candidate is fitted in full; on larger ones its cost is estimated.
     reference_step : float [units]
         Usual step of the reference frame.
     smoothed_reference_step : float [units]
-        The same where smoothing in the decoder brings the reference frame much nearer to the points.
+        Usual step of the reference frame if smoothing in the decoder brings it much closer to the points.
     finest_reference_step : float [units]
+        Finest step of the reference frame.
     restart_gain : float [share of bits]
-        All else is searched again where another reference frame saves more.
+        Saving of another reference frame from which on all else is searched again.
     searches_small_references : bool
-        Whether this step is searched on small meshes, too, where each takes a full fit.
+        Whether the step of the reference frame is searched on small meshes, too, where each step takes a full fit.
     usual_step : float [units]
         Step of coefficients that the search begins with.
     finest_step, coarsest_step : float [units]
-        Steps that are chosen without a search lie between these.
+        Limit of steps that are chosen without a search.
     step_stride : int [quarter octaves]
-        From one step that is tried to the next, and the range of the steps of functions of time about these.
+        Distance from one step that is tried to the next.
     mean_error, mean_error_of_dense : float [units]
-        Root mean square error that a step chosen without a search leaves, and how much more times the root of the
-        coefficients for each position.
+        Root mean square error that a step chosen without a search leaves: `mean_error` plus `mean_error_of_dense` times
+        the root of the coefficients per position.
     early_exit_ratio : float
-        A candidate that costs more than this many times the best one is not looked at further.
+        Cost over the best candidate's beyond which a candidate is dropped.
     untuned_exit_ratio : float
-        The same of candidates and divisions whose steps are the usual ones.
-    bits_worth_dividing : float [bits a position]
-        Groups that take less are not divided.
+        Cost over the best one's beyond which a candidate or division at the usual steps is dropped.
+    bits_worth_dividing : float [bits per position]
+        Cost below which a group is not divided.
     divides_groups : bool
-        Whether shorter groups are tried, and steps are searched closely.
+        Whether shorter groups are tried, and steps are tuned.
     shortest_group, longest_group : int [frames]
-        Groups are not divided below; the cube of the length bounds the work above.
+        Limit of the length of a group; work grows with the cube of the length.
     group_bytes, smooth_group_bytes : int [bytes]
-        Displacements of a group in float64, and of a group of smooth motion.
-    smooth_bits : float [bits a position]
-        Motion is smooth where the first frames take less.
+        Largest size of a group's displacements in float64: usually, and if the motion is smooth.
+    smooth_bits : float [bits per position]
+        Cost of the first frames below which motion is smooth.
     dense_group : int [frames]
-        Length of groups in cosines, where frames have little in common and nothing is searched.
+        Length of groups in cosines, if motion is dense (frames have little in common) and nothing is searched.
     dense_share : float
-        Share of all trajectories that there can be from which on motion is dense.
+        Share of all possible trajectories from which on motion is dense.
     searched_groups : int [groups]
-        Groups at the beginning, then one in twice as many, that are searched; others are taken as the one before.
-    residual_share : float [bytes of residuals a byte of coefficients]
-        Where a step costs least: the next group's is finer or coarser by as many indices as this is off by octaves.
+        Number of groups at the beginning that are searched; later, one in twice as many is.
+    residual_share : float [bytes of residuals per byte of coefficients]
+        Ratio at which a step costs least; without a search, the next group's step is adapted towards it.
     searched_positions : float [positions]
-        Clips beyond are encoded by rule, without a search.
+        Largest clip that is searched; larger ones are encoded by rule.
     small_clip_positions : int [positions]
         Clips up to this size are encoded within `tighter_bounds`, too.
     tighter_bounds : tuple of float
         How many times tighter bounds are, whose models are candidates: a looser bound then takes no more bytes.
     sample_vertices : int [vertices]
+        Smallest sample of an estimate.
     sample_share : float
-        What estimates look at: so many vertices, but this share of the mesh at least.
+        Smallest share of the mesh in the sample of an estimate.
     sample_frames : int [frames]
-        Of longer groups, residuals of half of the frames are looked at.
+        Longest group whose residuals are estimated from all frames; of longer ones, half of the frames are taken.
     sample_part : int [vertices]
-        Where spatial bases are compared, nodes of the partition tree of at most this size are taken whole.
+        Largest node of the partition tree that is sampled as a whole when spatial bases are compared.
     tail : float [units]
-        What functions of time that are left out may add to the error, as root mean square.
+        Root mean square error that functions of time that are left out may add.
     most_time_functions : int
-        Of a group: decoding costs their number.
+        Largest number of functions of time of a group, which decoding time grows with.
     pose_share : float
-        Share of the frames that may be poses.
+        Largest share of the frames that may be poses.
     span_block, span_blocks : int
-        Signed sums of vertices that find few trajectories of many, in a block, and blocks of them.
+        Size and number of the blocks of random sums of vertices that find the trajectories of long groups.
     dead_zones : tuple of (float, float)
-        Roundings that are compared; the first is usual.
+        Dead zones that are compared; the first is the usual one.
     aim, aim_from : float [units]
-        Vertices that are off by `aim_from` are brought to `aim`.
+        Refinement pushes vertices that are off by more than `aim_from` towards `aim`.
     push : float
-        How many times what a vertex is off too much is added to what coefficients describe.
-    refined_residual_share : float [residuals a position]
-        Coefficients are not refined where there are more residuals.
+        Factor of the excess error that refinement adds to what coefficients describe.
+    refined_residual_share : float [residuals per position]
+        Share of residuals beyond which coefficients are not refined.
     refining_passes : tuple of int
-        Passes of refinement after each of which the better part of the candidates stays; none, one, or several.
+        Numbers of refinement passes, after each of which the better half of the candidates stays.
     refining_gain : float [share of bits]
-        A pass that saves less is the last one.
+        Saving below which a pass is the last one.
     refined_steps : tuple of int [quarter octaves]
-        Steps about the chosen one that are fitted in full.
+        Distances to the chosen step of the steps that are fitted in full.
     compared_effort : str or None
-        An effort whose model is another candidate.
+        Effort whose model is another candidate.
     heavy_group_bytes : int [bytes]
-        Positions of a group from which on memory counts more than time.
+        Size of a group's positions from which on saving memory is worth time.
     """
 
     spatial_bases: SpaceBases = (("patch", 64), ("patch", 32), ("patch", 128))
@@ -170,7 +171,7 @@ class Tuning:
     heavy_group_bytes: int = 2**25
 
     def refined_like(self, other: Tuning) -> Tuning:
-        """Return the same search, its coefficients refined as another tuning does it."""
+        """Return this tuning with the refinement of another one."""
         names = ("dead_zones", "refining_passes", "refining_gain", "refined_steps")
         changes: dict[str, Any] = {name: getattr(other, name) for name in names}
         return replace(self, **changes)
@@ -196,4 +197,4 @@ TUNINGS: dict[EffortName, Tuning] = {
         compared_effort="default",
     ),
 }
-"""By the name of the effort that settings have."""
+"""Tuning by the name of the effort in the settings."""
