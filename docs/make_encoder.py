@@ -18,11 +18,12 @@ from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 
 PAGE = Path(__file__).with_name("encoder.md")
 ATTRIBUTE = re.compile(r"^(?P<names>\w+(?:, \w+)*) : (?P<kind>.+)$")
+NAMED = re.compile(r"`(?P<name>[a-z_]+) = [^`\n]*`")
 NOT_MEASURED = "-"
 
 
 def encoder_page() -> str:
-    """Return the page with its two tables written again."""
+    """Return the page with its two tables, and the values of constants that its text names, written again."""
     effects = {(row["name"], row["change"]): row for row in csv.DictReader(_measured())}
     page = PAGE.read_text(encoding="utf-8")
     for name, rows in (("decisions", _decisions(effects)), ("constants", _constants(effects))):
@@ -31,7 +32,17 @@ def encoder_page() -> str:
         )
         before, rest = page.split(begin)
         page = before + begin + "\n".join(["", *rows, "", end]) + rest.split(end)[1]
-    return page
+    return NAMED.sub(_named, page)
+
+
+def _named(found: re.Match[str]) -> str:
+    """Return a constant that the text names, with its present value; ValueError if there is no such constant."""
+    name = found["name"]
+    if name not in {item.name for item in fields(Tuning)}:
+        raise ValueError(
+            f"docs/encoder.md names the constant {name}, which Tuning does not have; change the text there"
+        )
+    return f"`{name} = {_shown(getattr(TUNINGS['default'], name))}`"
 
 
 def _measured() -> Iterable[str]:

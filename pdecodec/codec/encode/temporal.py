@@ -1,4 +1,4 @@
-"""Displacements of a group of frames, and the functions of time that they are sums of, before quantisation."""
+"""Displacements of a group of frames, and the functions of time whose sums they are, before quantisation."""
 
 from __future__ import annotations
 
@@ -19,69 +19,72 @@ from pdecodec.system.shares import in_shares, thread_count
 
 Origin = Literal["reference", "first"]
 ORIGINS: tuple[Origin, ...] = ("reference", "first")
-"""What displacements are measured from: the decoded reference frame, or the first frame as it came. The latter leaves
-the reference frame's own error, which is the same in every frame, alone: what stands still then costs nothing."""
+"""What displacements are measured from: the decoded reference frame, or frame 0 as it was read. The latter
+excludes the reference frame's own error, which is the same in every frame, so vertices at rest cost nothing.
+"""
 
 TimeFunctions = Literal["trajectories", "shapes", "poses", "cosines"]
 TIME_FUNCTIONS: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "poses", "cosines")
-"""Principal trajectories; principal functions that are the same on all axes; how much there is of each of a few of the
-group's own frames; cosines. Poses tell blend shapes and keyframes apart where principal functions mix them; a file has
-them as shapes."""
+"""Principal trajectories; principal functions that all axes share; amounts of a few of the group's own frames;
+cosines. Poses separate blend shapes and keyframes that principal functions mix; a file stores them as shapes.
+"""
 
 FARTHEST_STEPS = 2.0**26
-"""Displacements beyond so many bounds are no motion to be fitted: they are left to residuals."""
+"""Displacements beyond this many bounds are not fitted as motion but left to residuals."""
 
 SINGLE_ROWS = 2.0**-12
-"""Displacements and what is made of them are kept in float32 where the bound is at least this share of the largest:
-half of it already costs robots that turn round 0.6 % more bytes."""
+"""Displacements and their products are kept in float32 if the bound is at least this share of the largest
+displacement. With half of this, robots that turn round take 0.6 % more bytes.
+"""
 
 LARGEST_SINGLE = 2.0**40
-"""Squares of what is larger, or smaller than one over it, may leave the range of float32 when they are added up."""
+"""Largest displacement kept in float32: sums of squares of larger ones may leave its range."""
 
 ALIKE = 1e-2
-"""Functions that differ by less than this share (of their squared length) count as one in a fit."""
+"""Eigenvalue, relative to the largest, below which functions of a fit count as one."""
 
 ROUNDING = 1e-14
-"""What poses have less of than this share is rounding."""
+"""Eigenvalue of the poses' products, relative to the largest, that is only rounding."""
 
 
 def time_basis_of(functions: TimeFunctions) -> TimeBasis:
-    """The time basis by which a file has functions of time."""
+    """Return the time basis as which a file stores functions of time."""
     return "shapes" if functions == "poses" else functions
 
 
 SPAN_BLOCK, SPAN_BLOCKS = 64, 8
-"""Signed sums of vertices in a block, and blocks of them: a block takes less time than decomposing all squares."""
+"""Random sums of vertices in a block, and number of blocks; a block takes less time than decomposing all squares."""
 
 MAX_SPAN_SHARE = 0.35
-"""Share of all trajectories that a span may have: with more, decomposing the squares is quicker."""
+"""Largest share of all trajectories that a span may have; with more, decomposing the squares is quicker."""
 
 SPAN_REST_SHARE = 0.1
-"""What a span may leave out, as a share of what is left out of the trajectories in any case."""
+"""Energy that a span may leave out, as a share of the energy that trajectories leave out in any case."""
 
 WITHIN = 1e-12
-"""Squared length of what is left of a unit vector, below which a span holds it."""
+"""Squared remainder of a unit vector below which a span contains it."""
 
 TINY = 1e-300
-"""Takes the place of a length of zero."""
+"""Replaces a length of zero."""
 
 Span = tuple[Float64Array, Float64Array]
-"""Coefficients (vertices, n) of orthonormal vectors (columns, n), whose product displacements are but for little."""
+"""Coefficients (vertices, n) and orthonormal vectors (columns, n); their product approximates the displacements."""
 
 Seen = Literal["moved", "span", "shift"]
-"""What displacements have that is looked at: themselves, coefficients of a span that they are in, how far the shape
-that they are measured from is from another one."""
+"""Arrays that a projection is applied to: displacements, their coefficients in a span, and the difference of
+two shapes that displacements are measured from.
+"""
 
 
 class Sight:
-    """What a linear map of vertices makes of displacements: mapped once, they serve all functions of time.
+    """Linear map of vertices, applied once to displacements and then used for all functions of time.
 
     Parameters
     ----------
     project : callable
-        Of values on vertices, (vertices, n) float32 or float64, makes (rows, n).
+        Takes values on vertices, (vertices, n) float32 or float64, and returns (rows, n).
     longer : Sight, optional
-        The same map, that has seen displacements which these are part of.
+        The same map of displacements that contain these.
     """
 
     def __init__(self, project: Callable[[Rows], Rows], longer: Sight | None = None) -> None:
@@ -89,7 +92,7 @@ class Sight:
         self._seen: dict[tuple[Displacements, Seen], Rows] = {}
 
     def of(self, owner: Displacements, name: Seen) -> Rows:
-        """What the map makes of what an owner has by a name."""
+        """Return the projection of an array of `owner`."""
         if (owner, name) not in self._seen:
             self._seen[owner, name] = self._look(owner, name)
         return self._seen[owner, name]
@@ -103,22 +106,22 @@ class Sight:
 
 
 class Displacements:
-    """What is left of a group's positions when one shape is taken away.
+    """Positions of a group minus one shape, and their principal functions, each computed when first needed.
 
     Parameters
     ----------
     points : (frames, vertices, 3) float32 [scene units]
     shape : (vertices, 3) float64 [scene units]
     unit : float [scene units]
-        What the bound is, or more where float32 is coarser.
+        The bound, or the spacing of float32 where that is larger.
     tuning : Tuning
     alike : Displacements, optional
-        Of the same points from nearly the same shape, whose functions of time will do here too.
+        Displacements of the same points from nearly the same shape; their functions of time are used here, too.
     beside : Displacements, optional
-        Of the same points from another shape, whose sums of squares tell what these are here.
+        Displacements of the same points from another shape; their sums of squares give those of these.
     part_of : (Displacements, slice), optional
-        Of more frames from the same shape, and which of them these are: what is found of those is not looked for again,
-        as long as these are not put aside.
+        Displacements of more frames from the same shape, and which of those frames these are. Results are taken from
+        them until these are put aside.
     """
 
     def __init__(
@@ -145,16 +148,14 @@ class Displacements:
 
     @property
     def _moved(self) -> Rows:
-        """(vertices, 3 frames), in float32 where that is fine enough."""
+        """Return the displacements, (vertices, 3 frames), in float32 if that is precise enough."""
         if self._taken is None:
             self._taken = self._take()
         return self._taken[0]
 
     @cached_property
     def largest(self) -> float:
-        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same, or of those
-        that these are part of.
-        """
+        """Return the largest magnitude of a displacement, here or in the displacements that these are derived from."""
         other = self._alike or self._beside or (self.part_of and self.part_of[0])
         if other:
             return other.largest
@@ -163,7 +164,7 @@ class Displacements:
         return self._taken[1]
 
     def _take(self) -> tuple[Rows, float]:
-        """Rows and their largest magnitude."""
+        """Compute the displacements and their largest magnitude."""
         farthest, size = FARTHEST_STEPS * self._unit, (self._vertices, 3 * self._frames)
 
         def take(precision: type[np.floating[Any]]) -> tuple[Rows, float]:
@@ -180,9 +181,7 @@ class Displacements:
 
     @cached_property
     def _span(self) -> Span | None:
-        """Few trajectories and their coefficients, whose product displacements are but for little; None where it takes
-        many.
-        """
+        """Return a span of few trajectories that approximates the displacements; None if it would take many."""
         if self.part_of:
             return None
         if self._beside is None:
@@ -195,7 +194,7 @@ class Displacements:
 
     @cached_property
     def _squares(self) -> Float64Array:
-        """(3 frames, 3 frames) float64: sums over all vertices."""
+        """Return products of frames and axes summed over all vertices, (3 frames, 3 frames) float64."""
         if self.part_of:
             whole, frames = self.part_of
             own = slice(3 * frames.start, 3 * frames.stop)
@@ -210,7 +209,7 @@ class Displacements:
 
     @cached_property
     def _squares_by_axis(self) -> Float64Array:
-        """(frames, frames) float64: sums over all vertices and axes."""
+        """Return products of frames summed over all vertices and axes, (frames, frames) float64."""
         if self.part_of:
             whole, frames = self.part_of
             return np.ascontiguousarray(whole._squares_by_axis[frames, frames])
@@ -232,7 +231,7 @@ class Displacements:
 
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
-        """Principal trajectories that are worth looking at: energies (n,), falling, and functions (3 frames, n)."""
+        """Return principal trajectories down to the tail: energies (n,), falling, and functions (3 frames, n)."""
         if self._span is not None:
             return self._first(*principal_axes_within(self._span, self._least))
         if self._is_wide:
@@ -241,13 +240,13 @@ class Displacements:
 
     @cached_property
     def _shapes(self) -> tuple[Float64Array, Float64Array]:
-        """The same of functions of time that all axes share: energies (n,) and functions (frames, n)."""
+        """Return principal functions that all axes share: energies (n,), falling, and functions (frames, n)."""
         return self._first(*principal_axes(self._squares_by_axis, self._least))
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
-        """As :attr:`_shapes`, of frames each as far as can be from what those before it span; none where principal
-        shapes need fewer functions.
+        """Return poses like :attr:`_shapes`: frames, each the farthest from the span of those before. Empty if
+        principal shapes need fewer functions.
         """
         products = self._squares_by_axis
         found = spanning(products, self._least / self._frames, int(self._tuning.pose_share * self._frames))
@@ -261,7 +260,7 @@ class Displacements:
         return energies[order], (weights / lengths)[:, order]
 
     def settle(self, kind: TimeFunctions) -> None:
-        """Keep functions of one kind, its coefficients if they are there, and displacements; forget all else."""
+        """Keep the functions of one kind, its coefficients if computed, and the displacements; free everything else."""
         if kind == "cosines":
             _ = self._cosine_count
         else:
@@ -277,7 +276,7 @@ class Displacements:
         self._coefficients = kept
 
     def put_aside(self) -> None:
-        """Forget what is as large as the group's positions and soon found again."""
+        """Free arrays as large as the group's positions that are quickly computed again."""
         _ = self._total, self.largest
         item: Displacements | None = self
         while item is not None:
@@ -287,13 +286,13 @@ class Displacements:
 
     @property
     def has_poses(self) -> bool:
-        """Whether few frames span all others."""
+        """Return whether few frames span all others."""
         return self.functions("poses")[0].size > 0
 
     def functions(self, kind: TimeFunctions) -> tuple[Float64Array, Float64Array]:
-        """Energies and unit functions of time, by falling energy; not of cosines, which need no looking for.
+        """Return energies and unit functions of time by falling energy; not of cosines, which are fixed.
 
-        Functions have as many numbers as frames, those of trajectories three times as many.
+        Functions have one number per frame, trajectories three.
         """
         if kind in self._settled:
             return self._settled[kind]
@@ -304,7 +303,7 @@ class Displacements:
         return self._poses if kind == "poses" else self._shapes
 
     def time_cost(self, kind: TimeFunctions, step: float) -> TimeFunctionCost:
-        """What functions of time of a kind that is stored take, measured at a step."""
+        """Return the cost of the functions of time of a stored kind, measured at a step."""
         if self._alike is not None:
             return self._alike.time_cost(kind, step)
         if kind not in self._time_costs:
@@ -312,23 +311,27 @@ class Displacements:
         return self._time_costs[kind]
 
     def scaled(self, kind: TimeFunctions) -> Float64Array:
-        """(frames, 3 or 1, functions) float64: functions of time as they are coded, of the energies' lengths."""
+        """Return functions of time as they are coded, scaled to the root of their energies: (frames, 3 or 1,
+        functions) float64.
+        """
         energies, functions = self.functions(kind)
         axes = 3 if kind == "trajectories" else 1
         return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
 
     def has_coefficients(self, kind: TimeFunctions) -> bool:
-        """Whether coefficients of all vertices are there, or follow at once from those that are."""
+        """Return whether coefficients of all vertices are known, or follow directly from known ones."""
         return kind in self._coefficients or (self._alike is not None and self._alike.has_coefficients(kind))
 
     def coefficients(self, kind: TimeFunctions) -> Rows:
-        """(vertices, functions or 3 functions), as precise as displacements: of all functions of a kind, kept."""
+        """Return the coefficients of all functions of a kind, (vertices, functions or 3 functions), and keep them."""
         if kind not in self._coefficients:
             self._coefficients[kind] = self.some_coefficients(kind)
         return self._coefficients[kind]
 
     def some_coefficients(self, kind: TimeFunctions, some: slice = slice(None), sight: Sight | None = None) -> Rows:
-        """The same of some functions, not kept; or (rows, functions or 3 functions), what a linear map makes of it."""
+        """Return the coefficients of some functions without keeping them, or with `sight` their projection
+        (rows, ...).
+        """
         if self._alike is not None and sight is None and some == slice(None):
             found = self._alike.coefficients(kind).copy()
             found += self._shifted(self._alike, self._dual(kind), kind)
@@ -336,7 +339,7 @@ class Displacements:
         return self._along(np.ascontiguousarray(self._dual(kind)[:, some]), kind, sight)
 
     def count(self, kind: TimeFunctions) -> int:
-        """How many functions of a kind there are."""
+        """Return the number of functions of a kind."""
         return self._cosine_count if kind == "cosines" else int(self.functions(kind)[0].size)
 
     @cached_property
@@ -347,41 +350,41 @@ class Displacements:
 
     @cached_property
     def _cosine_count(self) -> int:
-        """Cosines but for the last ones, as far as they carry next to nothing."""
+        """Return the number of cosines without the last ones that carry almost no energy."""
         if self._alike is not None:
             return self._alike._cosine_count
         left = np.cumsum(self._cosine_energies[::-1])[::-1]
         return int(np.count_nonzero(left > self._least))
 
     def _dual(self, kind: TimeFunctions) -> Float64Array:
-        """What displacements are multiplied with, to have coefficients of functions of a kind."""
+        """Return the functions that displacements are multiplied with to get coefficients of a kind."""
         if kind == "cosines":
             return cosines(self._frames, self._cosine_count)
         functions = self.functions(kind)[1]
         return dual_functions(functions) if kind == "poses" else functions
 
     def values(self, name: Seen) -> Rows:
-        """What a :class:`Sight` looks at, vertex by vertex."""
+        """Return an array for a :class:`Sight`, vertex by vertex."""
         if name == "moved":
             return self._moved
         if name == "span":
-            assert self._span is not None  # looked at where there is one
+            assert self._span is not None  # only used if there is one
             return self._span[0]
         other = self._alike or self._beside
-        assert other is not None  # the shape that the shift is from
+        assert other is not None  # the shape that the shift is measured from
         return other._shape - self._shape
 
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Rows:
-        """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
+        """Return least-squares coefficients of unit functions of time: one per function, or one per axis.
 
-        Decoded functions are not quite orthogonal, poses not at all, and coarse ones may coincide.
+        Decoded functions are not exactly orthogonal, poses not at all, and coarse ones may coincide.
         """
         return self._along(dual_functions(functions), kind)
 
     def _shifted(
         self, other: Displacements, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None
     ) -> Float64Array:
-        """By how much sums of displacements times functions differ from those of another shape, which is constant."""
+        """Return by how much products with displacements differ from those measured from another shape."""
         if kind == "trajectories":
             sums = dual.reshape(self._frames, 3, -1).sum(axis=0)
         else:
@@ -389,7 +392,7 @@ class Displacements:
         return product(other._shape - self._shape if sight is None else sight.of(self, "shift"), sums)
 
     def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Rows:
-        """Sums of displacements times functions."""
+        """Return products of displacements and functions."""
         other = self._alike or self._beside
         if self._alike is None and self._span is not None:
             coefficients, axes = self._span
@@ -415,21 +418,21 @@ class Displacements:
         return float(np.trace(self._squares_by_axis))
 
     def explained(self, functions: int, kind: TimeFunctions) -> float:
-        """Share of the motion's energy that the leading principal trajectories or shapes carry."""
+        """Return the share of the motion's energy that the leading principal trajectories or shapes carry."""
         energies, _ = self.functions(principal(kind))
         return float(energies[:functions].sum()) / self._total if self._total > 0 else 1.0
 
 
 def principal(kind: TimeFunctions) -> TimeFunctions:
-    """The principal functions whose energies tell what those of a kind carry."""
+    """Return the kind of principal functions whose energies describe a kind."""
     return "trajectories" if kind == "trajectories" else "shapes"
 
 
 def spanning(products: Float64Array, least: float, most: int) -> Int64Array | None:
-    """Of vectors whose inner products are given, (n, n), those that span all others up to squares of `least`.
+    """Return vectors that span all others up to squares of `least`, given all inner products (n, n).
 
-    Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more
-    than `most`.
+    Each is the farthest from the span of those before: a Cholesky decomposition with pivots. None if it takes more
+    than `most` vectors.
     """
     left, rows = products.diagonal().copy(), np.zeros((most, len(products)))
     pivots: list[int] = []
@@ -446,14 +449,14 @@ def spanning(products: Float64Array, least: float, most: int) -> Int64Array | No
 
 
 def dual_functions(functions: Float64Array) -> Float64Array:
-    """What displacements are multiplied with, so that sums of `functions` come out nearest to them."""
+    """Return the functions that displacements are multiplied with so that sums of `functions` approximate them best."""
     if not functions.size:
         return functions
     return product(functions, pseudo_inverse(sums_of_squares(functions), ALIKE))
 
 
 def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
-    """The leading principal trajectories, as many as leave at most `least` of the energy.
+    """Return the leading principal trajectories, as many as leave at most `least` of the energy.
 
     Parameters
     ----------
@@ -467,7 +470,7 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
     energies : (k,) float64
         Sums of squares, falling.
     axes : (n, k) float64
-        Unit vectors, the largest number of each positive.
+        Unit vectors; the largest number of each is positive.
     """
     is_wide = moved.shape[1] > moved.shape[0]
     if not is_wide:
@@ -479,7 +482,7 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
 
 
 def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
-    """The same from the sums of squares, (n, n), of all vertices."""
+    """Return the same from the sums of squares (n, n) over all vertices."""
     energies, axes = eigen(squares)
     energies = np.maximum(energies, 0.0)
     kept = _count_of_leading(energies, float(np.trace(squares)), least)
@@ -487,14 +490,14 @@ def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, F
 
 
 def _count_of_leading(energies: Float64Array, total: float, least: float) -> int:
-    """How many of falling energies leave at most `least` of a total; all where none do."""
+    """Return how many of the falling energies leave at most `least` of a total; all of them if none do."""
     left = total - np.append(0.0, np.cumsum(energies))
     enough = np.flatnonzero(left <= least)
     return int(enough[0]) if enough.size else energies.size
 
 
 def _turned(axes: Float64Array) -> Float64Array:
-    """With the largest number of each axis positive."""
+    """Return the axes with signs that make the largest number of each positive."""
     largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
     return axes * np.where(largest < 0.0, -1.0, 1.0)
 
@@ -505,19 +508,21 @@ def sums_of_squares(rows: Rows) -> Float64Array:
 
 
 def product(left: Float64Array, right: Float64Array) -> Float64Array:
-    """``left @ right``, of two matrices."""
-    # Copied here and not there: that there is no memory for it is a MemoryError here, and a wrong argument there.
+    """Return ``left @ right`` for two matrices."""
+    # Copy here: running out of memory is a MemoryError here, but would look like a wrong argument in the core.
     return _core.product(left, np.ascontiguousarray(right), thread_count())
 
 
 def eigen(squares: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Eigenvalues, falling, and eigenvectors (columns) of a symmetric matrix."""
+    """Return eigenvalues, falling, and eigenvectors (columns) of a symmetric matrix."""
     values, vectors = _core.symmetric_eigen(squares, True, thread_count())
     return values, vectors.T
 
 
 def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
-    """Of a symmetric matrix, where eigenvalues below a share of the largest count as none."""
+    """Return the pseudo-inverse of a symmetric matrix; eigenvalues below the share `alike` of the largest count
+    as zero.
+    """
     values, vectors = eigen(squares)
     sizes = np.abs(values)
     is_used = sizes > alike * sizes.max(initial=0.0)
@@ -525,14 +530,14 @@ def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
 
 
 def orthonormal(vectors: Float64Array) -> Float64Array:
-    """Orthonormal vectors, as many as are given, that span these; in columns."""
+    """Return as many orthonormal vectors, in columns, that span the given ones."""
     return _core.orthonormal_columns(vectors).vectors.T
 
 
 def leading_span(rows: Rows, least: float) -> Span | None:
-    """Orthonormal vectors that span all but about :data:`SPAN_REST_SHARE` of `least` of the rows' energy.
+    """Return orthonormal vectors that span all but about :data:`SPAN_REST_SHARE` of `least` of the rows' energy.
 
-    None where that takes so many that the squares are quicker.
+    None if that takes so many vectors that decomposing the squares is quicker.
 
     Parameters
     ----------
@@ -553,20 +558,20 @@ def leading_span(rows: Rows, least: float) -> Span | None:
         energy = float(np.square(left).sum())
         if energy <= SPAN_REST_SHARE * least:
             return products(rows, axes), axes
-        # What is left falls more slowly from block to block.
+        # The remaining energy falls more slowly from block to block.
         blocks = min(most // SPAN_BLOCK, SPAN_BLOCKS - 1) - block
         if blocks <= 0 or (block > 1 and energy * math.prod([energy / before] * blocks) > SPAN_REST_SHARE * least):
             return None
         before = energy
         more = orthonormal(left)
-        if axes.size:  # once more, for what rounding left of them
+        if axes.size:  # once more, to remove what rounding left of the axes
             more = orthonormal(_outside(more, axes))
         axes = np.concatenate([axes, more], axis=1)
     return None
 
 
 def _signed_sums(rows: Rows) -> Float64Array:
-    """(SPAN_BLOCKS, SPAN_BLOCK n) float64: each row is added to one of the sums, or taken from it."""
+    """Return sums, (SPAN_BLOCKS, SPAN_BLOCK n) float64; each row is added to one sum with a pseudo-random sign."""
     count = SPAN_BLOCKS * SPAN_BLOCK
     sums = np.zeros((count, rows.shape[1]), rows.dtype)
     hashed = (np.arange(len(rows), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
@@ -583,12 +588,12 @@ def _signed_sums(rows: Rows) -> Float64Array:
 
 
 def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
-    """What orthonormal axes leave of vectors, both in columns."""
+    """Return what is left of vectors (columns) after projection onto orthonormal axes."""
     return vectors - product(axes, product(axes.T, vectors))
 
 
 def with_more(span: Span, rows: Rows, vectors: Float64Array) -> Span:
-    """A span with vectors, (n, few), in it too; `rows` are those that it is of."""
+    """Return a span extended by vectors (n, few); `rows` are the displacements that it approximates."""
     coefficients, axes = span
     for vector in vectors.T:
         left = _outside(vector[:, None] / np.sqrt(max(float(np.square(vector).sum()), TINY)), axes)
@@ -601,7 +606,7 @@ def with_more(span: Span, rows: Rows, vectors: Float64Array) -> Span:
 
 
 def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float64Array]:
-    """:func:`principal_trajectories` of what a span holds."""
+    """Return :func:`principal_trajectories` of the displacements in a span."""
     coefficients, axes = span
     energies, turned = eigen(sums_of_squares(coefficients))
     energies = np.maximum(energies, 0.0)
@@ -611,8 +616,8 @@ def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float
 
 
 def products(rows: Rows, factors: Float64Array, axes: int = 1) -> Rows:
-    """``rows @ factors`` in the rows' precision, (vertices, k).
+    """Return ``rows @ factors`` in the rows' precision, (vertices, k).
 
-    With axes the columns of rows are (n, axes) numbers, those of what is found (k, axes).
+    With several axes, columns of rows are (n, axes) numbers, and columns of the result (k, axes).
     """
     return _core.multiply_rows(np.ascontiguousarray(rows), factors, axes, thread_count())

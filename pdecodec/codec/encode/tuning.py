@@ -97,8 +97,6 @@ class Tuning:
         Largest number of functions of time of a group, which decoding time grows with.
     pose_share : float
         Largest share of the frames that may be poses.
-    span_block, span_blocks : int
-        Size and number of the blocks of random sums of vertices that find the trajectories of long groups.
     dead_zones : tuple of (float, float)
         Dead zones that are compared; the first is the usual one.
     aim, aim_from : float [units]
@@ -157,8 +155,6 @@ class Tuning:
     tail: float = 0.06
     most_time_functions: int = 768
     pose_share: float = 0.25
-    span_block: int = 64
-    span_blocks: int = 8
     dead_zones: tuple[DeadZone, ...] = ((0.6, 0.75),)
     aim: float = 0.8
     aim_from: float = 0.85
