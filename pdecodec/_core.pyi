@@ -577,6 +577,33 @@ class Reference(NamedTuple):
     step: float
     is_smoothed: bool
 
+class FieldGroup(NamedTuple):
+    """Consecutive frames of a field, and their chunk (core/decode/stored_fields.hpp)."""
+
+    first: int
+    frames: int
+    skipped: int
+    in_chunk: int
+    code: int
+    unit: float
+    offset: int
+    size: int
+    checksum: int
+
+class StoredField(NamedTuple):
+    """A header of section FLDS."""
+
+    name: str
+    site: int
+    type: int
+    components: int
+    unit: str
+    objects: list[int]
+    smallest: float
+    largest: float
+    bound: float
+    groups: list[FieldGroup]
+
 class Corrections(NamedTuple):
     """Frame, vertex and offset of each correction of a group."""
 
@@ -626,6 +653,12 @@ class Animation:
     def fields(self, group: int) -> Float32Array:
         """(functions, vertices, axes)."""
     def corrections(self, group: int) -> Corrections: ...
+    def stored_fields(self) -> list[StoredField]: ...
+    def read_field(self, field: int, first: int, frames: int, out: UInt8Array) -> None: ...
+    def evaluate_field(
+        self, field: int, times: Float64Array, derivative: int, object: int | None, out: UInt8Array
+    ) -> None: ...
+    def check_field_group(self, field: int, group: int) -> None: ...
     def close(self) -> None: ...
     def verify(self) -> None: ...
     def check_section(self, type: str) -> None:

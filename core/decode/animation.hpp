@@ -6,6 +6,7 @@
 //     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
 //                       decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
+//     stored_fields.hpp values that change in time on vertices, faces, corners or objects
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
@@ -13,6 +14,7 @@
 #include <thread>
 
 #include "decode/evaluator.hpp"
+#include "decode/stored_fields.hpp"
 
 namespace pdeanim {
 
@@ -31,7 +33,7 @@ public:
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),
           groups_(sections_, options.kept_bytes, turns_), evaluator_(sections_, groups_, turns_),
-          fields_(sections_, groups_, evaluator_, turns_) {}
+          fields_(sections_, groups_, evaluator_, turns_), stored_fields_(sections_, turns_, options.kept_bytes) {}
 
     // Check every byte, and decode everything.
     void verify() {
@@ -46,6 +48,7 @@ public:
         sections_.attributes();
         sections_.remarks();
         for (std::size_t index = 0; index < sections_.table().groups().size(); ++index) groups_.group(index);
+        stored_fields_.verify();
     }
 
     // Exclude other callers during several related calls.
@@ -58,6 +61,7 @@ public:
     RunSections &sections() { return sections_; }
     Evaluator &evaluator() { return evaluator_; }
     GroupFields &fields() { return fields_; }
+    StoredFields &stored_fields() { return stored_fields_; }
 
 private:
     static int threads_of(const Options &options) {
@@ -69,6 +73,7 @@ private:
     GroupCache groups_;
     Evaluator evaluator_;
     GroupFields fields_;
+    StoredFields stored_fields_;
 };
 
 }  // namespace pdeanim

@@ -73,7 +73,7 @@ struct SectionType {
     bool in_file, in_runs, in_groups;
 };
 
-inline constexpr std::array<SectionType, 14> section_types = {{{"META", true, false, false},
+inline constexpr std::array<SectionType, 17> section_types = {{{"META", true, false, false},
                                                                {"SEQN", true, false, false},
                                                                {"NAME", false, true, false},
                                                                {"CONN", true, true, false},
@@ -86,7 +86,10 @@ inline constexpr std::array<SectionType, 14> section_types = {{{"META", true, fa
                                                                {"CORR", true, true, true},
                                                                {"ATTR", true, true, false},
                                                                {"RUNS", true, false, false},
-                                                               {"RDAT", true, false, false}}};
+                                                               {"RDAT", true, false, false},
+                                                               {"FLDS", true, false, false},
+                                                               {"FDAT", true, false, false},
+                                                               {"RFLD", true, false, false}}};
 
 // The section types of one sort.
 template <std::size_t count> consteval std::array<SectionType, count> sections_where(bool SectionType::*is_so) {

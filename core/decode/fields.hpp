@@ -45,6 +45,9 @@ public:
         throw CorruptError(section(), "holds a count of more than " + std::to_string(count_bits) + " bits");
     }
 
+    // A number of bytes.
+    std::span<const u8> bytes(std::size_t size) { return take(size); }
+
     // All remaining bytes.
     std::span<const u8> rest() { return take(data_.size() - at_); }
 

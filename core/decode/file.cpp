@@ -12,7 +12,8 @@ namespace {
 // for each run the places of its sections, and its Python objects.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
-constexpr std::string_view table = "RUNS", data = "RDAT";
+constexpr std::string_view table = "RUNS", data = "RDAT", table_of_fields = "RFLD";
+constexpr std::array<std::string_view, 2> of_fields = {"FLDS", "FDAT"};
 
 constexpr std::array<SectionType, Run::section_count> of_run =
     sections_where<Run::section_count>(&SectionType::in_runs);
@@ -27,13 +28,14 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
     memory_.take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
     if (container_.find(table)) {
         read_runs();
+        if (container_.find(table_of_fields)) read_fields_of_runs();
         return;
     }
     if (sequence_.run_frames.size() != 1) {
         throw CorruptError(Section("SEQN"), "declares " + std::to_string(sequence_.run_frames.size()) +
                                                 " runs of frames, but there is no section RUNS");
     }
-    for (const std::string_view type : {data, of_run[names_at].name}) {
+    for (const std::string_view type : {data, of_run[names_at].name, table_of_fields}) {
         if (container_.find(type)) throw CorruptError(Section(type), "is present without a section RUNS");
     }
     runs_.push_back({.first = 0, .frames = frames()});
@@ -83,6 +85,25 @@ void File::read_runs() {
     if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that belong to no run");
 }
 
+// Section RFLD: the lengths of FLDS and FDAT of each run, which stand one after the other in the file's.
+void File::read_fields_of_runs() {
+    const std::vector<u8> bytes = container_.read(table_of_fields);
+    FieldReader fields(bytes, "RFLD");
+    std::array<SectionPlace, 2> left = {container_.entry(of_fields[0]), container_.entry(of_fields[1])};
+    for (Run &run : runs_) {
+        for (std::size_t k = 0; k < left.size(); ++k) {
+            SectionPlace &place = run.fields[k];
+            place = {.offset = left[k].offset, .length = static_cast<u64>(fields.count()), .checksum = std::nullopt};
+            if (place.length > left[k].length) throw CorruptError(Section(of_fields[k]), "ends before its runs do");
+            left[k].offset += place.length;
+            left[k].length -= place.length;
+        }
+        if (run.fields[0].length > 0) run.fields[0].checksum = fields.integer<u32>();
+    }
+    fields.finish();
+    if (left[0].length + left[1].length > 0) throw CorruptError(Section("RFLD"), "leaves bytes of FLDS or FDAT out");
+}
+
 std::size_t File::run_of(i64 frame) const {
     const auto after = std::upper_bound(runs_.begin(), runs_.end(), frame,
                                         [](i64 wanted, const Run &run) { return wanted < run.first; });
@@ -100,6 +121,9 @@ Container File::container_of(std::size_t run) const {
     std::vector<SectionEntry> entries;
     for (std::size_t k = 0; k < of_run.size(); ++k) {
         entries.push_back({runs_[run].places[k], std::string(of_run[k].name), true});
+    }
+    for (std::size_t k = 0; runs_[run].fields[0].length > 0 && k < of_fields.size(); ++k) {
+        entries.push_back({runs_[run].fields[k], std::string(of_fields[k]), false});
     }
     return Container(*source_, std::move(entries));
 }

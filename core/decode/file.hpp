@@ -22,6 +22,7 @@ struct Run {
     i64 first = 0, frames = 0;  // its first frame, and the number of frames
     i64 vertices = -1;          // as section RUNS states it; -1 without that section
     std::array<SectionPlace, section_count> places{};
+    std::array<SectionPlace, 2> fields{};  // FLDS and FDAT
 };
 
 class File {
@@ -51,6 +52,7 @@ public:
 
 private:
     void read_runs();
+    void read_fields_of_runs();
 
     std::unique_ptr<Source> source_;
     Container container_;

@@ -97,6 +97,7 @@ public:
     // Parts that are decoded on first use.
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
+    std::vector<ConnectivityView> views();  // of the connectivity of each object
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const std::vector<u8> &remarks();  // section META, unread
@@ -115,7 +116,6 @@ private:
     struct EarlyPatches;
 
     void read_vertex_counts(std::size_t run);
-    std::vector<ConnectivityView> views();
     bool says_welds() const;
     TakenMemory take_elements(const Patches &patches);
     std::shared_ptr<const SpaceLayout> layout_of(std::shared_ptr<const Patches> patches) const;

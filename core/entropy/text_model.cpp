@@ -21,25 +21,6 @@ constexpr std::string_view words =
     "pCube1|pCubeShape1\xffPlane_0001\xff"
     "Cylinder_10\xff";
 
-// Whether bytes are standard UTF-8: the shortest form of each character, and no surrogates.
-bool is_utf8(std::string_view text) {
-    for (std::size_t at = 0; at < text.size();) {
-        const u32 first = static_cast<u8>(text[at++]);
-        if (first < 0x80) continue;
-        const int more = first >= 0xF0 ? 3 : first >= 0xE0 ? 2 : 1;
-        if (first < 0xC2 || first > 0xF4 || text.size() - at < static_cast<std::size_t>(more)) return false;
-        u32 character = first & (0x3F >> more);
-        for (int i = 0; i < more; ++i) {
-            const u32 next = static_cast<u8>(text[at++]);
-            if ((next & 0xC0) != 0x80) return false;
-            character = character << 6 | (next & 0x3F);
-        }
-        if (more == 2 && (character < 0x800 || (character >= 0xD800 && character < 0xE000))) return false;
-        if (more == 3 && (character < 0x10000 || character > 0x10FFFF)) return false;
-    }
-    return true;
-}
-
 }  // namespace
 
 TextModel::TextModel(bool has_read_words)
@@ -109,5 +90,23 @@ template void TextModel::code_bytes(RangeCoder<Mode::encode> &, std::span<u8>);
 template void TextModel::code_bytes(RangeCoder<Mode::decode> &, std::span<u8>);
 template std::string TextModel::code_text(RangeCoder<Mode::encode> &, std::string_view, const TakeMemory &);
 template std::string TextModel::code_text(RangeCoder<Mode::decode> &, std::string_view, const TakeMemory &);
+
+bool is_utf8(std::string_view text) {
+    for (std::size_t at = 0; at < text.size();) {
+        const u32 first = static_cast<u8>(text[at++]);
+        if (first < 0x80) continue;
+        const int more = first >= 0xF0 ? 3 : first >= 0xE0 ? 2 : 1;
+        if (first < 0xC2 || first > 0xF4 || text.size() - at < static_cast<std::size_t>(more)) return false;
+        u32 character = first & (0x3F >> more);
+        for (int i = 0; i < more; ++i) {
+            const u32 next = static_cast<u8>(text[at++]);
+            if ((next & 0xC0) != 0x80) return false;
+            character = character << 6 | (next & 0x3F);
+        }
+        if (more == 2 && (character < 0x800 || (character >= 0xD800 && character < 0xE000))) return false;
+        if (more == 3 && (character < 0x10000 || character > 0x10FFFF)) return false;
+    }
+    return true;
+}
 
 }  // namespace pdeanim

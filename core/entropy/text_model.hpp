@@ -47,4 +47,7 @@ private:
     std::vector<u8> past_;
 };
 
+// Whether bytes are standard UTF-8: the shortest form of each character, and no surrogates.
+bool is_utf8(std::string_view text);
+
 }  // namespace pdeanim

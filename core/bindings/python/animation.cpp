@@ -273,6 +273,58 @@ void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::o
     });
 }
 
+// Return the description of every field, with its groups.
+nb::list stored_fields(PyAnimation &self) {
+    const auto own = self.animation();
+    const auto &headers = self.with(
+        [](Animation &animation) -> const std::vector<FieldHeader> & { return animation.stored_fields().headers(); });
+    return list_of(headers, [](const FieldHeader &one) {
+        const nb::list groups = list_of(one.groups, [](const FieldGroup &group) {
+            return named("FieldGroup", group.first, group.frames, group.skipped, group.in_chunk,
+                         static_cast<int>(group.code), group.unit, group.offset, group.size, group.checksum);
+        });
+        return named("StoredField", one.name, static_cast<int>(one.site), static_cast<int>(one.type), one.components,
+                     one.unit, one.objects, one.smallest, one.largest, one.bound, groups);
+    });
+}
+
+std::size_t check_field(PyAnimation &self, std::size_t field) {
+    const std::size_t count = self.with([](Animation &own) { return own.stored_fields().headers().size(); });
+    if (field >= count) throw nb::index_error("there is no such field");
+    return field;
+}
+
+using Bytes = nb::ndarray<u8, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+// Write the values of frames as bytes.
+void read_field(PyAnimation &self, std::size_t field, i64 first, i64 frames, const Bytes &out) {
+    check_field(self, field);
+    self.with([&](Animation &own) {
+        const FieldHeader &header = own.stored_fields().headers()[field];
+        const i64 row = own.stored_fields().rows(field) * header.components * size_of_type(header.type);
+        require(first >= 0 && frames >= 0 && first + frames <= own.sections().frames() &&
+                    static_cast<i64>(out.size()) == frames * row,
+                "frames or the output do not fit the field");
+        own.stored_fields().read(field, first, frames, {out.data(), out.size()});
+        return 0;
+    });
+}
+
+// Write values at times as bytes.
+void evaluate_field(PyAnimation &self, std::size_t field, const Flat<double> &times, int derivative,
+                    std::optional<i64> object, const Bytes &out) {
+    check_field(self, field);
+    self.with([&](Animation &own) {
+        const FieldHeader &header = own.stored_fields().headers()[field];
+        const i64 row = own.stored_fields().rows(field, object) * header.components * size_of_type(header.type);
+        require(derivative >= 0 && derivative <= 2 && (derivative == 0 || is_float(header.type)) &&
+                    static_cast<i64>(out.size()) == static_cast<i64>(times.size()) * row,
+                "the derivative or the output do not fit the field");
+        own.stored_fields().evaluate(field, view(times), derivative, object, {out.data(), out.size()});
+        return 0;
+    });
+}
+
 nb::object weights(PyAnimation &self, int quantity, double time, std::size_t index) {
     const Group own = group_of(self, index);
     const Quantity wanted = quantity_of(quantity);
@@ -324,6 +376,8 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "DecodedAttribute", "name domain values indices labels");
     add_tuple(module, "Reference", "grid origin step is_smoothed");
     add_tuple(module, "Corrections", "frames vertices offsets");
+    add_tuple(module, "FieldGroup", "first frames skipped in_chunk code unit offset size checksum");
+    add_tuple(module, "StoredField", "name site type components unit objects smallest largest bound groups");
     module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
@@ -377,6 +431,22 @@ void bind_animation(nb::module_ &module) {
         .def("weights", &weights, nb::arg("quantity"), nb::arg("time"), nb::arg("group"))
         .def("fields", &fields, nb::arg("group"))
         .def("corrections", &corrections, nb::arg("group"))
+        .def("stored_fields", &stored_fields)
+        .def("read_field", &read_field, nb::arg("field"), nb::arg("first"), nb::arg("frames"),
+             nb::arg("out").noconvert())
+        .def("evaluate_field", &evaluate_field, nb::arg("field"), nb::arg("times"), nb::arg("derivative"),
+             nb::arg("object").none(), nb::arg("out").noconvert())
+        .def(
+            "check_field_group",
+            [](PyAnimation &self, std::size_t field, std::size_t group) {
+                check_field(self, field);
+                self.with([&](Animation &own) {
+                    require(group < own.stored_fields().headers()[field].groups.size(), "there is no such group");
+                    own.stored_fields().check(field, group);
+                    return 0;
+                });
+            },
+            nb::arg("field"), nb::arg("group"))
         .def("close", &PyAnimation::close)
         .def("verify", &verify)
         .def("check_section", &check_section, nb::arg("type"))
