@@ -28,6 +28,7 @@ from pdecodec.cli.options import (
     max_output_option,
     overwrite_option,
     parse_bytes,
+    parse_fields,
 )
 from pdecodec.errors import Notice, SettingsError, naming_file
 
@@ -110,6 +111,24 @@ this large for the file to grow linearly from there on: the first few frames pre
     type=float,
     metavar="X",
     help="Largest error of texture coordinates, such as 1e-4 (1 is the whole texture).  [default: lossless]",
+)
+@click.option(
+    "--field-tolerance",
+    type=fraction,
+    default=0.001,
+    show_default=True,
+    metavar="X|P%",
+    help="Largest error of values that change in time (stress, velocity, colours), as a fraction of the range of their "
+    "field. Whole numbers and flags are exact.",
+)
+@click.option(
+    "--field",
+    "fields",
+    multiple=True,
+    callback=parse_fields,
+    metavar="NAME=X",
+    help="The same for one field: NAME=1e-4, NAME='0.5 units' of the field, NAME=exact, or NAME=drop to leave it out. "
+    "Repeatable.",
 )
 @click.option(
     "--order",
@@ -219,13 +238,17 @@ def _encode(
     if preset is not None and report.bound is not None:
         kept = "" if report.normal_p99 is None else f", 99 % of the normals within {report.normal_p99:.3g} degrees"
         say(f"preset {preset}: tolerance {report.bound / report.scale:.4g}{kept}")
+    of_fields = f"with {byte_size(report.field_bytes)} of fields " if report.field_bytes else ""
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
         f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "
-        f"out {byte_size(report.file_bytes)} "
-        f"({ratio(report.raw_bytes, report.file_bytes)}), "
+        f"out {byte_size(report.file_bytes)} {of_fields}"
+        f"({ratio(report.raw_bytes, report.file_bytes - report.field_bytes)}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
+    for one in report.fields:
+        kept = f"bound {one.bound:.3g}, max error {one.max_error:.3g}" if one.bound else "exact"
+        say(f"field {one.name}: {byte_size(one.bytes)}, range {one.smallest:.4g} to {one.largest:.4g}, {kept}")
     for warning in report.warnings:
         parameters = click.get_current_context().command.params
         say(f"warning: {in_options(warning, parameters) if isinstance(warning, Notice) else warning}")
@@ -234,7 +257,7 @@ def _encode(
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
     """Return the report with the names and ratios that scripts expect."""
     from pdecodec.codec.container import CONSTANT_SECTIONS
-    from pdecodec.codec.encode.report import to_json
+    from pdecodec.codec.encode.report import fields_to_json, to_json
     from pdecodec.mesh.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
@@ -247,10 +270,11 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
         "output": output,
         "input_bytes": input_size,
         "output_bytes": report.file_bytes,
-        "ratio": report.raw_bytes / report.file_bytes,
+        "ratio": report.raw_bytes / (report.file_bytes - report.field_bytes),
         "bpvf": bits_per_vertex_frame(report.file_bytes - constant, vertices=report.raw_bytes // 12, frames=1),
         "diagonal": report.scale,
         "profile": settings.profile,
         **{name: getattr(report, name) for name in same},
         "alternatives": to_json(report.alternatives),
+        "fields": fields_to_json(report.fields),
     }

@@ -168,6 +168,7 @@ def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
         "raw_bytes": 12 * sequence.position_count,
         **runs,
         **_first_frame(sequence, is_read=is_decoded),
+        "fields": first.field_facts(),
         "metadata": dict(sequence.metadata),
         "objects": [_object_facts(item, has_attributes=is_decoded) for item in objects],
     }
@@ -256,10 +257,26 @@ def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
         *(("left out", f"{item['name']}: {item['feature']}") for item in facts["unsupported"]),
         ("file", f"{size} ({ratio(facts['raw_bytes'], facts['file_bytes'])})" if "file_bytes" in facts else size),
         *((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED),
+        *_field_rows(facts["fields"]),
         ("metadata", _in_words(facts["metadata"])),
         *_content_rows(facts),
     ]
     print_rows(table)
+
+
+def _field_rows(fields: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Yield one row per field."""
+    for one in fields:
+        numbers = f"{one['components']} {one['dtype']}" if one["components"] > 1 else one["dtype"]
+        parts = [f"{one['domain']}, {numbers}"]
+        if "range" in one:
+            low, high = one["range"]
+            parts.append(f"{low:.4g} to {high:.4g} {one['unit']}".rstrip())
+            parts.append(f"bound {one['bound']:.3g}" if one["bound"] else "exact")
+            parts.append(byte_size(one["bytes"]))
+        elif one["unit"]:
+            parts.append(one["unit"])
+        yield f"field {one['name']}", ", ".join(parts)
 
 
 def _content_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -293,7 +310,7 @@ def _bounds_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 _TABLED = (
     "frames", "fps", "first_time", "last_time", "duration", "vertices", "faces", "lines", "raw_bytes", "file_bytes",
     "ratio", "finite_at_first_frame", "bounds_at_first_frame", "diagonal", "metadata", "objects", "source_bytes",
-    "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives", "contents",
+    "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives", "contents", "fields",
 )  # fmt: skip
 """Facts that the table shows in words of its own."""
 

@@ -35,6 +35,22 @@ def parse_bytes(context: click.Context, parameter: click.Parameter, value: str |
         raise click.BadParameter(str(error), context, parameter) from error
 
 
+def parse_fields(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, float | str]:
+    """Click callback: parse ``NAME=X`` with :func:`pdecodec.codec.settings.parse_field_setting`."""
+    from pdecodec.codec.settings import parse_field_setting
+
+    found = {}
+    for text in given:
+        name, equals, value = text.rpartition("=")
+        try:
+            found[name] = parse_field_setting(value)
+        except ValueError as error:
+            raise click.BadParameter(f"{text!r}: {error}", context, parameter) from error
+        if not equals or not name:
+            raise click.BadParameter(f"{text!r} is not NAME=X", context, parameter)
+    return found
+
+
 def option_group(*options: Decorator) -> Decorator:
     """Return a decorator that gives a command several options, shown in this order."""
 

@@ -103,6 +103,9 @@ template <class Signed> Signed bits_of_ordered(Signed image) {
     return image >= 0 ? image : static_cast<Signed>(image ^ std::numeric_limits<Signed>::max());
 }
 
+// Kinds of values that are no numbers, as chunks have them; 3 is minus infinity.
+constexpr u8 not_a_number = 1, plus_infinity = 2;
+
 template <class Real> Real real_of(i64 value, u8 kind, double unit) {
     if (kind == not_a_number) return std::numeric_limits<Real>::quiet_NaN();
     if (kind)

@@ -47,17 +47,18 @@ class SectionKind:
         Four ASCII letters.
     title : str
         Its content in words.
-    of : {"file", "run", "group"}
-        What has such a section: a file, a run of frames, or each group of frames as a chunk.
+    of : {"file", "run", "group", "fields"}
+        What has such a section: a file, a run of frames, each group of frames as a chunk, or the fields of a run.
     is_required : bool
         Whether a decoder that does not know the type must refuse the file.
     is_constant : bool
-        Whether its size does not grow with the motion: rates in bits per vertex and frame leave it out.
+        Whether its size does not grow with the motion, as fields' does not: rates in bits per vertex and frame leave
+        it out.
     """
 
     type: str
     title: str
-    of: Literal["file", "run", "group"]
+    of: Literal["file", "run", "group", "fields"]
     is_required: bool = True
     is_constant: bool = False
 
@@ -79,14 +80,20 @@ SECTION_KINDS = {
         SectionKind("COEF", "coefficients", "group"),
         SectionKind("CORR", "residuals", "group"),
         SectionKind("ATTR", "attributes", "run", is_constant=True),
+        SectionKind("FLDS", "headers of fields", "fields", is_required=False, is_constant=True),
+        SectionKind("FDAT", "values of fields", "fields", is_required=False, is_constant=True),
+        SectionKind("RFLD", "fields of runs", "file", is_required=False, is_constant=True),
     )
 }
 """Kinds by type, in the order of files, and of section RDAT for each run. A file of one run has the run's
 sections in its own table and no NAME; a file of several runs has RUNS and RDAT.
 """
 
-RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of != "file")
+RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of in ("run", "group"))
 """Sections of a run, in the order of section RUNS."""
+
+FIELD_SECTIONS = ("FLDS", "FDAT", "RFLD")
+"""Sections of fields. A file of several runs has FLDS and FDAT of all runs, one after the other; RFLD divides them."""
 
 CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")
 """Sections made of chunks, one per group of frames, each with its own checksum. Everything before the first of

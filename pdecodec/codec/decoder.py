@@ -14,15 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
+from pdecodec.codec.container import FIELD_SECTIONS
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
+from pdecodec.codec.sections.fields import field_of
 from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.codec.source import DecodeLimits, Source, naming_file_of, open_core, open_source
 from pdecodec.errors import InputError, LimitError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
 from pdecodec.system.arguments import as_integer, as_numbers, shown
@@ -43,6 +46,10 @@ def _writable(out: Any) -> NDArray[Any]:
         raise SettingsError(
             "the array to write to must be of numpy, or export float32 of main memory through DLPack"
         ) from error
+
+
+def _as_bytes(array: NDArray[Any]) -> NDArray[np.uint8]:
+    return array.reshape(-1).view(np.uint8)
 
 
 class Animation(MeshSequence):
@@ -118,6 +125,94 @@ class Animation(MeshSequence):
             MeshObject(name, Connectivity(vertices, *arrays))
             for name, vertices, arrays in zip(names, self._vertex_counts, parts, strict=True)
         )
+
+    @cached_property
+    def _stored_fields(self) -> list[_core.StoredField]:
+        with self._naming_the_file():
+            return self._core.stored_fields()
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:  # type: ignore[override]  # read when it is first needed
+        return tuple(map(field_of, self._stored_fields))
+
+    def _field_number(self, name: str) -> tuple[Field, int]:
+        field = self.field_named(name)
+        return field, self.fields.index(field)
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.empty(field.shape(stop - start, self.meshes), field.dtype)
+        with self._naming_the_file():
+            self._core.read_field(self.fields.index(field), start, stop - start, _as_bytes(values))
+        return values
+
+    def field(
+        self,
+        name: str,
+        times: ArrayLike,
+        *,
+        object: int | None = None,
+        out: NDArray[Any] | None = None,
+        outside: Outside = "clamp",
+        derivative: int = 0,
+    ) -> NDArray[Any]:
+        """Return the values of a field at one time or at several.
+
+        Between frames, floats follow the spline that positions follow. Whole numbers and flags, and values near which
+        one is not finite, are those of the frame before.
+
+        Parameters
+        ----------
+        name : str
+        times : float or (n,) array [s]
+            In any order.
+        object : int, optional
+            Index of one object, whose rows alone are returned: none if it does not have the field. Default: all.
+        out : array of the field's type, optional
+            Written and returned.
+        outside : {"clamp", "loop", "refuse"}
+            As in :meth:`positions`.
+        derivative : {0, 1, 2}
+            1 and 2: the derivatives of the spline [units of the field / s, / s^2], of fields of floats; NaN near a
+            value that is not finite.
+
+        Returns
+        -------
+        (rows,), (rows, components), (n, rows) or (n, rows, components) array
+
+        Raises
+        ------
+        InputError
+            If there is no such field.
+        SettingsError
+            If `times` are not numbers, a time lies outside and that is refused, there is no such object, the field has
+            no derivative, or `out` has another shape or type.
+        CorruptFileError
+            If a group that is needed is damaged.
+        """
+        field, number = self._field_number(name)
+        given = as_numbers(times, "times")
+        asked = given if given.ndim else given[np.newaxis]
+        inside = self._inside(asked, outside)
+        if object is not None:
+            as_integer(object, "object", 0, len(self.meshes) - 1)
+        if as_integer(derivative, "derivative", 0, 2) and field.is_exact:
+            raise SettingsError(f"field {name!r} is of {field.dtype}, which has no derivative", setting="derivative")
+        shape = list(field.shape(asked.size, self.meshes))
+        if object is not None:
+            shape[1] = field.row_counts(self.meshes)[object]
+        wanted = tuple(shape if given.ndim else shape[1:])
+        found = np.empty(wanted, field.dtype) if out is None else out
+        if found.shape != wanted or found.dtype != field.dtype or not found.flags.writeable:
+            raise SettingsError(
+                f"the array to write to must be {field.dtype} {wanted}, not {found.dtype} {found.shape}"
+            )
+        target = found if found.flags.c_contiguous else np.empty(wanted, field.dtype)
+        known = inside if not derivative or outside == "loop" else asked
+        with self._naming_the_file():
+            self._core.evaluate_field(number, known, derivative, object, _as_bytes(target))
+        if target is not found:
+            found[...] = target
+        return found
 
     @cached_property
     def _remarks(self) -> dict[str, Any]:
@@ -378,13 +473,26 @@ class Animation(MeshSequence):
         file_bytes = sum(sections.values())
         return {
             "file_bytes": file_bytes,
-            "ratio": 12 * self.position_count / file_bytes,
+            "ratio": 12 * self.position_count / (file_bytes - sum(sections.get(name, 0) for name in FIELD_SECTIONS)),
             "sections": sections,
             "summary": str(remarks.get("summary", "")),
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
             "jumps": list(self.jumps),
+            "fields": self.field_facts(),
         }
+
+    def field_facts(self) -> list[dict[str, Any]]:
+        return [
+            {
+                **facts,
+                "range": [stored.smallest, stored.largest],
+                "bound": stored.bound,
+                "bytes": sum(group.size for group in stored.groups),
+                "groups": len(stored.groups),
+            }
+            for facts, stored in zip(super().field_facts(), self._stored_fields, strict=True)
+        ]
 
     @property
     def group_frames(self) -> list[tuple[int, int]]:

@@ -17,6 +17,7 @@ from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
+from pdecodec.codec.encode.field_sections import check_field_names
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, preset_named, with_preset
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
@@ -153,13 +154,13 @@ def _encode(
     progress: Progress | None,
 ) -> EncodeReport:
     """Encode once, at the bound of the settings."""
+    check_field_names(settings, sequence.runs)
     with rounding_noticed() as rounding:
         if isinstance(sequence, ChangingSequence):
             report = encode_runs(sequence, settings, path, overwrite=overwrite, progress=progress)
         else:
             report = make_encoder(sequence, settings, progress).run(path, overwrite=overwrite)
-    names = dict.fromkeys(one.name for run in sequence.runs for one in run.fields)
-    return replace(report, rounding=rounding.largest, dropped_fields=tuple(names))
+    return replace(report, rounding=rounding.largest)
 
 
 def encode_to_size(

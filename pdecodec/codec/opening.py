@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.codec.container import FIELD_SECTIONS
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.paper_form import PaperForm
 from pdecodec.codec.source import DecodeLimits, FileSource, chosen_limits, open_core, open_source
@@ -12,6 +16,7 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, one_run_of
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.times import Outside
+from pdecodec.system.arguments import as_numbers
 
 
 def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) -> Animation:
@@ -98,6 +103,37 @@ class ChangingAnimation(ChangingSequence, Animation):
         own = inside if outside == "loop" else asked
         return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
 
+    def field(
+        self,
+        name: str,
+        times: ArrayLike,
+        *,
+        object: int | None = None,
+        out: NDArray[Any] | None = None,
+        outside: Outside = "clamp",
+        derivative: int = 0,
+    ) -> NDArray[Any]:
+        """Return the values of a field of the run that all times belong to, as :meth:`Animation.field` does."""
+        given = as_numbers(times, "times")
+        inside = self._inside(given if given.ndim else given[np.newaxis], outside)
+        # The wrapped time may fall in another run.
+        own = inside.reshape(given.shape) if outside == "loop" else given
+        return self._run_of(inside).field(name, own, object=object, out=out, derivative=derivative)
+
+    def field_facts(self) -> list[dict[str, Any]]:
+        if not {"FLDS"} & {section.type for section in self._core.sections}:
+            return []
+        found: dict[str, dict[str, Any]] = {}
+        for run in self.runs:
+            assert isinstance(run, Animation)
+            for facts in run.field_facts():
+                known = found.setdefault(facts["name"], facts)
+                if known is not facts:
+                    low, high = zip(known["range"], facts["range"], strict=True)
+                    known |= {"range": [min(low), max(high)], "bound": max(known["bound"], facts["bound"])}
+                    known |= {name: known[name] + facts[name] for name in ("bytes", "groups")}
+        return [*found.values()]
+
     def coefficients(self, group: int) -> PaperForm:
         raise SettingsError(f"coefficients are of one run of frames, of which there are {len(self.runs)}; choose one")
 
@@ -110,7 +146,7 @@ class ChangingAnimation(ChangingSequence, Animation):
             own = {section for number in range(len(self.runs)) for section in self._core.run_sections(number)}
             beside = self._core.file_bytes - sum(sizes.values())
         for section in own:
-            if section.length:
+            if section.length and section.type not in FIELD_SECTIONS:
                 sizes[section.type] = sizes.get(section.type, 0) + section.length
         del sizes["RDAT"]
         return {"container": beside, **dict(sorted(sizes.items()))}

@@ -23,7 +23,7 @@ from pdecodec.codec.container import (
 )
 from pdecodec.codec.encode.paper import PaperEncoder
 from pdecodec.codec.encode.pipeline import AutoEncoder, Encoder, checked_frames
-from pdecodec.codec.encode.report import EncodeReport, counted, generator
+from pdecodec.codec.encode.report import EncodeReport, counted, generator, total_reports
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.description import encode_names, encode_remarks, encode_sequence_description
 from pdecodec.codec.settings import EncodeSettings, Profile
@@ -67,6 +67,7 @@ def encode_runs(
             Section("SEQN", encode_sequence_description(sequence, jumps)),
             Section("RUNS", table.to_bytes()),
             Section("RDAT", table.data),
+            *table.field_sections(),
         ]
         data = None
         if path is None:
@@ -98,6 +99,7 @@ def encode_runs(
         jumps=tuple(jumps),
         median_edge=min((one.median_edge for one in reports if one.median_edge is not None), default=None),
         positions=sequence.position_count,
+        fields=tuple(total_reports([one for report in reports for one in report.fields])),
     )  # fmt: skip
 
 
@@ -117,6 +119,7 @@ class RunTable:
         self.sizes: dict[str, int] = {}
         self._writer = FieldWriter()
         self._before: dict[str, bytes] = {}
+        self._headers, self._values, self._of_fields = b"", Spool(output), FieldWriter()
 
     def add(self, sequence: MeshSequence, sections: Sequence[Section]) -> None:
         """Add a run, of the sections of a file of it alone."""
@@ -125,6 +128,25 @@ class RunTable:
         self._writer.count(sequence.vertex_count)
         for name in RUN_SECTIONS:
             self._add(found.get(name, Section(name, b"")))
+        headers, values = (found.get(name, Section(name, b"")) for name in ("FLDS", "FDAT"))
+        assert isinstance(headers.content, bytes)  # FLDS is never streamed
+        self._headers += headers.content
+        self._of_fields.count(headers.length)
+        self._of_fields.count(values.length)
+        if headers.length:
+            self._of_fields.numbers("I", headers.checksum)
+        for piece in values.pieces():
+            self._values.append(piece)
+
+    def field_sections(self) -> list[Section]:
+        """Return the sections of the fields of all runs; none if no run has fields."""
+        if not self._headers:
+            return []
+        return [
+            Section("FLDS", self._headers),
+            Section("FDAT", self._values),
+            Section("RFLD", self._of_fields.to_bytes()),
+        ]
 
     def _add(self, section: Section) -> None:
         if isinstance(section.content, bytes):
@@ -145,6 +167,7 @@ class RunTable:
 
     def close(self) -> None:
         self.data.close()
+        self._values.close()
 
 
 def _encode_run(

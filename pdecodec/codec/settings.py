@@ -19,6 +19,9 @@ Profile = Literal["auto", "paper"]
 Order = Literal["keep", "free"]
 EffortName = Literal["fast", "default", "best"]
 
+DEFAULT_FIELD_TOLERANCE = 1e-3
+"""Of the range of a field."""
+
 DEFAULT_TOLERANCE = 1e-3
 """A thousandth of frame 0's diagonal: below what is seen on a full-frame character."""
 
@@ -134,6 +137,12 @@ class EncodeSettings:
         until they fit, which costs bytes. None: what groups of usual length take.
     uv_tolerance : float or None
         How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
+    field_tolerance : float
+        Largest error of a value of a field, over the field's range (:class:`pdecodec.Field`). Whole numbers and flags
+        are exact.
+    fields : mapping of str to float or str
+        By the name of a field another tolerance, an error in the field's units (``"0.5 units"``), ``"exact"``, or
+        ``"drop"`` to leave it out.
     order : {"keep", "free"}
         Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
     why : bool
@@ -155,15 +164,19 @@ class EncodeSettings:
     group_frames: int | None = None
     max_memory: int | None = None
     uv_tolerance: float | None = None
+    field_tolerance: float = DEFAULT_FIELD_TOLERANCE
+    fields: Mapping[str, float | str] = field(default_factory=dict)
     order: Order = "keep"
     why: bool = False
     paper: PaperSettings = field(default_factory=PaperSettings)
 
     def __post_init__(self) -> None:
         check_one_target({"tolerance": self.tolerance, "max_error": self.max_error})
-        _settle(self, ("tolerance", "max_error", "uv_tolerance"), float, Real, "a number")
+        names = ("tolerance", "max_error", "uv_tolerance", "field_tolerance")
+        _settle(self, names, float, Real, "a number")
+        object.__setattr__(self, "fields", _checked_fields(self.fields))
         _settle(self, ("why",), bool, np.bool_, "True or False")
-        for name in ("tolerance", "max_error", "uv_tolerance"):
+        for name in names:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"must be a positive number, not {value}", setting=name)
@@ -231,9 +244,56 @@ class EncodeOptions(TypedDict, total=False):
     group_frames: int | None
     max_memory: int | None
     uv_tolerance: float | None
+    field_tolerance: float
+    fields: Mapping[str, float | str]
     order: Order
     why: bool
     paper: PaperSettings
+
+
+EXACT, DROP, UNITS = "exact", "drop", "units"
+"""Texts that say how a field is stored."""
+
+
+def field_bound(asked: float | str, extent: float) -> float | None:
+    """Return the largest error of a field's values, from a setting of it; None if they are exact.
+
+    Parameters
+    ----------
+    asked : float or str
+    extent : float
+        Difference of the field's largest and smallest value.
+    """
+    if isinstance(asked, str):
+        return None if asked == EXACT else float(asked.removesuffix(UNITS))
+    return asked * extent
+
+
+def parse_field_setting(text: str) -> float | str:
+    """Return a field's setting from text: ``1e-4``, ``0.1%``, ``0.5 units``, ``exact``, ``drop``; ValueError else."""
+    stripped = " ".join(text.split())
+    if stripped in (EXACT, DROP):
+        return stripped
+    number = stripped.removesuffix(UNITS).strip()
+    value = float(number) if number != stripped else parse_fraction(stripped)
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{text!r} is not above 0")
+    return value if number == stripped else f"{value!r} {UNITS}"
+
+
+def _checked_fields(given: object) -> dict[str, float | str]:
+    if not isinstance(given, Mapping):
+        raise SettingsError(f"must be a mapping of names to tolerances, not {shown(given)}", setting="fields")
+    found: dict[str, float | str] = {}
+    for name, asked in given.items():
+        try:
+            found[str(name)] = parse_field_setting(asked if isinstance(asked, str) else repr(float(asked)))
+        except (TypeError, ValueError):
+            raise SettingsError(
+                f"{name!r} must be a tolerance, '0.5 {UNITS}', '{EXACT}' or '{DROP}', not {shown(asked)}",
+                setting="fields",
+            ) from None
+    return found
 
 
 def check_one_target(targets: Mapping[str, object]) -> None:

@@ -359,6 +359,10 @@ class MeshSequence(ABC):
         for start in range(0, self.frame_count, size):
             yield start, self.read_field(name, start, min(start + size, self.frame_count))
 
+    def field_facts(self) -> list[dict[str, Any]]:
+        """Return the facts about each field as JSON objects."""
+        return [{**vars(field), "dtype": str(field.dtype)} for field in self.fields]
+
     def field_named(self, name: str) -> Field:
         """Return the field of a name; raise InputError if there is none."""
         found = next((one for one in self.fields if one.name == name), None)

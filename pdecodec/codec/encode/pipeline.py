@@ -28,9 +28,10 @@ from pdecodec.codec.container import (
     section_sizes,
     write_container,
 )
+from pdecodec.codec.encode.field_sections import encode_fields
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
 from pdecodec.codec.encode.reference import References
-from pdecodec.codec.encode.report import EncodeReport, Question, counted, generator, to_json
+from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json
 from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 from pdecodec.codec.encoding_memory import memory_plan
@@ -82,6 +83,7 @@ class Encoder(ABC):
         self._largest_square, self._sum_of_squares = 0.0, 0.0
         self._residuals = self._coefficients = 0
         self._questions: list[Question] = []
+        self._fields: list[FieldReport] = []
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
@@ -96,7 +98,7 @@ class Encoder(ABC):
     @contextmanager
     def encoded(self, path: Path | None) -> Iterator[list[Section]]:
         """Encode all groups and yield the file's sections; some are in unnamed files that last as long as the block."""
-        spools = [Spool(path) for _ in CHUNK_SECTIONS]
+        spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
         beside = ThreadPoolExecutor(1)
         try:
@@ -105,11 +107,12 @@ class Encoder(ABC):
             frames = 0
             with threads_for(self._sequence.vertex_count * self._sequence.frame_count):
                 for encoded in self._groups():
-                    self._write_group(encoded, spools)
+                    self._write_group(encoded, spools[:-1])
                     frames += encoded.entry.frames
                     if self._progress:
                         self._progress(frames, self._sequence.frame_count, "encoding")
-            yield self._sections(spools)
+                field_sections, self._fields = encode_fields(self._sequence, self._settings, spools[-1])
+            yield [*self._sections(spools[:-1]), *field_sections]
         finally:
             beside.shutdown()
             for spool in spools:
@@ -206,6 +209,7 @@ class Encoder(ABC):
             jumps=tuple(self._jumps()),
             median_edge=median_edge(self._first, self._sequence.connectivity),
             alternatives=tuple(self._questions),
+            fields=tuple(self._fields),
         )
 
     def _jumps(self) -> Sequence[int]:

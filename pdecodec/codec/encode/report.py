@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec import __version__
-from pdecodec.codec.container import SECTION_KINDS
+from pdecodec.codec.container import FIELD_SECTIONS, SECTION_KINDS
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.errors import Notice
 from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
@@ -104,6 +104,39 @@ def from_json(record: Any) -> tuple[Question, ...]:
 
 
 @dataclass(frozen=True)
+class FieldReport:
+    """What became of a field.
+
+    Attributes
+    ----------
+    name : str
+    bytes : int
+    values : int
+        Numbers of all frames together.
+    smallest, largest : float
+        Range of the source.
+    bound, max_error : float
+        Largest error allowed (0: exact) and measured [units of the field].
+    note : str
+        Why it is stored otherwise than asked; mostly empty.
+    """
+
+    name: str
+    bytes: int
+    values: int
+    smallest: float
+    largest: float
+    bound: float
+    max_error: float
+    note: str = ""
+
+    @property
+    def bits_per_value(self) -> float:
+        """Of the file."""
+        return 8 * self.bytes / max(self.values, 1)
+
+
+@dataclass(frozen=True)
 class EncodeReport:
     """The result of an encode.
 
@@ -141,8 +174,8 @@ class EncodeReport:
         If requested: the alternatives that were compared, with their bytes.
     positions : int or None
         Vertices of all frames together, if that is not vertices times frames.
-    dropped_fields : tuple of str
-        Names of the fields of the sequence that are not in the file.
+    fields : tuple of FieldReport
+        What became of each field that is kept.
     rounding : float [scene units]
         Largest distance of the float32 positions that were encoded, from which errors count, to the input's positions.
     size_limit : int or None [bytes]
@@ -176,7 +209,7 @@ class EncodeReport:
     alternatives: tuple[Question, ...] = ()
     positions: int | None = None
     rounding: float = 0.0
-    dropped_fields: tuple[str, ...] = ()
+    fields: tuple[FieldReport, ...] = ()
     size_limit: int | None = None
     median_edge: float | None = None
     preset: str | None = None
@@ -222,16 +255,18 @@ class EncodeReport:
         if self.rounding > (REPORTED_ROUNDING * self.scale if self.bound is None else self.bound):
             beyond = "" if self.bound is None else ", more than the bound, which counts from there"
             found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
-        if self.dropped_fields:
-            found.append(
-                f"fields not kept: {', '.join(self.dropped_fields)}; a .pdeanim file has no place for them yet"
-            )
+        found += [f"field {one.name!r} is {one.note}" for one in self.fields if one.note]
         return tuple(found)
 
     @property
     def file_bytes(self) -> int:
         """Return the size of the whole file."""
         return sum(self.sections.values())
+
+    @property
+    def field_bytes(self) -> int:
+        """Of the fields, with their headers."""
+        return sum(self.sections.get(name, 0) for name in FIELD_SECTIONS)
 
 
 def generator() -> str:
@@ -242,3 +277,28 @@ def generator() -> str:
 def counted(number: int, what: str, ending: str = "s", cut: int = 0) -> str:
     """Return a number with its noun; in the plural, the noun's last `cut` letters are replaced by `ending`."""
     return f"{number} {what}" if number == 1 else f"{number} {what[: len(what) - cut]}{ending}"
+
+
+def total_reports(reports: Sequence[FieldReport]) -> list[FieldReport]:
+    """Return one report for each field of several runs."""
+    by_name: dict[str, list[FieldReport]] = {}
+    for one in reports:
+        by_name.setdefault(one.name, []).append(one)
+    return [
+        FieldReport(
+            name,
+            sum(one.bytes for one in own),
+            sum(one.values for one in own),
+            min(one.smallest for one in own),
+            max(one.largest for one in own),
+            max(one.bound for one in own),
+            max(one.max_error for one in own),
+            next((one.note for one in own if one.note), ""),
+        )
+        for name, own in by_name.items()
+    ]
+
+
+def fields_to_json(reports: Sequence[FieldReport]) -> list[dict[str, Any]]:
+    """Return reports as JSON objects, with the bits of each value."""
+    return [{**vars(one), "bits_per_value": one.bits_per_value} for one in reports]

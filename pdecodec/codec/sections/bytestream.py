@@ -36,6 +36,12 @@ class FieldWriter:
         self.numbers("Q", len(data))
         self._parts.append(data)
 
+    def text(self, text: str) -> None:
+        """Write UTF-8 after its length, a count."""
+        data = text.encode()
+        self.count(len(data))
+        self._parts.append(data)
+
     def count(self, value: int) -> None:
         """Write a number of 0 or more, 7 bits per byte, low bits first."""
         while value > 127:

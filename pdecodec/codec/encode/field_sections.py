@@ -1,0 +1,196 @@
+"""Encode the fields of a sequence: sections FLDS and FDAT.
+
+Each field is read twice: for its range and the frames at which it changes, then group by group. Every chunk is decoded
+again, so that the error that the report gives is measured; a group that missed its bound is stored exactly.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.codec.container import Section, Spool
+from pdecodec.codec.encode.fields import (
+    FieldQuantiser,
+    choose_coding,
+    encode_chunk,
+    field_quantiser,
+    group_frames,
+)
+from pdecodec.codec.encode.report import FieldReport
+from pdecodec.codec.sections.fields import (
+    EXACT,
+    HALVES,
+    QUANTISED,
+    SITES,
+    FieldEntry,
+    FieldGroupEntry,
+    encode_field_headers,
+)
+from pdecodec.codec.settings import DROP, EncodeSettings, field_bound
+from pdecodec.errors import SettingsError
+from pdecodec.mesh.fields import Field
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
+
+
+@dataclass(frozen=True)
+class _Survey:
+    """Range of the finite values of a field, and whether each frame differs from the frame before."""
+
+    smallest: float
+    largest: float
+    changes: NDArray[np.bool_]
+
+
+def encode_fields(
+    sequence: MeshSequence, settings: EncodeSettings, spool: Spool
+) -> tuple[list[Section], list[FieldReport]]:
+    """Encode the fields of one run of frames; chunks go to `spool`.
+
+    Returns
+    -------
+    sections : list of Section
+        FLDS and FDAT; none if no field is kept.
+    reports : list of FieldReport
+    """
+    entries, reports = [], []
+    for field in sequence.fields:
+        asked = settings.fields.get(field.name, settings.field_tolerance)
+        if asked != DROP:
+            entry, report = _encode_field(sequence, field, asked, spool)
+            entries.append(entry)
+            reports.append(report)
+    if not entries:
+        return [], []
+    return [Section("FLDS", encode_field_headers(entries)), Section("FDAT", spool)], reports
+
+
+def check_field_names(settings: EncodeSettings, runs: Sequence[MeshSequence]) -> None:
+    """Raise SettingsError if settings name a field that no run has."""
+    if settings.fields:
+        known = dict.fromkeys(one.name for run in runs for one in run.fields)
+        for name in settings.fields:
+            if name not in known:
+                raise SettingsError(
+                    f"there is no field {name!r}; there are {', '.join(map(repr, known)) or 'none'}",
+                    code="unknown-name",
+                    setting="fields",
+                )
+
+
+def domain_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldDomain:
+    """Return the rows of a field and their neighbours."""
+    parts = [
+        (
+            item.vertex_count,
+            item.connectivity.face_counts,
+            item.connectivity.face_indices,
+            item.connectivity.line_counts,
+            item.connectivity.line_indices,
+        )
+        for index, item in enumerate(objects)
+        if field.objects is None or index in field.objects
+    ]
+    return _core.FieldDomain(SITES.index(field.domain), parts)
+
+
+def _encode_field(
+    sequence: MeshSequence, field: Field, asked: float | str, spool: Spool
+) -> tuple[FieldEntry, FieldReport]:
+    survey = _survey(sequence, field)
+    bound = field_bound(asked, survey.largest - survey.smallest)
+    quantiser = field_quantiser(field.dtype, survey.smallest, survey.largest, bound)
+    note = ""
+    if bound and field.dtype.kind == "f" and quantiser.step is None:
+        note = f"stored exactly: rounding to {field.dtype} alone exceeds the bound"
+    limit = 0.0 if quantiser.step is None or bound is None else bound
+    exact = FieldQuantiser(field.dtype, None)
+    domain = domain_of(field, sequence.objects)
+    started, largest_error, coding = spool.length, 0.0, None
+    groups = []
+    for first, in_chunk, frames in _divide(survey.changes, group_frames(domain.rows * field.components)):
+        values = sequence.read_field(field.name, first, first + in_chunk)
+        values = np.ascontiguousarray(values.reshape(in_chunk, -1, field.components))
+        if coding is None or field.is_exact:
+            coding = choose_coding(domain, quantiser, values)
+        own, way = quantiser, coding
+        data = encode_chunk(domain, own, values, way)
+        if own.step is not None:
+            error = _error(values, own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values))))
+            if error > limit:
+                own, error = exact, 0.0
+                way = choose_coding(domain, own, values)
+                data = encode_chunk(domain, own, values, way)
+            largest_error = max(largest_error, error)
+        unit = 0.0 if own.step is None else own.step / way[1]
+        code = QUANTISED if own.step is not None else HALVES if own.planes == 2 else EXACT
+        groups.append(FieldGroupEntry(frames, 0, in_chunk, code, unit, len(data), zlib.crc32(data)))
+        spool.append(data)
+    entry = FieldEntry(field, survey.smallest, survey.largest, limit, groups)
+    values_of_all = sequence.frame_count * domain.rows * field.components
+    return entry, FieldReport(
+        field.name,
+        spool.length - started,
+        values_of_all,
+        survey.smallest,
+        survey.largest,
+        limit,
+        largest_error,
+        note,
+    )
+
+
+def _shape(quantiser: FieldQuantiser, values: NDArray[Any]) -> tuple[int, int]:
+    """Return frames and whole numbers of a row of a chunk."""
+    return values.shape[0], values.shape[2] * quantiser.planes
+
+
+def _survey(sequence: MeshSequence, field: Field) -> _Survey:
+    smallest, largest = math.inf, -math.inf
+    changes, before = [], None
+    for _, block in sequence.field_blocks(field.name):
+        rows = np.ascontiguousarray(block).reshape(len(block), -1)
+        finite = rows[np.isfinite(rows)] if field.dtype.kind == "f" else rows
+        if finite.size:
+            smallest, largest = min(smallest, float(finite.min())), max(largest, float(finite.max()))
+        bits = rows.view(np.uint8).reshape(len(block), -1)
+        if before is not None:
+            changes.append(not np.array_equal(before, bits[0]))
+        changes.extend((bits[1:] != bits[:-1]).any(axis=1).tolist())
+        before = bits[-1].copy()
+    if smallest > largest:
+        smallest = largest = 0.0
+    return _Survey(smallest, largest, np.array([True, *changes]))
+
+
+def _divide(changes: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int, int]]:
+    """Yield groups: their first frame, the frames of the chunk, and all frames; frames that repeat its last follow."""
+    first, count = 0, len(changes)
+    while first < count:
+        last = min(first + longest, count)
+        while last - first > 1 and not changes[last - 1]:
+            last -= 1
+        end = last
+        while end < count and not changes[end]:
+            end += 1
+        yield first, last - first, end - first
+        first = end
+
+
+def _error(values: NDArray[Any], decoded: NDArray[Any]) -> float:
+    """Return the largest error; infinity where one is not a number, or infinite, and the other is not the same."""
+    if values.size == 0:
+        return 0.0
+    finite = np.isfinite(values)
+    if finite.all():
+        return float(np.abs(decoded.astype(np.float64) - values).max())
+    if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
+        return math.inf
+    return float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max(initial=0.0))

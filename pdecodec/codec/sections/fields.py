@@ -1,0 +1,129 @@
+"""Sections FLDS and RFLD: headers of fields, and where their chunks are (``spec/pdeanim.md``, section 18).
+
+The core reads them (`core/decode/stored_fields.hpp`); this module writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+from pdecodec import _core
+from pdecodec.codec.sections.bytestream import FieldWriter
+from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
+
+SITES: tuple[FieldDomain, ...] = get_args(FieldDomain)
+"""Domains, by their numbers in the file."""
+
+EXACT, HALVES, QUANTISED = range(3)
+"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit."""
+
+
+@dataclass(frozen=True)
+class FieldGroupEntry:
+    """Consecutive frames of a field, and their chunk.
+
+    Attributes
+    ----------
+    frames : int
+    skipped, in_chunk : int
+        Frames at the beginning of the chunk that are not used, and all its frames; the last one holds for the frames
+        that the chunk lacks.
+    code : int
+        :data:`EXACT`, :data:`HALVES` or :data:`QUANTISED`.
+    unit : float
+        Of a quantised value [units of the field].
+    size, checksum : int
+        Of the chunk.
+    """
+
+    frames: int
+    skipped: int
+    in_chunk: int
+    code: int
+    unit: float
+    size: int
+    checksum: int
+
+
+@dataclass(frozen=True)
+class FieldEntry:
+    """A header of FLDS.
+
+    Attributes
+    ----------
+    field : Field
+    smallest, largest : float
+        Range of the source, without NaN and infinities.
+    bound : float
+        Largest error of a value; 0: exact.
+    groups : list of FieldGroupEntry
+    """
+
+    field: Field
+    smallest: float
+    largest: float
+    bound: float
+    groups: list[FieldGroupEntry]
+
+
+def encode_field_headers(entries: Iterable[FieldEntry]) -> bytes:
+    """Return section FLDS."""
+    found = list(entries)
+    writer = FieldWriter()
+    writer.count(len(found))
+    for entry in found:
+        field = entry.field
+        writer.text(field.name)
+        writer.numbers("BB", SITES.index(field.domain), DTYPES.index(field.dtype))
+        writer.count(field.components)
+        writer.text(field.unit)
+        owners = field.objects or ()
+        writer.count(len(owners))
+        for before, owner in zip((-1, *owners), owners, strict=False):
+            writer.count(owner - before - 1)
+        writer.numbers("3d", entry.smallest, entry.largest, entry.bound)
+        for group in entry.groups:
+            writer.numbers("B", group.code)
+            for number in (group.frames, group.skipped, group.in_chunk):
+                writer.count(number)
+            if group.code == QUANTISED:
+                writer.numbers("d", group.unit)
+            writer.count(group.size)
+            writer.numbers("I", group.checksum)
+    return writer.to_bytes()
+
+
+def field_of(stored: _core.StoredField) -> Field:
+    """Return the description of a field of a file."""
+    objects = tuple(stored.objects) or None
+    dtype = DTYPES[stored.type]
+    return Field(stored.name, SITES[stored.site], dtype, stored.components, stored.unit, objects)
+
+
+def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) -> tuple[FieldEntry, list[int]]:
+    """Return the header of some frames of a stored field, and the numbers of the groups whose chunks it needs."""
+    groups, used = [], []
+    for number, group in enumerate(stored.groups):
+        low = max(first - group.first, 0)
+        high = group.frames if end is None else min(group.frames, end - group.first)
+        if high <= low:
+            continue
+        skipped = min(group.skipped + low, group.in_chunk - 1)
+        groups.append(
+            FieldGroupEntry(high - low, skipped, group.in_chunk, group.code, group.unit, group.size, group.checksum)
+        )
+        used.append(number)
+    return FieldEntry(field_of(stored), stored.smallest, stored.largest, stored.bound, groups), used
+
+
+def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
+    """Return the header of a field whose frames follow each other in several files."""
+    return FieldEntry(
+        parts[0].field,
+        min(part.smallest for part in parts),
+        max(part.largest for part in parts),
+        max(part.bound for part in parts),
+        [group for part in parts for group in part.groups],
+    )
