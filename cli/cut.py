@@ -203,3 +203,5 @@ def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
         f"{Path(output).name}: {counted(report.frames, 'frame')} in {counted(report.groups, 'group')}, "
         f"{report.first_time:g} to {report.last_time:g} s, {byte_size(report.file_bytes)}{again}"
     )
+    if report.lost_fields:
+        say(f"note: fields not kept, which only some of the files have: {', '.join(report.lost_fields)}")

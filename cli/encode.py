@@ -115,7 +115,7 @@ this large for the file to grow linearly from there on: the first few frames pre
 @click.option(
     "--field-tolerance",
     type=fraction,
-    default=0.001,
+    default="0.001",
     show_default=True,
     metavar="X|P%",
     help="Largest error of values that change in time (stress, velocity, colours), as a fraction of the range of their "

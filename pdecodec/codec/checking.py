@@ -112,7 +112,7 @@ class _Check:
     def _look_at_run(self, own: Animation, first: int, run: int | None, frames: tuple[int, int] | None) -> None:
         # A file of one run has these sections in its own table, where they were checked.
         for kind in own.sections if run is not None else ("REST",):
-            if kind != "container" and kind not in CHUNK_SECTIONS:
+            if kind not in ("container", "FDAT", *CHUNK_SECTIONS):
                 with self._noting(run=run, frames=frames):
                     own.check_section(kind)
         for decode in own.part_decoders if self.deep else ():
@@ -125,16 +125,23 @@ class _Check:
                 own.check_group(group)
                 if self.deep:
                     own.positions(float(own.times[begin]))
+        with self._noting(run=run, frames=frames):
+            for number, field in enumerate(own.stored_fields):
+                for index, part in enumerate(field.groups):
+                    begin, end = part.first, part.first + part.frames
+                    with self._noting(run=run, frames=(first + begin, first + end), about=f"field {field.name!r}"):
+                        own.check_field_group(number, index, deep=self.deep)
 
     @contextmanager
-    def _noting(self, *, run: int | None = None, **place: Any) -> Iterator[None]:
+    def _noting(self, *, run: int | None = None, about: str = "", **place: Any) -> Iterator[None]:
         """Record a fault raised within the context and end it, unless the fault follows from a recorded one."""
         try:
             yield
         except CorruptFileError as error:
             if "group" in place and error.code not in (*GROUP_FAULTS, ErrorCode.MEMORY_LIMIT):
                 place = {}
-            self._note(Finding(error.code, error.message, section=error.section, run=run, offset=error.offset, **place))
+            message = f"{about}: {error.message}" if about else error.message
+            self._note(Finding(error.code, message, section=error.section, run=run, offset=error.offset, **place))
 
     def _note(self, finding: Finding) -> None:
         if not any(_subject(known) == _subject(finding) for known in self.findings):
@@ -143,5 +150,6 @@ class _Check:
 
 def _subject(finding: Finding) -> tuple[object, ...]:
     """Return the subject of a finding; a second finding about the same subject follows from the first."""
-    group = finding.group if finding.code in GROUP_FAULTS else None
+    # Groups of fields have no number of their own: their messages name the field and its frames.
+    group = (finding.group, finding.message) if finding.code in GROUP_FAULTS else None
     return finding.severity, finding.run, group, finding.section or finding.code

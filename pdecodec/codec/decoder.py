@@ -127,13 +127,14 @@ class Animation(MeshSequence):
         )
 
     @cached_property
-    def _stored_fields(self) -> list[_core.StoredField]:
+    def stored_fields(self) -> list[_core.StoredField]:
+        """Headers of section FLDS."""
         with self._naming_the_file():
             return self._core.stored_fields()
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:  # type: ignore[override]  # read when it is first needed
-        return tuple(map(field_of, self._stored_fields))
+        return tuple(map(field_of, self.stored_fields))
 
     def _field_number(self, name: str) -> tuple[Field, int]:
         field = self.field_named(name)
@@ -491,7 +492,7 @@ class Animation(MeshSequence):
                 "bytes": sum(group.size for group in stored.groups),
                 "groups": len(stored.groups),
             }
-            for facts, stored in zip(super().field_facts(), self._stored_fields, strict=True)
+            for facts, stored in zip(super().field_facts(), self.stored_fields, strict=True)
         ]
 
     @property
@@ -523,6 +524,14 @@ class Animation(MeshSequence):
         """Check the bytes of one group of frames; raise CorruptFileError if they differ from those written."""
         with self._naming_the_file():
             self._core.check_group(group)
+
+    def check_field_group(self, field: int, group: int, *, deep: bool = False) -> None:
+        """Check the bytes of one group of a field, and with `deep` that it decodes; raise CorruptFileError if not."""
+        with self._naming_the_file():
+            self._core.check_field_group(field, group)
+        if deep:
+            first = self.stored_fields[field].groups[group].first
+            self._field_values(self.fields[field], first, first + 1)
 
     def verify(self) -> None:
         """Check every byte of the file, and that every part and every group decodes.

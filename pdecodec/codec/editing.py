@@ -18,14 +18,17 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from pdecodec import _core
 from pdecodec.codec.appending import AppendingEncoder
 from pdecodec.codec.container import CHUNK_SECTIONS, SECTION_KINDS, Section, Spool, stored_sections, write_container
 from pdecodec.codec.decoder import Animation
+from pdecodec.codec.encode.field_sections import encode_field
 from pdecodec.codec.encode.report import generator
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
+from pdecodec.codec.sections.fields import FieldEntry, encode_field_headers, entry_of, joined_entries
 from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
-from pdecodec.codec.settings import EffortName
+from pdecodec.codec.settings import EXACT, UNITS, EffortName
 from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
@@ -57,6 +60,8 @@ class CutReport:
     coded_again : int
         Frames that were coded anew instead of copied.
     first_time, last_time : float [s]
+    lost_fields : tuple of str
+        Names of fields that only some of the joined files have.
     """
 
     frames: int
@@ -65,6 +70,7 @@ class CutReport:
     coded_again: int
     first_time: float
     last_time: float
+    lost_fields: tuple[str, ...] = ()
 
 
 Coded = tuple[GroupEntry, tuple[bytes, bytes, bytes]]
@@ -144,6 +150,19 @@ class CodedFile:
                 )
             yield entry, (time, coefficients, residuals)
 
+    def field_chunk(self, group: _core.FieldGroup) -> bytes:
+        """Return the checked chunk of a group of a field."""
+        data = self._read(group.offset, group.size)
+        if zlib.crc32(data) != group.checksum:
+            raise CorruptFileError(
+                "a group of frames of a field is damaged; encode it again",
+                code="group-checksum",
+                path=self.path,
+                section="FDAT",
+                frame=group.first,
+            )
+        return data
+
     def _read(self, offset: int, size: int) -> bytes:
         self._file.seek(offset)
         return self._file.read(size)
@@ -164,6 +183,10 @@ class CodedFile:
             )
         step = self.animation.residual_step
         return AppendingEncoder(sequence, self.animation, self.entries[-1], step, effort=effort, progress=progress)
+
+
+FieldPart = tuple[CodedFile | MeshSequence, int, int]
+"""Where frames of fields come from, their first frame, and the one after the last."""
 
 
 class _Described(MeshSequence):
@@ -241,7 +264,8 @@ def cut_animation(
         kept = whole[-1] - whole[0] if whole else 0
         summary = f"frames {first} to {end - 1} of {edges[-1]}"
         described = _Described(animation, animation.times[first:end], shifted(animation.jumps, first, end, 0))
-        return _write(file, described, pieces(), summary, end - first - kept, Path(path), overwrite)
+        fields = [(file, first, end)]
+        return _write(file, described, pieces(), fields, summary, end - first - kept, Path(path), overwrite)
 
 
 def join_animations(
@@ -289,11 +313,13 @@ def join_animations(
         is_closed = head.entries[0].basis == "closed form"
         jumps, bound = list(head.animation.jumps), bound_of(head.animation)
         coming: list[CodedFile | MeshSequence] = []
+        fields: list[FieldPart] = [(head, 0, head.animation.frame_count)]
         for other in others:
             if isinstance(other, MeshSequence):
                 sequence, name = other, "frames"
                 _require_mesh_of(head, sequence, None)
                 coming.append(other)
+                fields.append((other, 0, other.frame_count))
             else:
                 file = stack.enter_context(CodedFile(other))
                 sequence, name = file.animation, os.path.basename(file.path)
@@ -307,6 +333,7 @@ def join_animations(
                         path=other,
                     )
                 coming.append(sequence if differing else file)
+                fields.append((file, 0, sequence.frame_count))
             where = None if isinstance(other, MeshSequence) else other
             times.append(_following(times[-1], sequence.times, head.animation.fps, shift=shift, path=where))
             coded_again += 0 if isinstance(coming[-1], CodedFile) else sequence.frame_count
@@ -330,13 +357,14 @@ def join_animations(
 
         summary = f"{' and '.join(names)} joined"
         described = _Described(head.animation, np.concatenate(times), jumps)
-        return _write(head, described, pieces(), summary, coded_again, Path(path), overwrite)
+        return _write(head, described, pieces(), fields, summary, coded_again, Path(path), overwrite)
 
 
 def _write(
     head: CodedFile,
     described: _Described,
     pieces: Iterator[Coded],
+    fields: Sequence[FieldPart],
     summary: str,
     coded_again: int,
     path: Path,
@@ -346,27 +374,55 @@ def _write(
     times = described.times
     remarks = {**decode_remarks(head.section("META")), "generator": generator()}
     remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDIT_SEPARATOR)[0]}{EDIT_SEPARATOR}{summary}"
-    spools = [Spool(path) for _ in CHUNK_SECTIONS]
+    spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
     try:
         entries = []
         for entry, chunks in pieces:
             entries.append(entry)
-            for spool, chunk in zip(spools, chunks, strict=True):
+            for spool, chunk in zip(spools[:-1], chunks, strict=True):
                 spool.append(chunk)
+        headers, lost = _write_fields(fields, spools[-1])
         shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
         sections = [
             Section("META", encode_remarks(remarks)),
             Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
             *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
             Section("GRUP", write_group_table(entries)),
-            *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools, strict=True)),
+            *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools[:-1], strict=True)),
             *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),
+            *([Section("FLDS", headers), Section("FDAT", spools[-1])] if headers else []),
         ]
         sizes = write_container(path, sections, overwrite=overwrite)
     finally:
         for spool in spools:
             spool.close()
-    return CutReport(times.size, len(entries), sum(sizes.values()), coded_again, float(times[0]), float(times[-1]))
+    size = sum(sizes.values())
+    return CutReport(times.size, len(entries), size, coded_again, float(times[0]), float(times[-1]), lost)
+
+
+def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tuple[str, ...]]:
+    """Write the chunks of fields that all parts have; return section FLDS and the names of other fields.
+
+    Chunks of files are copied whole, whatever their frames; fields of sequences are encoded within the bound before.
+    """
+    having = [part.animation if isinstance(part, CodedFile) else part for part, _, _ in parts]
+    shared = [field for field in having[0].fields if all(field in one.fields for one in having)]
+    entries = []
+    for field in shared:
+        own: list[FieldEntry] = []
+        for part, first, end in parts:
+            if isinstance(part, CodedFile):
+                stored = part.animation.stored_fields[part.animation.fields.index(field)]
+                entry, used = entry_of(stored, first, end)
+                for number in used:
+                    spool.append(part.field_chunk(stored.groups[number]))
+            else:
+                entry, _ = encode_field(part, field, f"{own[0].bound!r} {UNITS}" if own[0].bound else EXACT, spool)
+            own.append(entry)
+        entries.append(joined_entries(own))
+    names = {field.name for field in shared}
+    lost = dict.fromkeys(field.name for one in having for field in one.fields if field.name not in names)
+    return encode_field_headers(entries) if entries else b"", tuple(lost)
 
 
 def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:

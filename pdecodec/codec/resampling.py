@@ -47,6 +47,10 @@ class SampledAnimation(MeshSequence):
         self._outside: Outside = outside
         self.metadata = animation.metadata
         self.notices = animation.notices
+        self.fields = animation.fields if quantity == "positions" else ()
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._animation.field(field.name, self.times[start:stop], outside=self._outside)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -102,6 +106,12 @@ class _SampledRun(MeshSequence):
         self.objects, self.metadata, self.notices = self._run.objects, animation.metadata, animation.notices
         self.times, self.fps = asked, animation.fps
         self._stands = (asked < animation.times[0]) | (asked > animation.times[-1])
+        self.fields = self._run.fields if quantity == "positions" else ()
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        assert isinstance(self._run, Animation)
+        found: NDArray[Any] = self._run.field(field.name, self._inside[start:stop])
+        return found
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

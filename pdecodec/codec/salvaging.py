@@ -11,8 +11,10 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import mended
@@ -20,6 +22,7 @@ from pdecodec.codec.opening import open_animation
 from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, LimitError, unreadable
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.system.reading import open_regular
@@ -66,6 +69,8 @@ class SoundFrames(MeshSequence):
         Its frames that decode, increasing.
     objects : tuple of MeshObject
     metadata : mapping of str to str
+    fields : mapping of str to list of (int, int)
+        Names of the fields to keep, with the frames of the run at which they are damaged: floats are NaN there.
     """
 
     def __init__(
@@ -74,14 +79,23 @@ class SoundFrames(MeshSequence):
         frames: Int64Array,
         objects: tuple[MeshObject, ...],
         metadata: Mapping[str, str],
+        fields: Mapping[str, list[Frames]],
     ) -> None:
-        self._run = run
+        self._run, self._frames, self._without = run, frames, fields
+        self.fields = tuple(one for one in run.fields if one.name in fields) if fields else ()
         self.objects, self.metadata, self.notices = objects, metadata, ()
         self.times, self.fps = run.times[frames], run.fps
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         return self._run.sample(self.times[start:stop])
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.full(field.shape(stop - start, self.objects), 0 if field.is_exact else np.nan, field.dtype)
+        for row, frame in enumerate(self._frames[start:stop].tolist()):
+            if not any(first <= frame < end for first, end in self._without[field.name]):
+                values[row] = self._run.read_field(field.name, frame, frame + 1)[0]
+        return values
 
 
 @contextmanager
@@ -132,6 +146,7 @@ class _Saved:
     def __init__(self, animation: Animation) -> None:
         self.animation = animation
         self.frames: dict[int, Int64Array] = {}
+        self._fields: dict[int, dict[str, list[Frames]]] = {}
         self._missing: list[Frames] = []
         self._lost: dict[str, None] = {}
         try:
@@ -176,6 +191,35 @@ class _Saved:
         if sound:
             self.frames[number] = np.concatenate(sound)
             self._objects(run)
+            self._fields[number] = self._sound_fields(run, first)
+
+    def _sound_fields(self, run: Animation, first: int) -> dict[str, list[Frames]]:
+        """Return the fields of a run that can be kept, each with its damaged frames."""
+        try:
+            stored = run.stored_fields
+        except LimitError:
+            raise
+        except CorruptFileError as error:
+            self._lost[f"fields ({error.message})"] = None
+            return {}
+        kept: dict[str, list[Frames]] = {}
+        for number, field in enumerate(run.fields):
+            damaged = []
+            for index, group in enumerate(stored[number].groups):
+                try:
+                    run.check_field_group(number, index, deep=True)
+                except LimitError:
+                    raise
+                except CorruptFileError:
+                    damaged.append((group.first, group.first + group.frames))
+            places = ", ".join(f"{first + begin} to {first + end - 1}" for begin, end in damaged)
+            if not damaged or (not field.is_exact and len(damaged) < len(stored[number].groups)):
+                kept[field.name] = damaged
+                if damaged:
+                    self._lost[f"field {field.name!r} at frames {places}, where its values are NaN"] = None
+            else:
+                self._lost[f"field {field.name!r} (damaged at frames {places})"] = None
+        return kept
 
     def _objects(self, run: Animation) -> tuple[MeshObject, ...]:
         """Return the objects of a run, without damaged attributes."""
@@ -219,4 +263,4 @@ class _Saved:
 
     def _sound(self, number: int) -> SoundFrames:
         run = self._run(number)
-        return SoundFrames(run, self.frames[number], self._objects(run), self.metadata)
+        return SoundFrames(run, self.frames[number], self._objects(run), self.metadata, self._fields[number])

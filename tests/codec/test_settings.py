@@ -126,5 +126,5 @@ def test_settings_out_of_range_are_named(kind: type[Any], chosen: dict[str, Any]
 
 
 def test_an_option_that_is_no_setting_is_refused_with_those_there_are() -> None:
-    with pytest.raises(SettingsError, match="there are effort, group_frames, max_error, max_memory, order"):
+    with pytest.raises(SettingsError, match="there are effort, field_tolerance, fields, group_frames, max_error"):
         encode(ArraySequence([[[0, 0, 0]]]), quality=3)

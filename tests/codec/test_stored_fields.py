@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, CorruptFileError, Field, InputError, MeshSequence, SettingsError
+from pdecodec.codec.resampling import sampled
 from tests.codec.test_fields import clip_with_fields
 
 
@@ -188,3 +189,85 @@ def test_damage_to_a_field_leaves_positions_readable() -> None:
                 animation.read_field("heat", 0, 1)
             with pytest.raises(CorruptFileError):
                 animation.verify()
+
+
+def edited_clip() -> ArraySequence:
+    """Return a clip of fields that change, hold and are constant."""
+    clip = smooth_clip(60)
+    steps = np.repeat(np.arange(6, dtype=np.int16), 10)[:, None] * np.ones(12, np.int16)
+    still = np.random.default_rng(0).random((1, 12, 2)).repeat(60, axis=0)
+    heat = clip.read_field("heat", 0, 60)
+    return ArraySequence(clip.points, fps=10, fields={"heat": heat, "step": steps, "still": still})
+
+
+@pytest.fixture(scope="module")
+def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("edited") / "x.pdeanim"
+    pdecodec.encode(edited_clip(), path, group_frames=15)
+    return path
+
+
+def all_fields(clip: MeshSequence, first: int = 0, end: int | None = None) -> dict[str, np.ndarray]:
+    return {one.name: clip.read_field(one.name, first, end or clip.frame_count) for one in clip.fields}
+
+
+def test_cut_and_joined_files_keep_fields_to_the_last_bit(edited: Path, tmp_path: Path) -> None:
+    with pdecodec.open(edited) as whole:
+        edge = whole.group_edges[1]
+        wanted = all_fields(whole)
+    pdecodec.cut_animation(edited, tmp_path / "a.pdeanim", 0, edge)
+    pdecodec.cut_animation(edited, tmp_path / "b.pdeanim", edge, 60)
+    with pdecodec.open(tmp_path / "b.pdeanim") as second:
+        for name, values in all_fields(second).items():
+            np.testing.assert_array_equal(values, wanted[name][edge:], name)
+    report = pdecodec.join_animations(tmp_path / "a.pdeanim", [tmp_path / "b.pdeanim"], tmp_path / "c.pdeanim")
+    assert report.lost_fields == ()
+    with pdecodec.open(tmp_path / "c.pdeanim") as joined:
+        assert pdecodec.check_file(tmp_path / "c.pdeanim", deep=True).is_sound
+        for name, values in all_fields(joined).items():
+            np.testing.assert_array_equal(values, wanted[name], name)
+
+
+def test_appended_frames_keep_the_bound_and_fields_without_a_partner_are_named(edited: Path, tmp_path: Path) -> None:
+    clip = edited_clip()
+    heat = clip.read_field("heat", 20, 40)
+    more = ArraySequence(
+        clip.points[:20], fps=10, fields={"heat": clip.read_field("heat", 20, 40), "odd": np.ones((20, 12))}
+    )
+    report = pdecodec.join_animations(edited, [more], tmp_path / "x.pdeanim", shift=True)
+    assert set(report.lost_fields) == {"step", "still", "odd"}
+    with pdecodec.open(tmp_path / "x.pdeanim") as joined:
+        found = joined.read_field("heat", 60, 80)
+        assert np.abs(found.astype(np.float64) - more.read_field("heat", 0, 20)).max() <= joined.stored_fields[0].bound
+
+
+def test_check_and_salvage_name_a_damaged_field_and_keep_the_rest(tmp_path: Path) -> None:
+    path = tmp_path / "x.pdeanim"
+    clip = smooth_clip(600)
+    stairs = np.arange(600)[:, None] * np.ones(12, np.int64)
+    both = {"heat": clip.read_field("heat", 0, 600), "stairs": stairs}
+    pdecodec.encode(ArraySequence(clip.points, fps=10, fields=both), path)
+    with pdecodec.open(path) as whole:
+        groups = [stored.groups[1] for stored in whole.stored_fields]
+        heat = whole.read_field("heat", 0, 600)
+    data = bytearray(path.read_bytes())
+    for group in groups:
+        data[group.offset + 3] ^= 1
+    path.write_bytes(data)
+    found = pdecodec.check_file(path)
+    assert not found.is_sound
+    assert any("'heat'" in finding.message and finding.frames == (256, 512) for finding in found.findings)
+    with pdecodec.salvage(path) as saved:
+        assert [one.name for one in saved.sequence.fields] == ["heat"]
+        assert saved.sequence.frame_count == 600
+        rescued = saved.sequence.read_field("heat", 0, 600)
+        assert any("'stairs'" in line for line in saved.lost)
+    assert np.isnan(rescued[256:512]).all()
+    np.testing.assert_array_equal(rescued[:256], heat[:256])
+
+
+def test_sampled_animations_have_fields_at_their_times() -> None:
+    with encoded(smooth_clip()) as animation:
+        times = np.linspace(0, 3, 17)
+        found = sampled(animation, times)
+        np.testing.assert_array_equal(found.read_field("heat", 3, 9), animation.field("heat", times[3:9]))

@@ -64,7 +64,7 @@ def encode_fields(
     for field in sequence.fields:
         asked = settings.fields.get(field.name, settings.field_tolerance)
         if asked != DROP:
-            entry, report = _encode_field(sequence, field, asked, spool)
+            entry, report = encode_field(sequence, field, asked, spool)
             entries.append(entry)
             reports.append(report)
     if not entries:
@@ -101,9 +101,10 @@ def domain_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldDomain:
     return _core.FieldDomain(SITES.index(field.domain), parts)
 
 
-def _encode_field(
+def encode_field(
     sequence: MeshSequence, field: Field, asked: float | str, spool: Spool
 ) -> tuple[FieldEntry, FieldReport]:
+    """Encode one field as asked (:attr:`EncodeSettings.fields`); its chunks go to `spool`."""
     survey = _survey(sequence, field)
     bound = field_bound(asked, survey.largest - survey.smallest)
     quantiser = field_quantiser(field.dtype, survey.smallest, survey.largest, bound)
@@ -123,7 +124,9 @@ def _encode_field(
         own, way = quantiser, coding
         data = encode_chunk(domain, own, values, way)
         if own.step is not None:
-            error = _error(values, own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values))))
+            with np.errstate(over="ignore"):  # beyond the largest float: the error is infinite
+                decoded = own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values)))
+            error = _error(values, decoded)
             if error > limit:
                 own, error = exact, 0.0
                 way = choose_coding(domain, own, values)

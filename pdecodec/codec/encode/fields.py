@@ -99,7 +99,7 @@ def field_quantiser(dtype: np.dtype[Any], least: float, most: float, bound: floa
     if dtype.kind != "f" or not bound:
         return FieldQuantiser(dtype, None)
     largest = max(abs(least), abs(most), float(np.finfo(dtype).tiny))
-    step = 2.0 * bound * (1.0 - 2.0**-20) - float(np.spacing(dtype.type(largest)))
+    step = 2.0 * bound * (1.0 - 2.0**-20) - 2.0 * float(np.spacing(dtype.type(largest / 2)))
     is_fine_enough = step > bound and largest / step * max(one for _, one in CODINGS) < LARGEST_VALUE
     return FieldQuantiser(dtype, step if is_fine_enough else None)
 

@@ -1,4 +1,4 @@
-"""Sections FLDS and RFLD: headers of fields, and where their chunks are (``spec/pdeanim.md``, section 18).
+"""Sections FLDS and RFLD: headers of fields, and where their chunks are (``spec/pdeanim.md``, section 25).
 
 The core reads them (`core/decode/stored_fields.hpp`); this module writes them.
 """
