@@ -230,7 +230,6 @@ def test_cut_and_joined_files_keep_fields_to_the_last_bit(edited: Path, tmp_path
 
 def test_appended_frames_keep_the_bound_and_fields_without_a_partner_are_named(edited: Path, tmp_path: Path) -> None:
     clip = edited_clip()
-    heat = clip.read_field("heat", 20, 40)
     more = ArraySequence(
         clip.points[:20], fps=10, fields={"heat": clip.read_field("heat", 20, 40), "odd": np.ones((20, 12))}
     )
