@@ -364,7 +364,7 @@ def strip_triangles(strip: NDArray[np.integer]) -> Int64Array:
     return corners
 
 
-FrameBytes = Callable[[Float32Array, int], bytes]
+FrameBytes = Callable[[Float32Array, int], Iterable[bytes]]
 """Returns the bytes of a file from positions (vertices, 3) and the index of the frame in its run."""
 
 
@@ -391,7 +391,7 @@ def write_frames(
     what : str
         The format.
     frame_bytes : callable
-        Takes a run of the sequence and its first frame, and returns the function that makes the bytes of its files.
+        Takes a run of the sequence and its first frame, and returns the function that makes the parts of its files.
     new_folder : bool
         Whether the pattern's folder is new, and appears at once when everything is written.
     index : tuple of a path and a callable, optional
@@ -411,8 +411,8 @@ def write_frames(
                 code="too-large",
                 path=pattern,
             )
-        with output.whole_file() as partial:
-            partial.write_bytes(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
+        with output.whole_file() as partial, partial.open("wb") as file:
+            file.writelines(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
         return [pattern]
     old = frames_there(pattern)
     if old and not output.overwrite:
@@ -435,7 +435,8 @@ def write_frames(
             if start == first:
                 bytes_of = frame_bytes(run, first)
             for frame, points in enumerate(block, start):
-                (partial / paths[frame].name).write_bytes(bytes_of(points, frame - first))
+                with (partial / paths[frame].name).open("wb") as file:
+                    file.writelines(bytes_of(points, frame - first))
         if new_folder:
             os.replace(partial, place)
             return paths

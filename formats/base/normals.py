@@ -10,6 +10,7 @@ Normals themselves are not kept: they are computed from the positions of each fr
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,9 @@ def normal_group(connectivity: Connectivity, keys: NDArray[np.number] | None, to
         Largest difference of keys that count as equal.
     """
     corners = connectivity.face_indices
-    groups = np.zeros(corners.size, np.int32) if keys is None else _number_rows(corners, keys, tolerance)
+    if keys is None or (keys == keys[:1]).all():
+        return Attribute(NORMAL_GROUP, "corner", np.zeros(corners.size, np.int32))
+    groups = _number_rows(corners, keys, tolerance)
     return Attribute(NORMAL_GROUP, "corner", groups)
 
 
@@ -150,32 +153,34 @@ class NormalRows:
     def __init__(
         self, connectivity: Connectivity, groups: NDArray[np.integer], shared: NDArray[np.integer] | None = None
     ) -> None:
-        corners, counts = connectivity.face_indices.astype(np.int64), connectivity.face_counts
+        corners, counts = connectivity.face_indices, connectivity.face_counts
         self.groups: Int32Array = normal_group(connectivity, groups).values
-        split = self.groups > 0
-        keys = corners * (int(self.groups.max(initial=0)) + 1) + self.groups
-        pairs, extra = np.unique(keys[split], return_inverse=True)
-        rows = corners.copy()
-        rows[split] = connectivity.vertex_count + extra.reshape(-1)
-        self.corner_rows: Int32Array = rows.astype(np.int32)
-        self.count = connectivity.vertex_count + pairs.size
-        self.is_smooth = not split.any()
-        self._leaders = np.arange(self.count)
+        self.corner_rows: Int32Array = corners.astype(np.int32)
+        self.count = connectivity.vertex_count
+        (split,) = np.nonzero(self.groups)
+        self.is_smooth = not split.size
+        if split.size:
+            keys = corners[split].astype(np.int64) * (int(self.groups.max()) + 1) + self.groups[split]
+            pairs, extra = np.unique(keys, return_inverse=True)
+            self.corner_rows[split] = self.count + extra.reshape(-1)
+            self.count += pairs.size
+        self._leaders: Int32Array | None = None
+        self._summed = self.corner_rows
         if shared is not None:
+            self._leaders = np.arange(self.count, dtype=np.int32)
             tied = np.flatnonzero(shared > 0)
             _, first, which = np.unique(shared[tied], return_index=True, return_inverse=True)
             self._leaders[tied] = tied[first[which.reshape(-1)]]
-        self._summed = self._leaders[rows]
-        self.are_of_flat_triangles = bool((counts == 3).all()) and np.unique(self._summed).size == corners.size
-        self._corners, self._counts = corners, counts
-        self._starts = np.cumsum(counts, dtype=np.int64) - counts
-        places = np.arange(corners.size)
-        self._next = places + 1
-        self._next[self._starts + counts - 1] = self._starts
-        self._has_leaders = shared is not None
-        vertices = connectivity.face_indices
-        sizes, sums = np.ascontiguousarray(counts, np.int32), self._summed.astype(np.int32)
-        self._faces = (sizes, np.ascontiguousarray(vertices, np.int32), sums)
+            self._summed = self._leaders[self.corner_rows]
+        self._counts, self._corners = counts, corners
+        self.are_of_flat_triangles = bool((counts == 3).all()) and int(np.bincount(self._summed).max(initial=0)) <= 1
+        sizes, vertices = np.ascontiguousarray(counts, np.int32), np.ascontiguousarray(corners, np.int32)
+        self._faces = (sizes, vertices, self._summed)
+
+    @cached_property
+    def _starts(self) -> Int64Array:
+        """First corner of each face."""
+        return np.cumsum(self._counts, dtype=np.int64) - self._counts
 
     def of(self, points: Float32Array) -> Float32Array:
         """Return the unit normals (frames, rows, 3) float32 at positions (frames, vertices, 3)."""
@@ -190,7 +195,7 @@ class NormalRows:
             block = np.ascontiguousarray(points[start : start + step])
             normals = np.empty((len(block), self.count, 3), np.float32)
             _core.corner_normals(block, *self._faces, normals, threads)
-            yield from normals[:, self._leaders] if self._has_leaders else normals
+            yield from normals if self._leaders is None else normals[:, self._leaders]
 
     def even_rows(self, points: Float32Array, normals: Float32Array) -> BoolArray:
         """Return a mask (rows,) of normals shared by several faces, one of which looks flat: all its corners have its
@@ -201,17 +206,18 @@ class NormalRows:
         points : (vertices, 3) float32
         normals : (rows, 3) float32
         """
-        faces = _unit_vectors(self._areas(self._at_corners(points[None].astype(np.float64))))[:, 0]
-        off = 1 - (np.repeat(faces, self._counts, axis=-1) * normals.T[:, self.corner_rows]).sum(axis=0)
-        is_even = np.maximum.reduceat(off, self._starts) < SAME_DIRECTION
+        faces, is_even = _unit_vectors(self._areas(points)), np.empty(self._counts.size, bool)
+        for own, corners, starts in self._blocks():
+            turned = np.repeat(faces[:, own], self._counts[own], axis=1) * normals.T[:, self.corner_rows[corners]]
+            is_even[own] = np.maximum.reduceat(1 - turned.sum(axis=0), starts) < SAME_DIRECTION
         found = np.zeros(self.count, bool)
         found[self.corner_rows[np.repeat(is_even, self._counts)]] = True
-        return found & (np.bincount(self._summed, minlength=self.count)[self._leaders] > 1)
+        shared = np.bincount(self._summed, minlength=self.count) > 1
+        return found & (shared if self._leaders is None else shared[self._leaders])
 
     def face_sizes(self, points: Float32Array) -> Float64Array:
         """Return twice the area of each face, (faces,), at positions (vertices, 3)."""
-        sizes: Float64Array = _lengths(self._areas(self._at_corners(points[None].astype(np.float64))))[0]
-        return sizes
+        return _lengths(self._areas(points))
 
     def least_flattened(self, points: Float32Array) -> int:
         """Return the frame of (frames, vertices, 3) whose most flattened face keeps most of its largest area."""
@@ -222,18 +228,26 @@ class NormalRows:
         shares = [np.min(self.face_sizes(frame)[there] / largest[there], initial=1.0) for frame in points]
         return int(np.argmax(np.array(shares) >= ENOUGH_AREA_RATIO * max(shares)))
 
-    def _at_corners(self, points: Float64Array) -> Float64Array:
-        """Return the coordinates of the corners, (3, frames, corners), at positions (frames, vertices, 3)."""
-        return np.ascontiguousarray(points.transpose(2, 0, 1))[..., self._corners]
+    def _blocks(self) -> Iterator[tuple[slice, slice, Int64Array]]:
+        """Yield some faces at a time: their slice, that of their corners, and where each face begins in it."""
+        first = 0
+        while first < self._counts.size:
+            last = max(first + 1, int(np.searchsorted(self._starts, self._starts[first] + CORNERS_AT_ONCE)))
+            starts, end = self._starts[first:last], self._starts[last - 1] + self._counts[last - 1]
+            yield slice(first, last), slice(int(starts[0]), int(end)), starts - starts[0]
+            first = last
 
-    def _areas(self, here: Float64Array) -> Float64Array:
-        """Return normals of faces, as long as twice their areas, (3, frames, faces), from the positions of
-        their corners.
-        """
-        # Relative to the first corner of each face, to avoid cancellation far from the origin.
-        from_first = here - np.repeat(here[..., self._starts], self._counts, axis=-1)
-        summed: Float64Array = np.add.reduceat(_cross(from_first, from_first[..., self._next]), self._starts, axis=-1)
-        return summed
+    def _areas(self, points: Float32Array) -> Float64Array:
+        """Return normals of faces, as long as twice their areas, (3, faces), at positions (vertices, 3)."""
+        found = np.empty((3, self._counts.size))
+        for own, corners, starts in self._blocks():
+            here = points[self._corners[corners]].T.astype(np.float64)
+            # Relative to the first corner of each face, to avoid cancellation far from the origin.
+            here -= np.repeat(here[:, starts], self._counts[own], axis=1)
+            following = np.arange(1, here.shape[1] + 1)
+            following[starts + self._counts[own] - 1] = starts
+            found[:, own] = np.add.reduceat(_cross(here, here[:, following]), starts, axis=1)
+        return found
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:

@@ -30,6 +30,15 @@ It takes a path, ``fps``, and those options of :func:`open_sequence` that the fo
 """
 
 
+WRITTEN_BYTES = 2**23
+"""Bytes of positions that writers take at once: with normals and text of them, some three times as many are held."""
+
+
+def frames_at_once(sequence: MeshSequence) -> int:
+    """Return the number of frames that take at most :data:`WRITTEN_BYTES`, at least one."""
+    return max(1, WRITTEN_BYTES // (12 * max(1, sequence.vertex_count)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output:
     """Where and how a sequence is written.
@@ -77,7 +86,10 @@ class Output:
     def blocks(
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[int, Float32Array]]:
-        """Yield the sequence's blocks, at most `frames` long, each with its first frame; report progress after each."""
+        """Yield the sequence's blocks, each with its first frame; report progress after each.
+
+        They are at most `frames` long. By default they take at most :data:`WRITTEN_BYTES`, or are one frame.
+        """
         for _, _, start, block in self.blocks_of_runs(sequence, what, frames):
             yield start, block
 
@@ -92,7 +104,7 @@ class Output:
             self.progress(0, sequence.frame_count, f"writing {what}")
         for run in sequence.runs:
             self.fields_met.update(one.name for one in run.fields)
-            for start, block in run.blocks(frames):
+            for start, block in run.blocks(frames or frames_at_once(run)):
                 yield run, first, first + start, block
                 if self.progress is not None:
                     self.progress(first + start + len(block), sequence.frame_count, f"writing {what}")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.formats.base.registry import frames_at_once
 from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribute, transform_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
@@ -274,7 +275,7 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
     if bound is None or sequence.frame_count < 2:
         return exact, ()
     places = _places(exact)
-    fits = rigid_within(lambda: (block for _, block in exact.blocks()), places, bound)
+    fits = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
     if not fits:
         return exact, ()
     rest = np.array(exact.read_frames(0, 1)[0])
@@ -302,7 +303,9 @@ def _exact_parts(sequence: MeshSequence) -> MeshSequence:
     parts: dict[int, list[Float64Array]] = {index: [] for index in places}
     # The last frame rules out most objects before the others are read.
     last = sequence.read_frames(sequence.frame_count - 1, sequence.frame_count)
-    for block in (block for blocks in ([last], (one for _, one in sequence.blocks())) for block in blocks):
+    for block in (
+        block for blocks in ([last], (one for _, one in sequence.blocks(frames_at_once(sequence)))) for block in blocks
+    ):
         for index in tuple(parts):
             matrices = rigid_matrices(block[:, places[index]], rest[places[index]])
             if matrices is None:

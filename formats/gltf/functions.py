@@ -207,12 +207,12 @@ def find_functions(
     size, wanted = LEAST_PROBED_COLUMNS, min(samples.columns, 2 * most)
     probe = _Probe(samples.at(order[:size]), given, most, bounds, cubic=cubic)
     for bound in bounds:
-        aim = bound
+        aim, least = bound, int(known is None)
         for _ in range(PROBING_ROUNDS):
             if size < wanted and 2 * probe.estimate(aim) > size:
                 more, size = order[size : 2 * size], 2 * size
             else:
-                functions = probe.find_fewest(aim, least=known is None)
+                functions = probe.find_fewest(aim, least=least)
                 if functions is None:
                     break
                 shapes = fit(samples, functions)
@@ -221,7 +221,7 @@ def find_functions(
                 if largest <= bound:
                     return functions, shapes.reshape(-1, samples.columns // 3, 3)
                 if largest <= NEAR_BOUND_RATIO * bound:
-                    aim *= AIM_RATIO * bound / largest
+                    aim, least = aim * AIM_RATIO * bound / largest, functions.shape[1] - given.shape[1] + 1
                     continue
                 beyond = np.flatnonzero(errors > bound)
                 more = beyond[np.argsort(-errors[beyond], kind="stable")][: max(LEAST_PROBED_COLUMNS, most)]
@@ -270,13 +270,13 @@ class _Probe:
         """Return how many vectors are needed for half a bound as RMS error: a few more are for all errors."""
         return int(np.count_nonzero(self._left > bound / 2))
 
-    def find_fewest(self, bound: float, *, least: bool) -> Float64Array | None:
-        """Return the known functions and the fewest others, at least one if `least`; None if that takes too many."""
+    def find_fewest(self, bound: float, *, least: int) -> Float64Array | None:
+        """Return the known functions and the fewest others, but at least `least`; None if that takes too many."""
         if self._least_error > bound:
             return None
         if not least and self._try_count(0, bound) is not None:
             return self._known
-        few = max(1, self.estimate(bound))
+        few = max(1, least, self.estimate(bound))
         too_few, step = few - 1, 1
         found: Float64Array | None = None
         while few <= self._most:

@@ -122,7 +122,7 @@ class _MeshWriter:
         self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
         self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
         columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
-        if rows is not None and motion.normals is not None:
+        if rows is not None and motion.normals is not None and not rows.is_smooth:
             columns.append(rows.corner_rows)
         columns += [values for color, values in self._colors if color.domain != "vertex"]
         self.sources, self.corner_rows = _split_vertices(item.connectivity, columns)

@@ -145,8 +145,10 @@ def motion_of(frames: Float32Array, thirds: Blocks | None, rows: NormalRows | No
         if len(shapes) == 1:
             return Motion(rest, shapes[1:], functions, first, np.zeros((0, rows.count, 3), np.float32))
         normals = Samples(samples.count, 3 * rows.count, lambda: _read_normals(samples, rows))  # noqa: B023
-        extra = max(MAX_NORMAL_FUNCTIONS, functions.shape[1])
-        more = find_functions(normals, *NORMAL_ERROR_BOUNDS, most=extra, cubic=cubic, known=functions)
+        # What is invisible may take half as many functions as a visible difference.
+        more, few = None, max(MAX_NORMAL_FUNCTIONS, functions.shape[1] // 2)
+        for errors, extra in ((NORMAL_ERROR_BOUNDS[:1], few), (NORMAL_ERROR_BOUNDS[1:], functions.shape[1])):
+            more = more or find_functions(normals, *errors, most=max(few, extra), cubic=cubic, known=functions)
         functions, turned = more or (functions, fit(normals, functions).reshape(-1, rows.count, 3))
         if functions.shape[1] >= len(shapes):
             shapes = np.pad(shapes, ((0, functions.shape[1] + 1 - len(shapes)), (0, 0), (0, 0)))

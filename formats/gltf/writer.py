@@ -24,13 +24,13 @@ from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
-from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.registry import Output, frames_at_once
 from pdecodec.formats.base.rigid_motion import rigid_notices
 from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, renamed
 from pdecodec.formats.gltf.builder import GltfBuilder
-from pdecodec.formats.gltf.functions import READ_BYTES, Blocks, cubic_keys
+from pdecodec.formats.gltf.functions import Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
 from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
@@ -99,11 +99,6 @@ def check_size(frames: int, objects: Sequence[MeshObject]) -> None:
         )
 
 
-def _block_length(sequence: MeshSequence) -> int:
-    """Return the number of frames that are read at once."""
-    return max(1, READ_BYTES // (12 * max(1, sequence.vertex_count)))
-
-
 class ObjectThirds:
     """Positions of each object at the thirds between frames: read again whenever asked for, or held for small ones.
 
@@ -127,12 +122,12 @@ class ObjectThirds:
             return None
         most = max(HELD_THIRDS_BYTES // 12, sequence.frame_count * sequence.vertex_count // 4) // sequence.frame_count
         if own.stop - own.start > most:
-            return lambda: ((at, points[:, own]) for at, points in sequence.blocks(_block_length(sequence)))
+            return lambda: ((at, points[:, own]) for at, points in sequence.blocks(frames_at_once(sequence)))
         if own.start not in self._held:
             last = max(one.stop for one in self._places if one.start >= own.start and one.stop - own.start <= most)
             self._held = range(own.start, last)
             self._points = np.empty((sequence.frame_count, last - own.start, 3), np.float32)
-            for at, points in sequence.blocks(_block_length(sequence)):
+            for at, points in sequence.blocks(frames_at_once(sequence)):
                 self._points[at : at + len(points)] = points[:, own.start : last]
         here = slice(own.start - self._held.start, own.stop - self._held.start)
         return lambda: ((0, self._points[:, here]),)
@@ -158,7 +153,7 @@ class GltfScene:
 
     def _blocks(self) -> Iterator[tuple[int, Float32Array]]:
         """Yield frames in blocks, turned Y-up."""
-        for start, points in self._output.blocks(self._source, "glTF", _block_length(self._source)):
+        for start, points in self._output.blocks(self._source, "glTF"):
             if not np.isfinite(points).all():
                 frame, vertex, _ = np.argwhere(~np.isfinite(points))[0]
                 raise InputError(

@@ -43,9 +43,9 @@ def write_obj_onto(
     placed, new_folder = frame_output(output)
     text = _Template(read_text(find_frames(source, ".obj").paths[0], 0), original, fits, placed.path.parent)
 
-    def of_frame(points: Float32Array, frame: int) -> bytes:
+    def of_frame(points: Float32Array, frame: int) -> list[bytes]:
         check_finite(points, frame)
-        return time_comment(sequence.times[frame], output.rate) + text.filled(points)
+        return [time_comment(sequence.times[frame], output.rate), text.filled(points)]
 
     write_frames(sequence, placed, "OBJ", lambda _run, _first: of_frame, new_folder=new_folder)
     return ()

@@ -65,11 +65,11 @@ def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
     if vertex_uvs is not None:
         rows["uv"] = vertex_uvs
 
-    def frame_bytes(points: Float32Array, frame: int) -> bytes:
+    def frame_bytes(points: Float32Array, frame: int) -> list[bytes]:
         rows["position"] = points
         if normals.held:
             rows["normal"] = normals.at(points)
-        return before + rows.tobytes() + faces
+        return [before, rows.tobytes(), faces]
 
     notices = lost_by_joining(
         sequence, "PLY", "mesh", colors, lambda item, one: one in _written(item) or normals.holds(item, one)

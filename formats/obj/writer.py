@@ -34,6 +34,9 @@ from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
+FACES_AT_ONCE = 2**14
+"""Faces whose text is made together, which bounds the memory for Python's strings."""
+
 NORMAL_DECIMALS = 4
 """Decimals of normals, as in files of other programs."""
 
@@ -131,14 +134,16 @@ class _FrameText:
             normals += 0 if text.normals is None else text.normals.count
             self._objects.append(text)
 
-    def of_frame(self, points: Float32Array, frame: int) -> bytes:
-        """Return the text of a frame with positions (vertices, 3); InputError if one is not finite."""
+    def of_frame(self, points: Float32Array, frame: int) -> Iterator[bytes]:
+        """Yield the text of a frame in parts with positions (vertices, 3); InputError if one is not finite."""
         check_finite(points, self._first + frame)
-        parts = [time_comment(self._times[frame], self._rate), self._head]
+        yield time_comment(self._times[frame], self._rate) + self._head
         for item in self._objects:
             own = points[item.vertices]
-            parts += (item.before, rows_text(np.hstack([own, item.color]), "v"), item.normal_text(own), item.after)
-        return b"".join(parts)
+            yield item.before
+            yield rows_text(np.hstack([own, item.color]), "v")
+            yield item.normal_text(own)
+            yield from item.after
 
 
 class _ObjectText:
@@ -167,21 +172,27 @@ class _ObjectText:
         self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)
         uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
-        corners = list(map(str, (item.connectivity.face_indices.astype(np.int64) + first_vertex + 1).tolist()))
-        textures = [""] * len(corners)
-        if uv_indices is not None:
-            textures = [str(row) if row > first_texture else "" for row in (uv_indices + first_texture + 1).tolist()]
-        if self.normals is not None:
-            normals = (self.normals.corner_rows + np.int64(first_normal + 1)).tolist()
-            corners = [f"{v}/{t}/{n}" for v, t, n in zip(corners, textures, normals, strict=True)]
-        elif uv_indices is not None:
-            corners = [f"{v}/{t}" if t else v for v, t in zip(corners, textures, strict=True)]
-        lines = _lines_of(corners, item.connectivity.face_counts.tolist(), repeat("f"))
         changes = _changes(item, attributes, names_held, with_objects=alone)
-        faces = "".join(
-            f"{changes[face]}{line}\n" if face in changes else f"{line}\n" for face, line in enumerate(lines)
-        )
-        self.after = b"".join((uv_text, faces.encode(), _polyline_text(item, first_vertex + 1)))
+        counts, indices = item.connectivity.face_counts, item.connectivity.face_indices
+        self.after = [uv_text]
+        first = 0
+        for start in range(0, len(counts), FACES_AT_ONCE):
+            some = counts[start : start + FACES_AT_ONCE].tolist()
+            own = slice(first, first + sum(some))
+            first = own.stop
+            corners = list(map(str, (indices[own].astype(np.int64) + first_vertex + 1).tolist()))
+            textures = [""] * len(corners)
+            if uv_indices is not None:
+                rows = (uv_indices[own] + first_texture + 1).tolist()
+                textures = [str(row) if row > first_texture else "" for row in rows]
+            if self.normals is not None:
+                normals = (self.normals.corner_rows[own] + np.int64(first_normal + 1)).tolist()
+                corners = [f"{v}/{t}/{n}" for v, t, n in zip(corners, textures, normals, strict=True)]
+            elif uv_indices is not None:
+                corners = [f"{v}/{t}" if t else v for v, t in zip(corners, textures, strict=True)]
+            lines = enumerate(_lines_of(corners, some, repeat("f")), start)
+            self.after.append("".join(f"{changes.get(face, '')}{line}\n" for face, line in lines).encode())
+        self.after.append(_polyline_text(item, first_vertex + 1))
 
     def normal_text(self, points: Float32Array) -> bytes:
         """Return ``vn`` lines at positions (vertices, 3)."""

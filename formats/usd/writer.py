@@ -81,7 +81,11 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     check_writable(path, overwrite=output.overwrite)
     with stage_folder(output) as folder:
         file = layer_file(folder, path)
-        notices = _Stage(sequence, Usd.Stage.CreateNew(str(file)), output).write()
+        # Text is saved whole, so it is made from a binary layer that is saved block by block.
+        layer = file.with_suffix(".usdc")
+        notices = _Stage(sequence, Usd.Stage.CreateNew(str(layer)), output).write()
+        if layer != file:
+            Sdf.Layer.FindOrOpen(str(layer)).Export(str(file))
         if file.name != path.name:
             file = packed(file, path, alone=True)
         move_into(file, path, overwrite=output.overwrite)
@@ -298,12 +302,11 @@ class _PrimWriter(ShapeWriter):
         return (points, codes) if known is None else (np.concatenate([known[None], points]), [self._last, *codes])
 
     def _write_points(self, points: Float32Array, codes: list[float]) -> None:
-        # Coordinate by coordinate: minima along rows of three are ten times slower.
-        axes = np.ascontiguousarray(points.transpose(0, 2, 1))
-        extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
         for frame, (code, normals) in enumerate(zip(codes, self.normals_at(points), strict=True)):
+            # Coordinate by coordinate: minima along rows of three are ten times slower.
+            axes = np.ascontiguousarray(points[frame].T)
             self._points.Set(vectors(points[frame]), code)
-            self._extent.Set(vectors(extents[frame]), code)
+            self._extent.Set(vectors(np.stack([axes.min(axis=1), axes.max(axis=1)])), code)
             if normals is not None:
                 self._normals.Set(vectors(normals), code)
 

@@ -97,7 +97,7 @@ class _Grid:
             sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
         )
 
-    def of_frame(self, points: Float32Array, frame: int) -> bytes:
+    def of_frame(self, points: Float32Array, frame: int) -> list[bytes]:
         head = (
             b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
             b'header_type="UInt64">\n  <UnstructuredGrid>\n    <FieldData>'
@@ -106,7 +106,7 @@ class _Grid:
         )
         normals = _array("Normals", self._normals.at(points)) if self._normals.held else b""
         before, between, after = self._pieces
-        return b"".join([head, before, normals, between, _array("Points", points), after])
+        return [head, before, normals, between, _array("Points", points), after]
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:

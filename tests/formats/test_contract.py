@@ -22,6 +22,8 @@ from pdecodec import (
     PdecodecError,
 )
 from pdecodec.formats import list_formats, open_sequence, write_sequence
+from pdecodec.formats.base import registry
+from pdecodec.mesh.arrays import Float32Array
 from tests.formats.contract import ATTRIBUTES, CONTRACT, SHAPES, Holds
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import (
@@ -371,6 +373,22 @@ def test_a_file_cut_or_changed_anywhere_gives_frames_or_our_error(held: Holds, t
         file.write_bytes(content)
         with contextlib.suppress(PdecodecError), held.open(path) as read:
             assert read.read_frames(0, read.frame_count).shape == (read.frame_count, read.vertex_count, 3)
+
+
+@each_format("x.npz", "x.h5", written=True)
+def test_writers_take_a_few_frames_at_a_time(held: Holds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = []
+
+    class Watched(ArraySequence):
+        def read_frames(self, start: int, stop: int) -> Float32Array:
+            taken.append(stop - start)
+            return super().read_frames(start, stop)
+
+    moving = clip(frames=24)
+    monkeypatch.setattr(registry, "WRITTEN_BYTES", 3 * moving.points[0].nbytes)
+    held.write(Watched(moving.points, objects=moving.objects, fps=24, metadata=SPACE), held.path(tmp_path))
+    assert sum(taken) >= 24
+    assert max(taken) <= 3
 
 
 def test_a_format_needs_no_name_that_says_it(tmp_path: Path) -> None:
