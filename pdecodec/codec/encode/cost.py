@@ -1,8 +1,8 @@
-"""What ways to encode a group of frames would take, on large meshes without fitting all of it.
+"""Cost of candidates in bits: full fits on small meshes, estimates from a sample on large ones.
 
-Functions of time are coded once and their bits at other steps follow from that. Coefficients and residuals are those of
-some elements from all over the mesh and of the nodes of the partition tree above them, and counted as many times as
-those are part of it. Small meshes, where that is quick, are fitted in full.
+In an estimate, functions of time are coded once, and their bits at other steps follow from that. Coefficients and
+residuals are measured on a sample of elements from all over the mesh, with the nodes of the partition tree above
+them, and scaled up to the whole mesh.
 """
 
 from __future__ import annotations
@@ -24,24 +24,27 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
 
 FRAME_RUN = 8
-"""Where frames are sampled, residuals are looked at in every other run of so many: they are coded by those of the frame
-before."""
+"""Length of the runs of frames of which every other one is sampled; runs, because residuals are coded by the
+frame before.
+"""
 
 WHOLE_DEPTHS = 8
-"""Nodes of the partition tree down to this depth are looked at whatever elements are below them: they are few."""
+"""Depth of the partition tree down to which all nodes are in the sample: they are few."""
 
 ROWS_AT_ONCE = 256
 """Rows of coefficients that are weighed at once: as many as caches hold."""
 
 
 class BitCounter(Protocol):
-    """Counts what a group takes in one space basis."""
+    """Counter of the bits of a group in one spatial basis."""
 
     def bits(self, choice: Candidate) -> float:
-        """What a group takes that way, about or exactly."""
+        """Return the bits of a candidate, measured or estimated."""
 
     def prepare(self, choice: Candidate) -> None:
-        """Compute what choices of a time basis and origin share: calls in several threads would each do it."""
+        """Compute what candidates of a temporal basis and origin share, before several threads would each
+        compute it.
+        """
 
 
 def bit_counter(
@@ -52,7 +55,7 @@ def bit_counter(
     part_of: BitCounter | None = None,
     compares_bases: bool = False,
 ) -> BitCounter:
-    """Return a counter by full fits of a small mesh, by estimates from a sample of a large one."""
+    """Return a counter: by full fits on a small mesh, by estimates from a sample on a large one."""
     if not fitter.is_large:
         return FitCounter(fitter, basis)
     alike, longer = (other if isinstance(other, Estimate) else None for other in (like, part_of))
@@ -60,7 +63,7 @@ def bit_counter(
 
 
 class FitCounter:
-    """What full fits take."""
+    """Counter by full fits."""
 
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis) -> None:
         self._fitter, self._basis = fitter, basis
@@ -73,7 +76,7 @@ class FitCounter:
 
 
 class _Sample:
-    """Some elements of a space basis, and what they are looked at for.
+    """Sample of the elements of a spatial basis.
 
     Parameters
     ----------
@@ -82,30 +85,30 @@ class _Sample:
     elements : (n,) int64
         Ascending.
     weight : float
-        How many times as much all elements' coefficients take as those of these, about.
+        Estimated ratio of the bits of all elements' coefficients to those of the sample.
     like : _Sample, optional
-        Of the same points.
+        Sample of the same points.
 
     Attributes
     ----------
     elements : (n,) int64
     vertices : (m,) int32
-        Theirs, element after element.
+        Vertices of the elements, element after element.
     starts : (n + 1,) int64
-        Of each element among the vertices.
+        First position of each element among the vertices.
     order : (m,) int32
-        The vertices' places: as they stand.
+        Positions of the vertices: 0 to m - 1.
     frames : (l,) int64
-        Whose residuals are looked at.
+        Frames whose residuals are measured.
     points : (l, m, 3) float32 [scene units]
     copies, weight : float
-        How many times as many positions there are, and how many times as much all elements' coefficients take, about.
+        Ratio of all positions to those in the sample, and estimated ratio of the bits of coefficients.
     chosen : (n,) int64
         Subbands of these elements, and of the nodes above them.
     subbands : (starts, kinds, parents)
-        As :attr:`pdecodec.codec.sections.space_basis.SpaceBasis.subbands`, of these.
+        Like :attr:`pdecodec.codec.sections.space_basis.SpaceBasis.subbands`, of the sample.
     subband_copies : (n,) float64
-        How many times as much the coefficients of all take that each stands for, about.
+        Estimated ratio of the bits of all subbands to the one in the sample that stands for them.
     """
 
     def __init__(
@@ -143,28 +146,28 @@ class _Sample:
             kinds[self.chosen],
             np.searchsorted(self.chosen, parents[self.chosen]),
         )
-        # Nodes of a depth are all but equal; elements are not.
+        # Nodes of a depth have almost equal costs; elements do not.
         of_all, of_chosen = np.bincount(depths + 1, sizes), np.bincount(own_depths + 1, own_sizes)
         self.subband_copies = of_all[own_depths + 1] / np.maximum(of_chosen[own_depths + 1], 1.0)
         self.subband_copies[own_depths < 0] = weight
 
 
 def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
-    """Vertices of some elements, element after element."""
+    """Return the vertices of some elements, element after element."""
     parts = [basis.order[basis.starts[e] : basis.starts[e + 1]] for e in elements]
     return np.concatenate(parts) if parts else np.zeros(0, np.int32)
 
 
 def _weights(basis: SpaceBasis, coefficients: Rows, step: float) -> Float64Array:
-    """(elements,) float64: about what each takes; some of them take many times as much as others.
+    """Return a rough cost of each element, (elements,) float64; some cost many times as much as others.
 
     Parameters
     ----------
     basis : SpaceBasis
     coefficients : (functions of space, channels)
-        In any functions of time.
+        Coefficients in any functions of time.
     step : float
-        Their quantisation step.
+        Quantisation step of the coefficients.
     """
     rough = np.zeros(len(coefficients) + 1)
 
@@ -180,16 +183,16 @@ def _weights(basis: SpaceBasis, coefficients: Rows, step: float) -> Float64Array
 
 
 def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compares_bases: bool) -> Int64Array:
-    """Return elements from all over the mesh, of those that take little as of those that take much.
+    """Return a sample of elements from all over the mesh, with cheap and expensive ones in proportion.
 
-    Where spatial bases are compared, all elements of a part of the partition tree are taken, or none, so that smaller
-    and larger ones are of the same vertices.
+    If spatial bases are compared, parts of the partition tree are sampled as a whole, so that smaller and larger
+    elements cover the same vertices.
 
     Parameters
     ----------
     basis : SpaceBasis
     weights : (elements,) float64
-        About what each takes.
+        Rough cost of each element.
     tuning : Tuning
     """
     part_of = np.unique(_parts(basis, tuning.sample_part if compares_bases else 1), return_inverse=True)[1]
@@ -202,7 +205,9 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compare
 
 
 def _parts(basis: SpaceBasis, most: int) -> Int64Array:
-    """Return the highest node of the partition tree above each element of at most `most` vertices, or its own."""
+    """Return, for each element, the highest node of the partition tree above it with at most `most` vertices,
+    or its own.
+    """
     children, node_of = basis.patches.children, basis.patches.node_of
     sizes = np.zeros(children.size, np.int64)
     sizes[node_of] = np.diff(basis.starts)
@@ -220,7 +225,7 @@ def _parts(basis: SpaceBasis, most: int) -> Int64Array:
 
 
 def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
-    """Elements that are of given vertices, for the most part."""
+    """Return the elements that consist mostly of given vertices."""
     given = np.zeros(basis.order.size, np.int64)
     given[vertices] = 1
     found: Int64Array = np.flatnonzero(
@@ -230,18 +235,19 @@ def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
 
 
 class Estimate:
-    """Estimates from some elements of the mesh.
+    """Counter by estimates from a sample of the mesh's elements.
 
     Parameters
     ----------
     fitter : GroupFitter
-        Of the whole mesh.
+        Fitter of the whole mesh.
     basis : SpaceBasis
     like : Estimate, optional
-        Of the same points, in another space basis or from another reference frame: the same vertices are looked at.
+        Estimate of the same points in another spatial basis or from another reference frame: the same vertices are
+        sampled.
     part_of : Estimate, optional
-        Of more frames in the same space basis: the same elements are looked at, and taken for as much of all, so that
-        what parts take is compared with what the whole takes on the same vertices.
+        Estimate of more frames in the same spatial basis: the same elements are sampled and scaled by the same ratio,
+        so that costs of the parts and of the whole are comparable.
 
     Attributes
     ----------
@@ -287,7 +293,7 @@ class Estimate:
             moved.time_cost(choice.time, self._usual_step)
 
     def _projected(self, moved: Displacements, time: TimeFunctions) -> Rows:
-        """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
+        """Return coefficients (rows of the sample, channels) of all functions of time of a kind."""
         if (moved, time) not in self._coefficients:
             self._coefficients[moved, time] = (
                 moved.some_coefficients(time, sight=self._sight).astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""Fitting one group of frames: functions of time, coefficients and residuals, at what they cost together."""
+"""Fit one group of frames: quantised functions of time and coefficients, refined, and the residuals that they leave."""
 
 from __future__ import annotations
 
@@ -48,24 +48,24 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.system.shares import both, thread_count
 
 STEP_SAMPLE = 2**19
-"""Coefficients that tell the mean error of a step."""
+"""Number of coefficients from which the mean error of a step is computed."""
 
 ELEMENT_STRIDE = 8
-"""Of a heavy group, one in so many elements and functions of time stands for all."""
+"""Of a heavy group, one in this many elements and functions of time is sampled."""
 
 PRECISION_STRIDE = 4
-"""One in so many elements, or frames where there are few elements, tells whether float32 is precise enough."""
+"""One in this many elements, or frames if there are few elements, tests whether float32 is precise enough."""
 
 LEAST_PUSH = 2.0**-8
-"""Share of the first push below which coefficients hardly change."""
+"""Share of the first push below which refinement hardly changes coefficients."""
 
 FARTHEST_PUSH = 2.0
-"""Bounds by which a vertex is moved at most when coefficients are refined."""
+"""Largest distance that refinement moves a vertex [bounds]."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """How a group is fitted.
+    """One way to fit a group.
 
     Attributes
     ----------
@@ -73,9 +73,9 @@ class Candidate:
     origin : {"reference", "first"}
         What displacements are measured from.
     step : int
-        Of the coefficients; see :func:`grid_step`.
+        Index of the step of the coefficients; see :func:`grid_step`.
     time_step : int
-        Of the functions of time: so many indices more.
+        Index of the step of the functions of time, relative to `step`.
     """
 
     time: TimeFunctions
@@ -86,17 +86,17 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class QuantisedGroup:
-    """What a group is encoded with but for its residuals.
+    """A quantised group without its residuals.
 
     Attributes
     ----------
     entry : GroupEntry
-        Sizes and checksum still zero.
+        Sizes and checksum are still zero.
     time_functions : QuantisedTimeFunctions or None
-        None where there is none to code.
+        None if there are none to code.
     quantised : (functions of space, channels) int64
     values : (vertices, channels) float32 or float64 [scene units]
-        The coefficients, vertex by vertex, before the space basis and quantisation.
+        Coefficients of the functions of time, vertex by vertex, before projection and quantisation.
     """
 
     entry: GroupEntry
@@ -107,22 +107,22 @@ class QuantisedGroup:
 
 @dataclass(frozen=True, eq=False)
 class FittedGroup:
-    """One way to encode a group.
+    """A fitted group with its residuals and its cost.
 
     Attributes
     ----------
     entry : GroupEntry
-        Sizes and checksum still zero.
+        Sizes and checksum are still zero.
     time_functions : QuantisedTimeFunctions or None
-        None where there is none to code.
+        None if there are none to code.
     packed : (functions of space, channels) int16, int32 or int64
-        Coefficients, of a heavy group in the smallest of these types that has them.
+        Coefficients; of a heavy group in the smallest of these types that holds them.
     residuals : Residuals
     largest_square, sum_of_squares : float [scene units^2]
-        Of the distances of what a decoder makes of them; of a trial 0.
+        Squares of the distances between source and decoded positions; 0 for a trial.
     plan : ResidualPlan
     bits : float
-        Of all three chunks, measured; infinite where they were not.
+        Bits of all three chunks; infinite if not measured.
     """
 
     entry: GroupEntry
@@ -136,11 +136,11 @@ class FittedGroup:
 
     @property
     def quantised(self) -> Int64Array:
-        """(functions of space, channels) int64: the coefficients."""
+        """Return the coefficients, (functions of space, channels) int64."""
         return self.packed.astype(np.int64, copy=False)
 
     def measured(self, basis: SpaceBasis) -> FittedGroup:
-        """Itself with its bits."""
+        """Return the fitted group with its bits measured."""
         if math.isfinite(self.bits):
             return self
         return replace(self, bits=_bits(basis, self.entry, self.quantised, self.time_functions) + self.plan.bits)
@@ -148,17 +148,17 @@ class FittedGroup:
 
 @dataclass(frozen=True, eq=False)
 class EncodedGroup:
-    """A group as it is written.
+    """A coded group.
 
     Attributes
     ----------
     entry : GroupEntry
     chunks : (bytes, bytes, bytes)
-        Of TIME, COEF and CORR.
+        Chunks of TIME, COEF and CORR.
     largest_square, sum_of_squares : float [scene units^2]
-        Of the distances of what a decoder makes of them.
+        Squares of the distances between source and decoded positions.
     residuals, coefficients : int
-        How many there are; coefficients with the numbers of the functions of time.
+        Number of residuals; number of coefficients, including the numbers of the functions of time.
     """
 
     entry: GroupEntry
@@ -170,27 +170,28 @@ class EncodedGroup:
 
 
 class GroupFitter:
-    """A group of frames, ready to be fitted with different steps and functions of time.
+    """Fits a group of frames with different steps and functions of time.
 
     Parameters
     ----------
     points : (frames, vertices, 3) float32 [scene units]
     reference : (vertices, 3) float64 [scene units]
-        Decoded.
+        Decoded reference frame.
     first : (vertices, 3) float32 [scene units]
-        Frame 0 of the clip, which the reference frame was made of.
+        Frame 0 of the clip, from which the reference frame was made.
     times : (frames,) float64 [s]
     bound : float [scene units]
-        Largest distance of a vertex; infinite where there is none.
+        Largest distance of a vertex; infinite if there is no bound.
     unit : float [scene units]
-        The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
+        The bound, or the spacing of float32 if that is larger: a finer model would only describe rounding.
     residual_step : float [scene units]
     tuning : Tuning
 
     Attributes
     ----------
     is_heavy : bool
-        Whether memory counts more than time: what is soon found again is not kept then. So are parts of a heavy group.
+        Whether saving memory is worth time: results that are quickly computed again are then not kept. Parts of a heavy
+        group are heavy, too.
     """
 
     def __init__(
@@ -214,7 +215,7 @@ class GroupFitter:
         self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Rows] | None = None
 
     def displacements(self, origin: Origin) -> Displacements:
-        """What is left when the decoded reference frame or the first frame is taken away."""
+        """Return the displacements from the decoded reference frame or from frame 0."""
         if origin not in self._displacements:
             shape, beside = self._reference, None
             if origin == "first":
@@ -227,11 +228,11 @@ class GroupFitter:
 
     @property
     def is_large(self) -> bool:
-        """Whether its mesh is one that is not fitted more often than need be."""
+        """Return whether the mesh is large, so that full fits are avoided."""
         return len(self._reference) > self.tuning.small_mesh_vertices
 
     def prepare(self, choice: Candidate) -> None:
-        """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
+        """Compute what fits of a temporal basis and origin share, before several threads would each compute it."""
         moved = self.displacements(choice.origin)
         if self.is_heavy:
             moved.count(choice.time)
@@ -239,11 +240,11 @@ class GroupFitter:
             moved.coefficients(choice.time)
 
     def part(self, frames: slice) -> GroupFitter:
-        """Some of its frames, as a group of their own."""
+        """Return a fitter of some of the frames as a group of their own."""
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
     def part_of_found(self, frames: slice) -> GroupFitter:
-        """The same; what is found of all frames is not looked for again, until the part is put aside."""
+        """Return the same, which takes results from those of all frames until it is put aside."""
         other = self.part(frames)
         other._part_of = self, frames
         return other
@@ -284,7 +285,7 @@ class GroupFitter:
         return other
 
     def settle(self, choice: Candidate) -> None:
-        """Forget what fits of other functions of time, or from another origin, would need."""
+        """Free what only fits in other functions of time, or from the other origin, would need."""
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
         self._displacements = {choice.origin: self.displacements(choice.origin)}
@@ -292,7 +293,7 @@ class GroupFitter:
             _core.give_back_memory()
 
     def put_aside(self) -> None:
-        """Forget what is soon found again, while other groups are looked at or coefficients refined."""
+        """Free results that are quickly computed again, while other groups are searched or coefficients refined."""
         _ = self.is_single
         self._projection, self._part_of = None, None
         for moved in self._displacements.values():
@@ -300,7 +301,7 @@ class GroupFitter:
 
     @cached_property
     def is_single(self) -> bool:
-        """Whether positions are added up in float32."""
+        """Return whether a decoder adds up positions in float32."""
         return self.unit >= FLOAT32_MIN_BOUND_RATIO * self.displacements("reference").largest
 
     @property
@@ -309,13 +310,13 @@ class GroupFitter:
 
     @property
     def first_choice(self) -> Candidate:
-        """What is fitted before anything is known."""
+        """Return the candidate that a search begins with."""
         return Candidate("trajectories", "reference", grid_index(self.tuning.usual_step * self.unit))
 
     def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories", coarser: int = 0) -> Candidate:
-        """What is fitted where nothing is tried: functions of time with the step that leaves the usual mean error.
+        """Return the candidate for an encode without a search: its step leaves the usual mean error.
 
-        `coarser` is by how many indices another step is taken.
+        `coarser` is added to the index of this step.
         """
         choice = replace(self.first_choice, time=time)
         some = self._some_rows(basis, choice)
@@ -337,7 +338,7 @@ class GroupFitter:
         return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
 
     def _some_rows(self, basis: SpaceBasis, choice: Candidate) -> Rows:
-        """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""
+        """Return coefficients of all functions of time of a kind, for a sample of the functions of space."""
         moved = self.displacements(choice.origin)
         stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // STEP_SAMPLE)
         if not self.is_heavy:
@@ -353,7 +354,7 @@ class GroupFitter:
         return moved.some_coefficients(choice.time, sight=Sight(thinned))
 
     def weighed(self, basis: SpaceBasis) -> Rows:
-        """Coefficients that tell what each element takes: of functions of time from the first to the last."""
+        """Return coefficients of a sample of the functions of time, to compare the costs of elements."""
         choice = self.first_choice
         if not self.is_heavy:
             return self._projected(basis, choice)
@@ -361,7 +362,7 @@ class GroupFitter:
         return basis.project(moved.some_coefficients(choice.time, slice(None, None, ELEMENT_STRIDE)))
 
     def _projected(self, basis: SpaceBasis, choice: Candidate) -> Rows:
-        """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
+        """Return coefficients of all functions of time of a kind; keep them until others are requested."""
         wanted = basis, choice.time, choice.origin
         if self._projection is None or self._projection[0] != wanted:
             values = basis.project(self.displacements(choice.origin).coefficients(choice.time))
@@ -369,8 +370,9 @@ class GroupFitter:
         return self._projection[1]
 
     def _first_look(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> tuple[Int64Array | None, Int64Array]:
-        """Quantised coefficients of all functions of time, and the largest of each channel; of a heavy group none, and
-        the largest on some elements from all over the mesh: what has none there is next to nothing.
+        """Return quantised coefficients of all functions of time and the largest per channel. For a heavy
+        group, return None and the largest on a sample of the elements: channels without any there are
+        negligible.
         """
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
         if not self.is_heavy:
@@ -381,22 +383,22 @@ class GroupFitter:
 
     @property
     def moves(self) -> bool:
-        """Whether there is a trajectory that is worth looking at."""
+        """Return whether the group moves: whether it has a trajectory above the tail."""
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
     def fit(
         self, basis: SpaceBasis, choice: Candidate, *, is_measured: bool = True, is_trial: bool = False
     ) -> FittedGroup:
-        """Fit, and measure what it costs where that is wanted; a trial is not to be encoded."""
+        """Fit, and measure the bits if requested; the result of a trial cannot be encoded."""
         group = self.quantised(basis, choice)
         entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
-        del group  # and with it the values
+        del group  # frees its values
         if self.is_heavy:
-            self.put_aside()  # what holds positions against the group takes that memory at once
+            self.put_aside()  # comparing with the source takes that memory at once
         return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured, is_trial=is_trial)
 
     def quantised(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None) -> QuantisedGroup:
-        """Functions of time and coefficients, quantised."""
+        """Return quantised functions of time and coefficients."""
         zone = zone or self.tuning.dead_zones[0]
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
@@ -436,9 +438,9 @@ class GroupFitter:
         is_measured: bool = True,
         is_trial: bool = False,
     ) -> FittedGroup:
-        """What coefficients in given functions decode to and cost, residuals included.
+        """Decode quantised coefficients, compare with the source, and return the group with residuals and cost.
 
-        `excess`, where it is given, is filled with what vertices are off beyond what is aimed at.
+        If `excess` is given, it is filled with the errors beyond the aim of the refinement.
         """
         largest = magnitudes(quantised)
 
@@ -461,10 +463,10 @@ class GroupFitter:
         return FittedGroup(entry, time_functions, packed, *missing, plan, bits + plan.bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
-        """A fit as bytes.
+        """Return a fitted group as bytes.
 
-        Where adding up in float32 turns out to take more than half of the margin for it, positions are added up in
-        float64: another order of the same sums may take as much again.
+        If float32 sums take more than half of their error margin, positions are summed in float64 instead: a decoder
+        that sums in another order may need the other half.
         """
         quantised, time_functions = fitted.quantised, fitted.time_functions
 
@@ -493,7 +495,7 @@ class GroupFitter:
     def _is_single_enough(
         self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
     ) -> bool:
-        """Whether adding up in float32 takes at most half of the margin for it."""
+        """Return whether sums in float32 take at most half of their error margin."""
         few = basis.element_count < PRECISION_STRIDE**2
         stride, frame_stride = (1, PRECISION_STRIDE) if few else (PRECISION_STRIDE, 1)
         time = np.ascontiguousarray(self._time(entry, time_functions)[::frame_stride])
@@ -507,12 +509,12 @@ class GroupFitter:
         return found <= 0.5 * SINGLE_MARGIN * self.residual_step
 
     def _time(self, entry: GroupEntry, time_functions: QuantisedTimeFunctions | None) -> Float64Array:
-        """Decoded functions of time, (frames, 3 or 1, functions)."""
+        """Return decoded functions of time, (frames, 3 or 1, functions)."""
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
         return functions_of_time(entry, decoded, self.times)
 
     def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
-        """Functions held against positions of the vertices that they move, those in places of an order."""
+        """Return a model that compares functions with the source positions of some vertices."""
         reference = np.ascontiguousarray(self._reference)
         time = np.ascontiguousarray(functions.time)
         return GroupModel(functions.motion, time, reference, points, order, self.bound, self.residual_step)
@@ -527,8 +529,8 @@ class GroupFitter:
         time_step: float,
         zone: DeadZone,
     ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Rows]:
-        """Quantised functions of time, coefficients of what they decode to, and what these were before the space basis
-        and quantisation.
+        """Return quantised functions of time, the coefficients in the decoded functions, and the values before
+        projection and quantisation.
         """
         scaled = moved.scaled(time)
         axes = axes_of(time)
@@ -548,18 +550,18 @@ class GroupFitter:
 def _bits(
     basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
 ) -> float:
-    """What coefficients and functions of time take, measured."""
+    """Return the measured bits of coefficients and functions of time."""
     bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
     return bits + time_functions.bits if time_functions else bits
 
 
 def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
-    """Decoded functions of time at unit length: (frames or 3 frames, functions)."""
+    """Return decoded functions of time at unit length, (frames or 3 frames, functions)."""
     return normalise(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
 
 
 class Refinement:
-    """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
+    """Refinement of a fit: adds what vertices miss to what the coefficients describe, and quantises again.
 
     Parameters
     ----------
@@ -567,13 +569,13 @@ class Refinement:
     basis : SpaceBasis
     choice : Candidate
     zone : DeadZone
-        Where coefficients are rounded towards zero: what that takes from vertices that need it, refining gives back.
+        Dead zone of the rounding; refinement corrects its effect on vertices that need it.
 
     Attributes
     ----------
     choice : Candidate
     best : FittedGroup
-        Which cost least so far; of a heavy group not measured until it is refined.
+        The cheapest fit so far; of a heavy group not measured until it is refined.
     """
 
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> None:
@@ -600,9 +602,9 @@ class Refinement:
         )
 
     def refine(self, passes: int) -> Refinement:
-        """Round the coefficients again so many times, as far as that pays, and return itself.
+        """Quantise the coefficients again, at most `passes` times as long as that pays; return self.
 
-        A pass that saves nothing halves the push, where another one may follow it.
+        A pass that saves nothing halves the push before the next one.
         """
         entry, tuning = self._entry, self._fitter.tuning
         self.best = self.best.measured(self._basis)
@@ -624,7 +626,7 @@ class Refinement:
         return self
 
     def _pushed(self, some: slice) -> Rows:
-        """What coefficients of some functions of time are to describe next."""
+        """Return what coefficients of some functions of time describe next."""
         axes = self._entry.axes
         values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
@@ -633,7 +635,7 @@ class Refinement:
 
 @dataclass(frozen=True, eq=False)
 class FinishedGroup:
-    """A group, as it is to be encoded."""
+    """A fitted group with its fitter and candidate, ready to be encoded."""
 
     fitter: GroupFitter
     choice: Candidate
@@ -643,11 +645,11 @@ class FinishedGroup:
 def finish(fitter: GroupFitter, choice: Candidate, basis: SpaceBasis) -> FinishedGroup:
     """Fit a group in full and refine its coefficients.
 
-    Candidates are the steps and dead zones of the tuning; after each of its numbers of passes the better half stays.
+    Steps and dead zones of the tuning are tried; after each of its numbers of passes, the better half is kept.
     """
     tuning = fitter.tuning
     steps, zones = tuning.refined_steps, tuning.dead_zones
-    if len(steps) * len(zones) > 1 and not fitter.moves:  # asked while trajectories are still there
+    if len(steps) * len(zones) > 1 and not fitter.moves:  # computed while trajectories are still known
         steps, zones = (0,), zones[:1]
     fitter.settle(choice)
     if not tuning.refining_passes:
