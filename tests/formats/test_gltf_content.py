@@ -14,8 +14,8 @@ from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf.file import LINE_LOOP, LINE_STRIP, LINES, POINTS, TRIANGLES, read_gltf
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
-from tests.formats.test_gltf import TRIANGLE, Scene, few_functions, triangle
 from tests.support.browser_tools import assert_valid
+from tests.support.gltf_files import TRIANGLE, Scene, few_functions, triangle
 from tests.support.mesh_cases import grid
 from tests.support.scene_cases import SPACE, body, scene, uv_with_seam
 

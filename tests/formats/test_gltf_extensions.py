@@ -14,7 +14,7 @@ from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.file import COMPONENTS
-from tests.formats.test_gltf import TRIANGLE, Scene, lifted, triangle
+from tests.support.gltf_files import TRIANGLE, Scene, lifted, triangle
 from tests.support.mesh_cases import grid
 
 SHEET = grid(5, 4)

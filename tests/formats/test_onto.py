@@ -19,8 +19,8 @@ from pdecodec.formats.base.scene_space import velocities_of
 from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.mesh.selection import FrameSelection, ObjectSelection
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence
-from tests.formats.test_gltf import TRIANGLE, Scene
 from tests.support.browser_tools import assert_valid
+from tests.support.gltf_files import TRIANGLE, Scene
 from tests.support.scene_cases import SPACE, body, needed, scene
 
 EXTENSIONS = ["abc", "usda", "usdc", "usdz", "glb", "gltf", "obj"]

@@ -11,9 +11,9 @@ from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute
-from tests.formats.test_gltf import even_at_first, few_functions
 from tests.formats.test_normals import meshes, moving, plain_normals
 from tests.support.blender_tools import seen_by_blender
+from tests.support.gltf_files import even_at_first, few_functions
 from tests.support.scene_cases import SPACE, body, needed, scene
 
 NORMAL_ERRORS = {"abc": 2e-3, "usdc": 2e-3, "glb": 0.3}

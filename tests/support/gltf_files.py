@@ -1,0 +1,84 @@
+"""glTF files made by hand, and what files hold as viewers see it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.file import read_gltf
+from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.sequence import ArraySequence, MeshObject
+from tests.support.mesh_cases import grid
+from tests.support.scene_cases import (
+    SPACE,
+)
+from tests.support.three_player import PlayedMesh, play
+
+
+def few_functions() -> ArraySequence:
+    """A grid whose motion is three functions of time."""
+    rng = np.random.default_rng(5)
+    time = np.arange(40) / 24
+    curves = np.stack([np.sin((1 + k) * time) for k in range(3)], axis=1)
+    points = 3 * rng.normal(size=(36, 3)) + np.tensordot(curves, rng.normal(size=(3, 36, 3)), 1)
+    return ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], times=time, fps=24)
+
+
+def even_at_first() -> ArraySequence:
+    """A sheet that is even at the first frame alone."""
+    flat = np.stack([*np.divmod(np.arange(64), 8), np.zeros(64)], axis=1)
+    points = flat + np.random.default_rng(6).normal(size=(9, 64, 3)) * np.arange(9)[:, None, None] / 20
+    return ArraySequence(points, objects=[MeshObject("sheet", grid(8, 8))], fps=24, metadata=SPACE)
+
+
+def played(path: Path, times: Float64Array) -> list[PlayedMesh]:
+    """What three.js draws of a file at times [s]."""
+    (found,) = play([(path, times.tolist())], path.parent / "profile", draw=True, patience=120)
+    assert not isinstance(found, str), found
+    return found
+
+
+def targets_of(path: Path) -> list[Any]:
+    """Morph targets of the first primitive."""
+    found: list[Any] = read_gltf(path).root["meshes"][0]["primitives"][0]["targets"]
+    return found
+
+
+class Scene:
+    """A glTF file made by hand."""
+
+    def __init__(self) -> None:
+        self.builder = GltfBuilder()
+
+    def mesh(self, points: Any, **primitive: Any) -> int:
+        position = self.builder.floats(points, bounds=True)
+        return self.builder.add("meshes", {"primitives": [{"attributes": {"POSITION": position}, **primitive}]})
+
+    def animate(self, node: int, path: str, times: Any, values: Any, interpolation: str = "LINEAR") -> None:
+        entry = self.builder.root.setdefault("animations", [{"channels": [], "samplers": []}])[-1]
+        keys, output = self.builder.floats(times, bounds=True), self.builder.floats(values)
+        entry["samplers"].append({"input": keys, "output": output, "interpolation": interpolation})
+        entry["channels"].append({"sampler": len(entry["samplers"]) - 1, "target": {"node": node, "path": path}})
+
+    def save(self, path: Path) -> Path:
+        self.builder.save(path)
+        return path
+
+
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+def triangle() -> tuple[Scene, int]:
+    """A file of one triangle, and its node."""
+    made = Scene()
+    return made, made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE)})
+
+
+def lifted() -> tuple[Scene, int]:
+    """A triangle with a morph target that lifts it."""
+    made = Scene()
+    target = made.builder.floats([[0, 0, 1]] * 3, bounds=True)
+    return made, made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE, targets=[{"POSITION": target}])})
