@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.formats.base.attribute_roles import vertex_slices
-from pdecodec.formats.base.rigid_motion import is_line, least_squares_motion, nearest_motion, smallest_centres
+from pdecodec.formats.base.rigid_fit import (
+    is_line,
+    motion_of_shape,
+    moved_back,
+    nearest_motion,
+    nearest_turns,
+    rigid_transforms,
+    smallest_centres,
+)
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
@@ -157,7 +165,7 @@ def _fit_alternately(
     fitted for a small largest distance. The given matrices are returned unchanged if they suffice.
     """
     for _ in range(FITTING_ROUNDS):
-        back = _moved_back(points, matrices)
+        back = moved_back(points, matrices)
         shape = smallest_centres(back)
         off = np.linalg.norm(back - shape, axis=2).max(axis=0)
         if off.max() <= bound:
@@ -167,7 +175,7 @@ def _fit_alternately(
             return None
         matrices, most = fit
         if most.max() <= bound:
-            return shape, matrices, np.linalg.norm(_moved_back(points, matrices) - shape, axis=2).max(axis=0)
+            return shape, matrices, np.linalg.norm(moved_back(points, matrices) - shape, axis=2).max(axis=0)
     return None
 
 
@@ -234,7 +242,7 @@ def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[
             break
         own = samples[:, pieces.vertices_of(waiting[:1])]
         moved = motion_of_shape(own, own[0].astype(np.float64))
-        moved = motion_of_shape(own, _moved_back(own, moved).mean(axis=0))
+        moved = motion_of_shape(own, moved_back(own, moved).mean(axis=0))
         if len(groups) == MAX_PARTS or _deviations(own, moved).max() > LOOSE_BOUND_RATIO * bound:
             pieces.leave_out(waiting[:1])
             continue
@@ -249,31 +257,16 @@ def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[
                 break
             # The more vertices a group has, the better its motion is known, and the pieces that share it.
             own = samples[:, pieces.vertices_of(group)]
-            moved = motion_of_shape(own, _moved_back(own, motion_of_shape(own, own[0].astype(np.float64))).mean(axis=0))
+            moved = motion_of_shape(own, moved_back(own, motion_of_shape(own, own[0].astype(np.float64))).mean(axis=0))
         groups.append(group)
         waiting = sorted(set(waiting) - set(groups[-1]), key=lambda one: (-pieces.sizes[one], one))
     kept = [[one for one in group if not pieces.is_left_out[one]] for group in groups]
     return [group for group in kept if group]
 
 
-def motion_of_shape(points: Float32Array, shape: Float64Array) -> Float64Array:
-    """Return matrices (frames, 4, 4) that bring a shape nearest to points; for a line, translations."""
-    found = least_squares_motion(points, shape)
-    if found is None:
-        found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
-        found[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
-    return found
-
-
-def _moved_back(points: Float32Array, matrices: Float64Array) -> Float64Array:
-    """Return where points (frames, n, 3) were before matrices moved them."""
-    back: Float64Array = (points - matrices[:, 3:, :3]) @ matrices[:, :3, :3].transpose(0, 2, 1)
-    return back
-
-
 def _deviations(points: Float32Array, matrices: Float64Array) -> Float64Array:
     """Return the largest distance of each of points (frames, n, 3), moved back, from its mean: (n,)."""
-    back = _moved_back(points, matrices)
+    back = moved_back(points, matrices)
     found: Float64Array = np.sqrt(np.square(back - back.mean(axis=0)).sum(axis=2).max(axis=0))
     return found
 
@@ -282,7 +275,7 @@ def _mean_part(samples: Float32Array, vertices: Int64Array) -> RigidPart:
     """Return a part whose shape is the mean of its samples, moved back to the first one."""
     own = samples[:, vertices]
     moved = motion_of_shape(own, own[0].astype(np.float64))
-    return RigidPart(vertices, _moved_back(own, moved).mean(axis=0).astype(np.float32), moved, np.zeros(len(vertices)))
+    return RigidPart(vertices, moved_back(own, moved).mean(axis=0).astype(np.float32), moved, np.zeros(len(vertices)))
 
 
 def _fit_matrices(
@@ -327,9 +320,7 @@ class _Mover:
                 sums[start : start + CHUNK_FRAMES] += own[start : start + CHUNK_FRAMES] @ rows.T
         centres, turns = sums[:, 9:] / self._count, np.broadcast_to(np.eye(3), (count, 3, 3))
         if not self._is_line:
-            left, _, right = np.linalg.svd(sums[:, :9].reshape(-1, 3, 3))
-            left[..., 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
-            turns = left @ right
+            turns = nearest_turns(sums[:, :9].reshape(-1, 3, 3))
         moves = np.concatenate([turns.reshape(-1, 9), centres], axis=1).astype(dtype)
         for number, (own, rows) in enumerate(chunks):
             largest = self.squares[number * CHUNK_VERTICES : (number + 1) * CHUNK_VERTICES]
@@ -339,10 +330,7 @@ class _Mover:
                 squares *= squares
                 found = squares[:, 0::3] + squares[:, 1::3] + squares[:, 2::3]
                 np.maximum(largest, found.max(axis=0), out=largest)
-        matrices = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
-        matrices[:, :3, :3] = turns
-        matrices[:, 3, :3] = centres - self._centre @ turns
-        return matrices
+        return rigid_transforms(turns, centres - self._centre @ turns)
 
 
 def _columns_of(centred: Float64Array) -> Float64Array:

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from pdecodec.formats.base.rigid_motion import RIGID_TOLERANCE, largest_error, middle_of, rigid_matrices
+from pdecodec.formats.base.rigid_fit import RIGID_TOLERANCE, largest_error, middle_of, rigid_matrices
 from pdecodec.formats.gltf.animation import rotations_of
 from pdecodec.formats.gltf.functions import Blocks, split
 from pdecodec.mesh.arrays import Float32Array, Float64Array
