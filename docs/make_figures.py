@@ -1,4 +1,4 @@
-"""Put the tables of a corpus report into docs/results.md, between its two marks, and charts beside it: `make figures`.
+"""Put the tables of a corpus report into docs/results.md, between its two marks, and charts next to it: `make figures`.
 
 ``python docs/make_figures.py out/corpus docs/results.md``
 """
@@ -31,16 +31,16 @@ COLOURS = 128
 
 
 def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
-    """The figures in Markdown: one row a clip, and the bytes beside the best other method at every tolerance."""
+    """Return the figures in Markdown: one row per clip, and sizes divided by those of the best other method."""
     merits = record["figures"]["table-auto"]
     reference = merits["rows"][0][merits["columns"].index("tolerance")]
     kept = [index for index, name in enumerate(merits["columns"]) if name not in LEFT_OUT]
     table = _markdown(
         [merits["columns"][index] for index in kept], ([row[index] for index in kept] for row in merits["rows"])
     )
-    beside = record["figures"]["beside-other-methods"]
+    other_methods = record["figures"]["beside-other-methods"]
     shares: dict[str, dict[float, float]] = {}
-    for clip, tolerance, *_, share in beside["rows"]:
+    for clip, tolerance, *_, share in other_methods["rows"]:
         shares.setdefault(clip, {})[tolerance] = share
     tolerances = sorted({tolerance for found in shares.values() for tolerance in found}, reverse=True)
     ratios = _markdown(

@@ -52,7 +52,7 @@ CONVENTIONS = """\
   animations are sampled at the rate, their last key included, and a note counts keys between frames;
   Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
   stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
-  `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
+  `wolf-1.obj` the hyphen belongs to the name; it is a minus sign after `.` or `_`, or next to frames without one.
 - **Transforms** above objects are applied to positions, or stored (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
   USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
@@ -72,7 +72,7 @@ CONVENTIONS = """\
   copied, other files are named from the new place; `--layer` writes points, normals and velocities alone, over the
   original as a sublayer. glTF: meshes under nodes that move, and those that move rigidly, go to the scene's root, and
   tangents are left out. Alembic: properties that its Python library has no type for, and bounds of children, are left
-  out, aloud; instances that are moved are instances no more. OBJ: every frame is the original's first with other
+  out, with a note; moved instances become separate objects. OBJ: every frame is the original's first with other
   numbers.
 - **Positions** are float32; what is stored as float64, as text, or comes from transforms is rounded. `encode`,
   `convert` and `compare` print how far that moves positions if it exceeds the bound, or a millionth of the diagonal,

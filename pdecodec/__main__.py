@@ -1,6 +1,6 @@
 """The script `pdecodec`, and `python -m pdecodec`, which is that of this very interpreter.
 
-Little is imported before somebody waits for interrupts: the command itself takes a while.
+Little is imported before interrupts are handled, because importing the command takes a while.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ State = tuple[Float64Array, Float64Array, Float64Array]
 Scaling = tuple[float, float, float]
 
 class CodedConnectivity(NamedTuple):
-    """Sections CONN and ORDR; the latter is empty where there is no order to restore."""
+    """Sections CONN and ORDR; the latter is empty if there is no order to restore."""
 
     conn: bytes
     ordr: bytes

@@ -23,7 +23,7 @@ from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surfaces
 from pdecodec.report.charts.pictures import Picture, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.plots import BLUE, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, ORANGE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
@@ -243,7 +243,7 @@ def _rates_chart(demonstration: Demonstration) -> Chart:
     panel.line(bits, errors, ORANGE, dots=40)
     panel.dots([paper.bits], [paper.distortion.e_m], BLUE, shape="square")
     panel.text(paper.bits, paper.distortion.e_m, "profile paper", BLUE, dx=8)
-    return beside(panel)
+    return side_by_side(panel)
 
 
 def _sections_chart(demonstration: Demonstration) -> Chart:
@@ -253,4 +253,4 @@ def _sections_chart(demonstration: Demonstration) -> Chart:
     y = Axis.of_rows([SECTION_TITLES.get(name, name) for name, _ in sections])
     panel = Panel(x, y, title=f"where the {report.file_bytes / 1000:,.0f} kB go", width=130, height=190)
     panel.boxes((0, size / 1000, row - 0.35, row + 0.35, ORANGE) for row, (_, size) in enumerate(sections))
-    return beside(panel)
+    return side_by_side(panel)

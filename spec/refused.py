@@ -259,7 +259,7 @@ def _chunks(base: Base) -> Iterator[Refused]:
     none = with_first_group(with_first_group(base.parts, "COEF", b""), "CORR", b"")
     rows = replace(first, functions=0).pack() + second.pack()
     bare = seal(with_section(none, "GRUP", rows))
-    yield Refused("time_of_no_functions", bare, "bytes of TIME where there are no functions (13.1)")
+    yield Refused("time_of_no_functions", bare, "bytes of TIME for no functions (13.1)")
     longer = with_section(base.parts, "SEQN", b"\1" + count(1025 + 3) + content(base.parts, "SEQN")[2:])
     longer = with_section(longer, "GRUP", replace(first, frames=1025).pack() + second.pack())
     long = seal(with_first_group(longer, "TIME", b"\1" + time[1:]))

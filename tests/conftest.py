@@ -19,7 +19,7 @@ if os.environ.get("PDECODEC_EXAMPLES") != "new":
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of shared sequences: PDECODEC_DATA, or `../shared/data` beside the checkout."""
+    """The folder of shared sequences: PDECODEC_DATA, or `../shared/data` next to the checkout."""
     checkout = Path(__file__).resolve().parent.parent
     folder = Path(os.environ.get("PDECODEC_DATA", checkout.parent / "shared" / "data"))
     if not folder.is_dir():

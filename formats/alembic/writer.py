@@ -157,12 +157,12 @@ class _Branches:
         # If there are several runs of frames, their transforms are applied to positions.
         objects = sequence.objects if len(sequence.runs) == 1 else ()
         transforms = [transform_of(item) for item in objects] or [None] * len(paths)
-        beside: dict[tuple[str, ...], list[Attribute | None]] = {}
+        siblings: dict[tuple[str, ...], list[Attribute | None]] = {}
         for steps, transform in zip(paths, transforms, strict=True):
-            beside.setdefault(steps[:-1], []).append(transform)
+            siblings.setdefault(steps[:-1], []).append(transform)
         self._moved: dict[tuple[str, ...], Attribute] = {}
         for steps, transform in zip(paths, transforms, strict=True):
-            shared = steps[:-1] and all(_same(transform, one) for one in beside[steps[:-1]])
+            shared = steps[:-1] and all(_same(transform, one) for one in siblings[steps[:-1]])
             if transform is not None:
                 self._moved[steps[:-1] if shared else self._above[steps]] = transform
 

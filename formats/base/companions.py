@@ -57,11 +57,11 @@ def output_files(output: str) -> list[Path]:
     if is_input_pattern(path):
         return frames_there(path)
     entry = format_of_extension(path)
-    beside: list[Path] = []
+    companions: list[Path] = []
     if entry is not None and entry.written_beside is not None:
-        beside = load(entry, entry.written_beside, "written", path)(path)
+        companions = load(entry, entry.written_beside, "written", path)(path)
     # Broken links count, too.
-    return [one for one in (path, *beside) if one.exists() or one.is_symlink()]
+    return [one for one in (path, *companions) if one.exists() or one.is_symlink()]
 
 
 def _named_by(path: Path) -> Iterator[Path]:

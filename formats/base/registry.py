@@ -136,7 +136,7 @@ class Format:
         Likewise, the function that lists the files that a file names (paths, or names in its folder), and the one that
         lists the files written together with it.
     write_with : str
-        What to use where there is no `writer`.
+        What to use if there is no `writer`.
     extra : str or None
         The optional dependency group that the module needs.
     frame_per_file : bool

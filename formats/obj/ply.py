@@ -63,7 +63,7 @@ def _read_ply(path: Path) -> MeshFile:
 def _parsed(path: Path) -> Any:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy warns of lists without numbers
-        # Faces of equal size are read many times faster if plyfile is told the size.
+        # Faces of equal size are read many times faster if plyfile knows the size.
         for size in (3, 4):
             lengths = {"face": {**dict.fromkeys(_INDICES, size), FACE_UVS: 2 * size}}
             with contextlib.suppress(PlyParseError, KeyError, ValueError):

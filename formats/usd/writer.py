@@ -167,7 +167,7 @@ class _Stage:
         if axis == "X":
             text = "USD has no up axis X: none is written, programs take it as Y"
             self.notices.append(Notice(text, setting="up_axis", purpose="to turn it"))
-        # Metadata that nobody stated is not authored: a reader would take it for a fact.
+        # Unstated metadata are not authored: a reader would take them for facts.
         if axis in ("Y", "Z"):
             UsdGeom.SetStageUpAxis(stage, axis)
         elif axis is None:

@@ -91,13 +91,13 @@ class Grids:
             names = quoted(grid.get("Name", "") for grid, _ in rest)
             lost.append(f"of {len(read)} temporal collections {chosen[0].get('Name', '')!r} is read, not {names}")
         used = {part.geometry for _, steps in read for step in steps for part in step.parts}
-        beside = [
+        outside = [
             grid.get("Name", "")
             for grid in grids
             if _collection(grid) != "temporal" and not used & set(grid.iter("Geometry"))
         ]
-        if beside:
-            lost.append(f"grids outside the temporal collection are not read: {quoted(beside)}")
+        if outside:
+            lost.append(f"grids outside the temporal collection are not read: {quoted(outside)}")
         return Timeline(chosen[1], lost, [step for _, steps in rest for step in steps])
 
     def _steps(self, grid: Element, inherited: float | None) -> list[Step]:

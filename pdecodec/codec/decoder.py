@@ -448,8 +448,8 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             sizes = {section.type: section.length for section in self._core.sections}
             # A run has no header of its own.
-            beside = 0 if self._run is not None else self._core.file_bytes - sum(sizes.values())
-            return {"container": beside, **sizes}
+            container = 0 if self._run is not None else self._core.file_bytes - sum(sizes.values())
+            return {"container": container, **sizes}
 
     def info(self) -> dict[str, Any]:
         """Return the facts in the headers as a JSON object: sections, model, settings, and why this model was

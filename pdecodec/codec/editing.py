@@ -177,7 +177,7 @@ class CodedFile:
         """
         if self.entries[0].basis == "closed form":
             raise InputError(
-                "profile paper: no frames can be coded beside its own; decode it, and encode all frames",
+                "profile paper: no frames can be added to it; decode it, and encode all frames",
                 path=self.path,
                 code="setting-unsupported",
             )
@@ -197,7 +197,7 @@ class _Described(MeshSequence):
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
-        raise NotImplementedError  # a header has no positions: nobody asks
+        raise NotImplementedError  # a header has no positions, and they are never read
 
 
 def cut_animation(

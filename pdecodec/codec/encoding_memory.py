@@ -1,4 +1,4 @@
-"""How much memory an encode takes, and how it takes no more than it may: by shorter groups, and fewer functions."""
+"""Estimate the memory of an encode, and keep it within a limit by shorter groups and fewer functions of space."""
 
 from __future__ import annotations
 
@@ -10,46 +10,53 @@ from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 
 BASIS_BYTES = 2**29
-"""Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
+"""Memory for the functions of all patches, float64 [bytes]; meshes of millions of vertices get fewer functions."""
 
 FEWEST_FUNCTIONS = 16
-"""Functions of a patch however large the mesh is."""
+"""Smallest number of functions of a patch, used for the largest meshes."""
 
 SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
-"""Times the displacements of a group, in float64, that are held at most: where what is found of it is kept for the
-search; where memory counts more than time, or nothing is searched; and where motion is smooth. Noise takes most: at
-bounds of 1e-5, for which float32 is too coarse, 18 to 25 times as much, 5 to 8, and a sheet that swings 2. Cloth, of
-which little is left beside few functions, takes a quarter to two thirds of that: nobody knows before it is read."""
+"""Largest memory of a group, as a multiple of its displacements in float64: if the search keeps intermediate
+results; if memory matters more than time, or there is no search; and if motion is smooth. Noise takes the most:
+at bounds of 1e-5, for which float32 is too coarse, 18 to 25 times, 5 to 8 times, and 2 times for a sheet that
+swings. Cloth, which few functions describe well, takes a quarter to two thirds of that, but this is not known
+before it is read.
+"""
 
 SHORT_COPIES, COPIES_A_FRAME = 8, 0.5
-"""The same of a short group, which is not divided as often, where one search is done: so many, and more for each frame.
-Noise took 10 in 16 frames and 14 in 24; under "best", which searches again with what was found, 22 in 16."""
+"""The multiple for a short group, which is divided less often, if there is only one search: a constant, and
+more for each frame. Noise took 10 in 16 frames and 14 in 24; with effort "best", which repeats the search, 22
+in 16.
+"""
 
 TABLE_COPIES = 32
-"""Times the table of what functions of time have to do with one another, or with vertices where those are fewer: the
-sums of squares, what they are decomposed into, the functions themselves, from either origin. Of 1,024 vertices over 512
-frames it is more than half of all."""
+"""Memory of tables, as a multiple of the products of functions of time with one another, or with vertices if
+there are fewer: sums of squares, their decomposition and the functions, for both origins. With 1,024 vertices
+and 512 frames this is more than half of the total.
+"""
 
 FIXED_BYTES = 9 * 2**23
-"""Of interpreter and libraries: 65 to 75 MiB."""
+"""Memory of the interpreter and the libraries [bytes]; measured: 65 to 75 MiB."""
 
 VERTEX_BYTES = 900
-"""Of a vertex: its faces, reference frame and patches, however few frames there are."""
+"""Memory of a vertex that does not depend on frames: its faces, reference frame and patches [bytes]."""
 
 BASIS_SHARE = 4
-"""What of a limit the functions of patches may take, as its part: groups shrink to any length, functions to few."""
+"""Largest part of a limit for the functions of patches, as a divisor. Groups can shrink to one frame, functions
+cannot.
+"""
 
 
 @dataclass(frozen=True)
 class MemoryPlan:
-    """What an encode keeps within.
+    """Sizes that keep an encode within its memory.
 
     Attributes
     ----------
     group_frames, smooth_group_frames : int
-        Frames of a group at most, and of a group of smooth motion.
+        Largest number of frames of a group, and of a group of smooth motion.
     functions : int
-        Functions of a patch at most.
+        Largest number of functions of a patch.
     """
 
     group_frames: int
@@ -58,18 +65,18 @@ class MemoryPlan:
 
 
 def _group_frames(vertices: int, size: int, tuning: Tuning) -> int:
-    """Frames of a group at most, of a mesh of so many vertices, whose displacements take so much memory."""
+    """Return the largest number of frames of a group whose displacements take `size` bytes."""
     return min(max(size // (24 * max(1, vertices)), tuning.shortest_group), tuning.longest_group)
 
 
 def _lengths(frames: int, most: int) -> tuple[int, int]:
-    """Frames of the groups that a clip is divided into, of so many at most: they are equal but for one."""
+    """Return the smallest and the largest number of frames of the groups that a clip is divided into."""
     count = -(-frames // most)
     return frames // count, -(-frames // count)
 
 
 def _group_bytes(frames: int, vertices: int, tuning: Tuning, *, is_searched: bool) -> int:
-    """Memory that a group takes at most, however it moves."""
+    """Return the largest memory of a group, whatever its motion [bytes]."""
     displacements, table = 24 * vertices * frames, 24 * frames * min(3 * frames, vertices)
     copies: float = HEAVY_COPIES
     if is_searched and 12 * vertices * frames < tuning.heavy_group_bytes:
@@ -80,7 +87,7 @@ def _group_bytes(frames: int, vertices: int, tuning: Tuning, *, is_searched: boo
 
 
 class _Need:
-    """What a clip takes, by the frames of its groups."""
+    """The memory that a clip needs, depending on the frames of its groups."""
 
     def __init__(self, vertices: int, frames: int, settings: EncodeSettings) -> None:
         self._vertices, self._frames = max(1, vertices), max(1, frames)
@@ -93,28 +100,28 @@ class _Need:
         )
 
     def of_mesh(self, functions: int) -> int:
-        """However few frames there are."""
+        """Return the memory that does not depend on frames [bytes]."""
         return FIXED_BYTES + (VERTEX_BYTES + 8 * functions) * self._vertices
 
     def of_groups(self, most: int) -> int:
-        """Of groups of so many frames at most."""
+        """Return the memory of groups of at most `most` frames [bytes]."""
         lengths = _lengths(self._frames, most)
         return max(
             _group_bytes(length, self._vertices, self._tuning, is_searched=self._is_searched) for length in lengths
         )
 
     def of_smooth_groups(self, most: int) -> int:
-        """The same, of smooth motion."""
+        """Return the memory of groups of smooth motion of at most `most` frames [bytes]."""
         return SMOOTH_COPIES * 24 * self._vertices * _lengths(self._frames, most)[1]
 
     @property
     def usual(self) -> int:
-        """Of all of it, where nobody sets a limit."""
+        """Memory that the clip takes without a limit [bytes]."""
         return self.of_mesh(self.functions) + max(self.of_groups(self.longest), self.of_smooth_groups(self.smooth))
 
 
 def memory_plan(vertices: int, frames: int, settings: EncodeSettings) -> MemoryPlan:
-    """How a clip is encoded within the memory that settings allow.
+    """Choose the sizes with which a clip is encoded within the memory that the settings allow.
 
     Raises
     ------
@@ -141,7 +148,8 @@ def _functions(size: int, vertices: int) -> int:
 
 
 def encoding_bytes(frames: int, vertices: int, settings: EncodeSettings) -> int:
-    """Memory that encoding a clip takes at most, about [bytes]: however long the clip is, that of its longest group.
+    """Return about the largest memory of an encode [bytes]; it depends on the longest group, not on the clip's
+    length.
 
     Parameters
     ----------

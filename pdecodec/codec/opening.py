@@ -26,7 +26,7 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
     ----------
     source : path-like, bytes, bytearray, memoryview or binary file
         The file's path; its address (``https://``, ``s3://``; extra ``remote``), of which only needed parts are read;
-        the whole file in memory; or a seekable file. The latter stays the caller's: nobody else may move its position
+        the whole file in memory; or a seekable file. The caller keeps the latter, but must not move its position
         while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
         Default: those of :func:`pdecodec.codec.source.usual_limits`, else its own defaults.
@@ -144,12 +144,12 @@ class ChangingAnimation(ChangingSequence, Animation):
             sizes = {section.type: section.length for section in self._core.sections}
             # Runs may share a section.
             own = {section for number in range(len(self.runs)) for section in self._core.run_sections(number)}
-            beside = self._core.file_bytes - sum(sizes.values())
+            container = self._core.file_bytes - sum(sizes.values())
         for section in own:
             if section.length and section.type not in FIELD_SECTIONS:
                 sizes[section.type] = sizes.get(section.type, 0) + section.length
         del sizes["RDAT"]
-        return {"container": beside, **dict(sorted(sizes.items()))}
+        return {"container": container, **dict(sorted(sizes.items()))}
 
     def info(self) -> dict[str, Any]:
         """Return the facts in the headers, as for other animations, and the number, lengths and sizes of the runs."""

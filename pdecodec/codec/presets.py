@@ -19,7 +19,7 @@ from pdecodec.system.arguments import shown
 PresetName = Literal["preview", "default", "hero", "archive"]
 
 HERO_CLOSE = 0.05
-"""The normals' limit counts as met when it is used up to this share: nobody sees a tenth of a degree."""
+"""The normals' limit counts as met when it is used up to this share: a tenth of a degree is invisible."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -104,7 +104,7 @@ def encode_runs(
 
 
 class RunTable:
-    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file beside `output`, if one is given.
+    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file next to `output`, if one is given.
 
     Attributes
     ----------

@@ -199,7 +199,7 @@ class EncodeSettings:
             raise SettingsError(message, code="setting-unsupported")
 
     def bound(self, scale: float) -> float | None:
-        """The largest distance allowed, in scene units; None where there is no bound.
+        """The largest distance allowed, in scene units; None if there is no bound.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ class SurfaceDistortion:
         Mean and 99th percentile of the angle between normals of vertices, over all frames (rounded up by 0.6 %); None
         without faces.
     sted : float or None
-        Spatio-temporal edge difference, of :class:`SurfaceMeter`; None where there is no edge.
+        Spatio-temporal edge difference, of :class:`SurfaceMeter`; None if there are no edges.
     """
 
     normal_error: float | None

@@ -101,18 +101,18 @@ def whole_file(path: Path, *, overwrite: bool, through_links: bool = True) -> It
 
 
 @contextmanager
-def partial_folder(beside: Path) -> Iterator[Path]:
-    """Yield a new empty folder next to `beside`, removed after the block unless it was renamed.
+def partial_folder(place: Path) -> Iterator[Path]:
+    """Yield a new empty folder next to `place`, removed after the block unless it was renamed.
 
     Raises
     ------
     InputError
         If it cannot be made.
     """
-    _check_folder(beside.parent)
-    finish_interrupted(beside.parent)
-    partial = partial_path(beside)
-    with write_errors(beside):
+    _check_folder(place.parent)
+    finish_interrupted(place.parent)
+    partial = partial_path(place)
+    with write_errors(place):
         partial.mkdir()
     try:
         yield partial
@@ -282,9 +282,9 @@ def _replace(new: Path, path: Path) -> None:
     if place.parent == path.parent or new.stat().st_dev == place.parent.stat().st_dev:
         os.replace(new, place)
     else:
-        beside = partial_path(place)
-        shutil.copy2(new, beside)
-        os.replace(beside, place)
+        place = partial_path(place)
+        shutil.copy2(new, place)
+        os.replace(place, place)
         new.unlink()
 
 

@@ -1,6 +1,6 @@
 """Describe a chart in a few words: panels with two axes, and lines, dots, boxes, cells and text on them.
 
-A :class:`Panel` collects layers; :func:`beside` makes them the Vega-Lite view of a figure. Colours are those of
+A :class:`Panel` collects layers; :func:`side_by_side` makes them the Vega-Lite view of a figure. Colours are those of
 Okabe and Ito, which colour-blind eyes can distinguish. Lines are labelled at their ends, and the side on which a
 method fails is shaded. Coordinates are in units of the data unless pixels are stated.
 """
@@ -347,7 +347,7 @@ class Panel:
         self._layers.append({"data": data, "mark": mark, "encoding": encoding})
 
 
-def beside(*panels: Panel, columns: int | None = None) -> Chart:
+def side_by_side(*panels: Panel, columns: int | None = None) -> Chart:
     """Return panels in one row, or in rows of `columns` panels."""
     if len(panels) == 1:
         return panels[0].view()

@@ -18,7 +18,7 @@ from pdecodec.mesh.metrics import DistortionMeter, frame_scale
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.plots import Axis, Panel, beside
+from pdecodec.report.charts.plots import Axis, Panel, side_by_side
 
 STRIDES = (2, 4)
 """One in two frames is kept, or one in four."""
@@ -141,7 +141,7 @@ def between_figure(rows: Sequence[BetweenRow]) -> Figure:
             tuple((row.stride, row.way, row.frames, row.rms_error, row.max_error) for row in rows),
         ),
         shows_table=True,
-        chart=beside(*panels, columns=2) if any(errors) else None,
+        chart=side_by_side(*panels, columns=2) if any(errors) else None,
     )
 
 
@@ -152,9 +152,9 @@ def _lesson(rows: Sequence[BetweenRow]) -> str:
     for stride in dict.fromkeys(row.stride for row in rows):
         by_way = {row.way: row for row in rows if row.stride == stride}
         ours = by_way[PDECODEC].rms_error
-        beside = ", ".join(f"{name} {by_way[name].rms_error:.2g}" for name in INTERPOLATIONS)
-        said.append(f"Every {ORDINALS[stride]} frame kept: rms {ours:.2g} of the diagonal; {beside}.")
+        others = ", ".join(f"{name} {by_way[name].rms_error:.2g}" for name in INTERPOLATIONS)
+        said.append(f"Every {ORDINALS[stride]} frame kept: rms {ours:.2g} of the diagonal; {others}.")
     return (
         f"{' '.join(said)} The file was encoded at {BETWEEN_TOLERANCE:g}; the other ways start from the frames as they "
-        "were. A bound holds at frames; what is between them nobody recorded, and this is how well it is guessed."
+        "were. A bound holds at frames; this is how well positions between them, which were not recorded, are guessed."
     )

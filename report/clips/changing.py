@@ -16,7 +16,7 @@ from pdecodec.mesh.metrics import frame_scale, measure_distortion
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import Progress
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.clips.baseline import Baseline, UnreachableError
 from pdecodec.report.clips.measuring import ReportPlan
@@ -35,7 +35,7 @@ Where connectivity changes, a file holds runs of frames, each of one connectivit
 and attributes too; Draco's are of positions and faces alone. A tolerance is the largest Euclidean distance of any
 vertex in any frame from where it belongs, over the diagonal of the first frame's bounding box, of positions that were
 decoded again. Draco codes every frame by itself, with the coarsest step found by search for each run with which it
-keeps the tolerance, and gives vertices and faces in an order of its own: what sets it beside pdecodec is the row where
+keeps the tolerance, and gives vertices and faces in an order of its own: it compares with pdecodec in the row where
 that does not keep their order either. Where Draco would merge vertices, it keeps their order. Each was timed once, the
 search of Draco's step left out.
 """
@@ -261,5 +261,5 @@ def _size_figure(points: Sequence[ChangingPoint]) -> Figure:
         title="Bytes a frame against tolerance",
         lesson=_lesson(points),
         table=Table(("coder", "tolerance", "size"), rows),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )

@@ -34,7 +34,7 @@ SELECTED_CODER = {
 }
 """A click on a name in the legend shows its coder alone; further clicks add or remove others."""
 
-HOW_TO_PICK = "Click names beside a chart to single them out; rest on a point for its figures."
+HOW_TO_PICK = "Click names next to a chart to single them out; hover over a point for its figures."
 
 LINE = {"type": "line", "point": {"size": 45, "filled": True, "strokeWidth": 0}}
 """Points joined by lines."""

@@ -106,7 +106,7 @@ def comparison_figure(changes: Sequence[Change]) -> Figure:
     }
     return Figure(
         name="comparison",
-        title="Beside the earlier report",
+        title="Compared with the earlier report",
         lesson=comparison_text(changes),
         table=Table.from_columns(columns),
         shows_table=True,

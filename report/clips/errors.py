@@ -14,7 +14,7 @@ from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale
 from pdecodec.mesh.sequence import ArraySequence, Connectivity
 from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.plots import Axis, Panel, beside
+from pdecodec.report.charts.plots import Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.viewer.view import difference, view_page
 
@@ -126,7 +126,7 @@ def _over_time(sequence: ArraySequence, field: ErrorField) -> Figure:
             f"{found.max_error:.3g} scene units."
         ),
         table=Table(("frame", "time [s]", "largest error over the diagonal", "mean error over the diagonal"), rows),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 

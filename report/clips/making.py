@@ -208,7 +208,7 @@ def _summary(
     """Return Markdown for a reviewer: a table, the advice, and what changed."""
     parts = [f"## {markdown_text(report.title)}", *_paragraphs(report.summary)]
     if changes is not None:
-        parts.append(f"**Beside the earlier report.** {markdown_text(comparison_text(changes))}")
+        parts.append(f"**Compared with the earlier report.** {markdown_text(comparison_text(changes))}")
     tolerances = [reference_tolerance(plan.tolerances)] if several else plan.tolerances
     parts.append(
         as_markdown(merit_table(points, coder=plan.profiles[0], tolerances=tolerances, means=several)).rstrip()

@@ -14,7 +14,7 @@ from pdecodec.codec.encode.report import Question
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, PURPLE, SKY, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
@@ -47,7 +47,7 @@ COLOURS = (PURPLE, BLUE, SKY, GREEN, ORANGE)
 ERROR_PAGE = "errors.html"
 """Page that plays the clip coloured by its error."""
 
-BESIDE = ("best other method", "its bpvf", "ours / its", "ours / best as published")
+COMPARED_COLUMNS = ("best other method", "its bpvf", "ours / its", "ours / best as published")
 
 METHOD = f"""
 Every figure is of positions that were decoded again from bytes, ours and the other methods' alike. A tolerance is the
@@ -146,7 +146,7 @@ def corpus_report(
     ]
     sections = [Section("The table", "", tuple(tables))]
     if plan.baselines:
-        sections.append(Section("Beside the best of the other methods", "", (_beside_baselines(points, plan),)))
+        sections.append(Section("Compared with the best of the other methods", "", (_beside_baselines(points, plan),)))
     if between:
         sections.append(Section("Between frames", "", (_between_clips(between),)))
     return Report(
@@ -176,7 +176,7 @@ def merit_table(points: Sequence[Measurement], *, coder: str, tolerances: Sequen
             columns = list(zip(*found, strict=True))
             for name, mean in (("median", statistics.median), ("geometric mean", geometric_mean)):
                 rows.append((name, tolerance, *(_mean(column, mean) for column in columns)))
-    return Table(("clip", "tolerance", *MERITS, *(BESIDE if has_baselines else ())), tuple(rows))
+    return Table(("clip", "tolerance", *MERITS, *(COMPARED_COLUMNS if has_baselines else ())), tuple(rows))
 
 
 def _merits(point: Measurement, points: Sequence[Measurement], *, has_baselines: bool) -> tuple[Value, ...]:
@@ -250,7 +250,7 @@ def _beside_baselines(points: Sequence[Measurement], plan: ReportPlan) -> Figure
         title="Bytes over those of the best other method",
         lesson="Left of 1 pdecodec is smaller. At every tolerance another method may be the best.",
         table=Table(("clip", "tolerance", "bpvf", "best other method", "its bpvf", "ours over its"), tuple(rows)),
-        chart=beside(panel) if rows else None,
+        chart=side_by_side(panel) if rows else None,
     )
 
 

@@ -59,7 +59,7 @@ class Advice:
             times = self.rival.size / point.size
             if times >= 1:
                 parts.append(
-                    f"and saves {_size(saved)} beside the smallest other method ({self.rival.coder}, "
+                    f"and saves {_size(saved)} compared with the smallest other method ({self.rival.coder}, "
                     f"{times:.1f} times the bytes)"
                 )
             else:

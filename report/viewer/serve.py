@@ -110,7 +110,7 @@ class _Handler(BaseHTTPRequestHandler):
             files = [(name, size, quote(os.fsencode(name))) for name, size in self.server.files()]
             self._send_page(list_page(self.server.folder.name, files))
             return
-        if path == "/favicon.ico":  # browsers ask for one, and log it as an error where there is none
+        if path == "/favicon.ico":  # browsers ask for one, and log an error if there is none
             self.send_response(HTTPStatus.NO_CONTENT)
             self.end_headers()
             return

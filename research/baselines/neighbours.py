@@ -27,7 +27,7 @@ FRACTION_BITS = 12
 """Fraction bits of a weight. Predictions are sums of integers, so that the decoder computes the same ones."""
 
 MAX_WEIGHT = 64.0
-"""Largest weight: coincident neighbours leave the weights undetermined, and larger ones help nobody."""
+"""Largest weight: coincident neighbours leave the weights undetermined, and larger ones do not help."""
 
 
 RIDGE_TRACE_RATIO = 2.0**-40

@@ -17,7 +17,7 @@ MAX_WEIGHTS = 4
 """Largest number of bones per vertex, as in games and in both papers."""
 
 CLUSTER_ROUNDS = 4
-"""Rounds that assign vertices to clusters; the weights fitted afterwards compensate what is left."""
+"""Rounds that assign vertices to clusters; the weights fitted afterwards compensate the remaining error."""
 
 FIT_ROUNDS = 4
 """Alternations between weights and transforms; a further one gains little next to the corrections."""

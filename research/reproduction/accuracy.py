@@ -8,7 +8,7 @@ import numpy as np
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, STAR, Axis, Panel, beside, edges
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, STAR, Axis, Panel, edges, side_by_side
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import MAP_RATES, Findings
 from pdecodec.research.reproduction.method import (
@@ -73,7 +73,7 @@ def table_1_figure(findings: Findings) -> Figure:
                 **{name: [*columns[name].tolist(), summary[name]] for name in order},
             }
         ),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
     )
 
 
@@ -120,9 +120,9 @@ def rate_map_figure(findings: Findings) -> Figure:
                 "E_M honest": honest[1].ravel(),
             }
         ),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence=(
-            "it chooses alpha for each group of frames by what is left of the motion, from a list that begins at 0, "
+            "it chooses alpha for each group of frames by the remaining motion, from a list that begins at 0, "
             "and stores it; at 0 its basis is the polynomials, and as well conditioned as elsewhere."
         ),
     )
@@ -207,7 +207,7 @@ def splines_figure(findings: Findings) -> Figure:
                 "largest E_M": [*(item.first.largest for item in readings), honest.largest, pieces.largest],
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 
@@ -276,7 +276,7 @@ def variants_figure(findings: Findings) -> Figure:
                 "largest E_M in the scene": [item.scene.largest for item in every],
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence=(
             "it fits displacements from a stored reference frame, takes affine functions of space instead of Eq. 23's "
             "matrices, parametrises by arc length of the decoded reference frame, and cuts long curves and clips into "

@@ -61,8 +61,8 @@ def _libraries() -> tuple[_Library, ...]:
         with suppress(ImportError, OSError):
             file = Path(str(importlib.import_module(name).__file__))
             # Except on Windows, the functions of linked libraries are found through the module.
-            beside = (file.parents[2] / f"{name.split('.')[0]}.libs").glob("*openblas*")
-            loaded = [ctypes.CDLL(str(path)) for path in (file, *beside)]
+            libraries = (file.parents[2] / f"{name.split('.')[0]}.libs").glob("*openblas*")
+            loaded = [ctypes.CDLL(str(path)) for path in (file, *libraries)]
             known = (_named(library, *calls) for library in loaded for calls in _CALLS)
             found.append(next(filter(None, known), None))
     return tuple(library for library in found if library is not None)

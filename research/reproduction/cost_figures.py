@@ -10,7 +10,19 @@ from operator import attrgetter
 from typing import Any
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREEN, GREY, INK, ORANGE, PURPLE, Axis, Panel, beside
+from pdecodec.report.charts.plots import (
+    BLUE,
+    DASHES,
+    DOTTED,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    Axis,
+    Panel,
+    side_by_side,
+)
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
@@ -43,7 +55,7 @@ def bytes_figure(findings: Findings) -> Figure:
 
     return Figure(
         name="bytes",
-        title="768 design variables, and what the decoder needs beside them",
+        title="768 design variables, and what the decoder needs in addition",
         lesson=(
             f"The 768 constants are {honest.total:,} bytes as float32, {honest.total / raw.total:.2%} of the raw "
             "positions, as the paper counts: with u by index that is all a decoder needs, at errors up to "
@@ -61,7 +73,7 @@ def bytes_figure(findings: Findings) -> Figure:
                 "largest error over D": [store.largest_error for store in kept],
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         shows_table=True,
     )
 
@@ -99,7 +111,7 @@ def speed_figure(findings: Findings) -> Figure:
                 "mean E_A": [item.mean for item in found],
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 
@@ -143,7 +155,7 @@ def time_figure(findings: Findings) -> Figure:
                 "largest E_M": [route.errors.largest for route in ways],
             }
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
     )
 
 
@@ -207,7 +219,7 @@ def constants_figure(findings: Findings) -> Figure:
             "than four functions of time before it needs more along the curve."
         ),
         table=table_of(findings.models),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence="it cuts curves and patches into as many pieces as the bound asks for.",
     )
 
@@ -241,14 +253,14 @@ def rate_figure(findings: Findings) -> Figure:
         lesson=(
             f"The paper's 768 constants are {(one.plain_bytes or 0) / 1e3:.1f} kB as float32, and "
             f"{one.coded_bytes / 1e3:.1f} kB when they are rounded to what the error deserves and range coded, at a "
-            f"mean error of {one.errors.mean:.4f}. Polynomials and B-splines lie on the same line or beside it. "
+            f"mean error of {one.errors.mean:.4f}. Polynomials and B-splines lie on the same line or next to it. "
             f"Profile auto reaches that mean error with {smallest.coded_bytes / 1e3:.1f} kB "
             f"({smallest.errors.mean:.4f}), reference frame included: its functions are shared by all curves, where "
             "the paper's are fitted curve by curve. A looser bound takes fewer bytes: "
             + (f"where it does not, {dearer:.1%} more." if dearer else f"from {sizes[-1]:,} down to {sizes[0]:,}.")
         ),
         table=table_of([*models, *(file.point for file in files)]),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
     )
 
 
@@ -311,7 +323,7 @@ def surface_figure(findings: Findings) -> Figure:
             f"whole curves keep more of its surface.{ahead}"
         ),
         table=table_of([*findings.models, *(file.point for file in findings.files)]),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
     )
 
 
@@ -333,13 +345,13 @@ def fit_time_figure(findings: Findings) -> Figure:
         title="Time against error",
         lesson=(
             f"With u by index a fit is two small products: {quickest.seconds:.3f} s for all curves, and at most "
-            f"{max(point.seconds for point in findings.models):.3f} s with 1,408 constants, beside "
+            f"{max(point.seconds for point in findings.models):.3f} s with 1,408 constants, compared with "
             f"{findings.routes[0].seconds:.1f} s of simulation. Profile auto, which tries "
             f"models and keeps a bound, takes {min(p.seconds for p in auto):.1f} to "
             f"{max(p.seconds for p in auto):.1f} s. One thread."
         ),
         table=table_of([*findings.models, *(file.point for file in findings.files)]),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 
@@ -375,7 +387,7 @@ def gap_figure(findings: Findings) -> Figure:
     ]
     return Figure(
         name="what-the-gap-is",
-        title="Between the paper's constants and the codec: model, coding, and what a mesh needs beside",
+        title="Between the paper's constants and the codec: model, coding, and what a mesh needs in addition",
         lesson=(
             f"Rounding to what the error deserves and range coding save {coding:.0%} of the paper's constants. "
             f"Profile paper then spends {paper.parts['model']:,} bytes on the model, {paper.parts['reference frame']:,}"
@@ -392,6 +404,6 @@ def gap_figure(findings: Findings) -> Figure:
             ),
             tuple(rows),
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         shows_table=True,
     )

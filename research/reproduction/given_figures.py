@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREY, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, DASHES, DOTTED, GREY, ORANGE, Axis, Panel, side_by_side
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.leak import ELIMINATIONS, KNOWN_TO_A_DECODER
@@ -75,7 +75,7 @@ def choices_figure(findings: Findings) -> Figure:
                 for (row, column), errors in found.items()
             ),
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         shows_table=True,
     )
 
@@ -121,7 +121,7 @@ def leak_figure(findings: Findings) -> Figure:
                 "largest E_M, in the scene": [rung.scene.largest for rung in rungs],
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="profile paper's parameter is the arc length of the decoded reference frame. Eq. 24 is built in "
         "this report alone.",
     )
@@ -156,7 +156,7 @@ def knot_figure(findings: Findings) -> Figure:
             "little more than each axis's range."
         ),
         table=Table.from_columns({"point": np.arange(len(shape.fitted))[listed], **columns}),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
     )
 
 
@@ -191,7 +191,7 @@ def elimination_figure(findings: Findings) -> Figure:
                 "share of motion left": found.motion_left,
             }
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence="it removes no transformation: affine maps of patches are among its functions of space, which "
         "nothing needs to invert.",
     )
@@ -266,7 +266,7 @@ def sweep_figure(findings: Findings) -> Figure:
         table=Table(
             ("turns", "frames a second", "phase", "method", "mean E_A", "largest E_M", "over Table 1"), tuple(rows)
         ),
-        chart=beside(*panels, columns=len(PHASES)),
+        chart=side_by_side(*panels, columns=len(PHASES)),
         consequence="its curves are cut into pieces and its clips into segments until the bound holds, so that twist "
         "costs bytes and not accuracy.",
     )

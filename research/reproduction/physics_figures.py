@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.functions import (
@@ -56,7 +56,7 @@ def equation_figure(findings: Findings) -> Figure:
                 "residual of w_tttt = (K/m)^2 w_uuuuuuuu": found.squared.ravel(),
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="profile paper spans all 32.",
     )
 
@@ -95,7 +95,7 @@ def beam_figure(findings: Findings) -> Figure:
             "holds where the motion is what Eq. 9 describes, with the beam's sign, and its rates are known."
         ),
         table=Table(("mode", "periods", *(f"{name} [rms over motion]" for name in colours)), tuple(rows)),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence="profile paper chooses alpha and r by what they leave; auto finds such motions as principal "
         "trajectories, one for each frequency.",
     )
@@ -137,5 +137,5 @@ def tied_figure(findings: Findings) -> Figure:
                 "E_A, polynomials": np.full(TIED_RATES.size, found.polynomials),
             }
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )

@@ -79,7 +79,7 @@ def make_report(findings: Findings) -> Report:
         title="The paper, reproduced and judged",
         summary=_summary(findings, verdicts),
         sections=(
-            Section("Verdicts", "Each claim of the paper beside what this run measured.", (_verdict_table(verdicts),)),
+            Section("Verdicts", "Each claim of the paper next to what this run measured.", (_verdict_table(verdicts),)),
             *sections,
         ),
         settings={
@@ -106,7 +106,7 @@ def _summary(findings: Findings, verdicts: list[Verdict]) -> str:
         "reproduced. Every figure below was measured in this run; what is quoted from the paper says so.\n\n"
         "The paper's rope is another mesh with another material, and it gives neither frame rate nor alpha nor r. So "
         f"its errors are compared within a factor {LEVEL_RATIO:g}, from above alone: smaller ones are no failure. A "
-        "claim that holds as the paper makes and measures it is called reproduced; what it depends on stands beside it."
+        "claim that holds as the paper makes and measures it is called reproduced; what it depends on is next to it."
     )
 
 

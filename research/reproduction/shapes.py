@@ -9,7 +9,7 @@ import numpy as np
 from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
-from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, Axis, Panel, side_by_side
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import HONEST, PRINTED, frame_errors, reconstruct
@@ -281,7 +281,7 @@ def _overlays(
             panel.text_at(error, 226, 140 - 15.0 * row, colour, align="right", size=10)
         panels.append(panel)
     panels[-1].legend({"XPBD": BLUE, **{label: colour for label, (colour, _) in drawn.items()}})
-    chart = beside(*panels, columns=3)
+    chart = side_by_side(*panels, columns=3)
 
     table = Table.from_columns({"frame": np.arange(len(curve)), **columns})
     return Figure(name, title, lesson, table, chart)

@@ -215,7 +215,7 @@ def _slower_than_splines(findings: Findings) -> Verdict:
         f"{product.seconds:.3f} s",
         _by(normal.seconds > splines.seconds, "not reproduced"),
         "The order holds as printed, where each curve and axis has a matrix of its own. With one u for all it turns "
-        "round; beside the simulation neither matters.",
+        "round; compared with the simulation neither matters.",
     )
 
 

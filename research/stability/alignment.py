@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Section, Table
-from pdecodec.report.charts.plots import BLUE, FAILING, FAILURE, GREEN, GREY, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, FAILING, FAILURE, GREEN, GREY, ORANGE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 
@@ -120,7 +120,7 @@ def thinning_figure(count: int) -> Figure:
         table=Table.from_columns(
             {"thickness": thickness, **{f"{name} [degrees]": values for name, values in found.items()}}
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="it removes no rotation; this report's own has that pull: of all that fit equally well, the one "
         "that turns least.",
     )
@@ -176,7 +176,7 @@ def case_figure() -> Figure:
             ("curve", "moved by", "method", "determinant", "distance from orthogonal", "left over", "spin [degrees]"),
             tuple(rows),
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 
@@ -204,7 +204,7 @@ def turn_figure(count: int) -> Figure:
         Axis("error half-way, over the curve's size", 0, 2.1),
         width=WIDTH,
     )
-    panel.fails("nobody can know:\nit may have turned the other way", right_of=180.0, at=0.2)
+    panel.fails("cannot be known:\nit may have turned the other way", right_of=180.0, at=0.2)
     panel.lines(degrees, {name: (values, ways[name][1]) for name, values in found.items()})
 
     def value(name: str, angle: float) -> float:
@@ -220,7 +220,7 @@ def turn_figure(count: int) -> Figure:
             "ways round are equally far: beyond, the keyframes themselves no longer say what happened."
         ),
         table=Table.from_columns({"turn [degrees]": degrees, **found}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 

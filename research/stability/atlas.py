@@ -70,7 +70,7 @@ def make_atlas(names: Sequence[str] = (), *, quick: bool = False, progress: Prog
     return Report(
         title="Where methods lose stability",
         summary=(
-            "Every method beside its alternatives, over the range where it goes from fine to broken. The side on "
+            "Every method next to its alternatives, over the range where it goes from fine to broken. The side on "
             "which it fails is shaded. Under each chart: what pdecodec does about it."
         ),
         sections=tuple(sections),

@@ -17,7 +17,7 @@ from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_di
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surface
 from pdecodec.report.charts.figure import Figure, Section, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Panel, side_by_side
 from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
 
 TOLERANCE = 1e-3
@@ -107,7 +107,7 @@ def stress_figure(side: int, frames: int) -> Figure:
             ),
             tuple(rows),
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence=(
             "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
             "paper is for comparison and says in its report what error it leaves."
@@ -174,7 +174,7 @@ def between_figure(side: int, samples: int) -> Figure:
             f"{overshoot['teleporting', 'paper']:.0%} of the jump."
         ),
         table=Table(("clip", "time [s]", *colours), tuple(rows)),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence=(
             "a jump, that is a step eight times as long as the two on either side of it, is written into the file, and "
             "motion goes straight across it; the bound is promised at the input's frames and nowhere else, so encode "
@@ -215,7 +215,7 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
                 "float32 spacing over the bound": spacing,
             }
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence=(
             "the last bits of float32 are budgeted in the bound; move a clip to the origin before encoding where you "
             "can."

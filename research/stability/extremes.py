@@ -16,7 +16,7 @@ import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, ORANGES, Axis, Panel, beside, edges
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, ORANGES, Axis, Panel, edges, side_by_side
 from pdecodec.simulate import Solver, System, build
 from pdecodec.simulate.constraints import Method
 from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
@@ -176,12 +176,12 @@ def extremes_figure(*, quick: bool) -> Figure:
             f"{chain[WHOLE][-1]:.1g}: Gauss-Seidel carries a pull one link a sweep. Of the stretch that a material of "
             f"{stiffness[-1]:.0e} N/m asks for, {material_stretch(12, float(stiffness[-1])):.0e}, small steps are off "
             f"by {stiff[SMALL][-1]:.1g} times and the whole chain by {stiff[WHOLE][-1]:.1g}: XPBD with few sweeps is "
-            f"too soft, whatever it is told. A cloth of {columns[-1]} columns stretches by "
+            f"too soft, whatever the setting. A cloth of {columns[-1]} columns stretches by "
             f"{sheet[ITERATED][-1]:.2g} with iterations and {sheet[SMALL][-1]:.2g} with small steps. Nothing here runs "
             "off: what fails, fails by stretching. Less than 2e-7 is drawn there."
         ),
         table=Table(("swept", "value", "way", "stretch, or error of the material's stretch"), tuple(rows)),
-        chart=beside(*drawn, columns=2),
+        chart=side_by_side(*drawn, columns=2),
         consequence="its scenes take small steps, and solve chains as a whole; a scene says how many substeps it "
         "wants, and finer ones want more.",
     )
@@ -248,7 +248,7 @@ def tunnelling_figure(*, quick: bool) -> Figure:
             ("substep [s]", "speed [m/s]", "share through the ball"),
             tuple((float(h), float(v), float(found[i, j])) for i, h in enumerate(steps) for j, v in enumerate(speeds)),
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="its scenes meet the ground and balls at speeds of some metres a second with substeps of "
         "milliseconds; there is no continuous collision detection.",
     )
@@ -326,6 +326,6 @@ def accuracy_figure(*, quick: bool) -> Figure:
             ("method", "substeps a frame", "iterations", "CPU time [s]", "rms error over the diagonal"),
             tuple((method, s, n, *measured[s, n, method]) for s, n, method in tried),
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence="one iteration and as many substeps as a scene wants are the default.",
     )

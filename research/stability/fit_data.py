@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Table, Value
-from pdecodec.report.charts.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, TIME_FUNCTIONS, printed_functions, unit_basis
 from pdecodec.research.stability.fit_rates import motion, normal_equations, relative_error, svd
@@ -92,7 +92,7 @@ def noise_figure(most: int) -> Figure:
                 "gain of a cubic spline": spline,
             }
         ),
-        chart=beside(left, right),
+        chart=side_by_side(left, right),
         consequence="its groups of frames have more frames than functions wherever the clip has them.",
     )
 
@@ -157,7 +157,7 @@ def few_figure(points: int) -> Figure:
             f"{points_worst[2]:.2g}. The printed matrix is singular there: what comes out of it is chance."
         ),
         table=Table(("few of", "count", *names), tuple(rows)),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence=(
             "a group of fewer than 4 frames, or a piece of fewer than 8 points, uses as many functions as it has."
         ),
@@ -204,11 +204,11 @@ def gap_figure(count: int) -> Figure:
         lesson=(
             "Ten keyframes with a gap between them. Four functions fitted by least squares bridge a gap of half the "
             f"clip with a gain of {gain('alpha = 0', 0.5):.2f}, where a spline through the keyframes has "
-            f"{gain(SPLINE, 0.5):.0f}: it takes its slopes from the crowded frames beside the gap. At 0.9 the fit has "
+            f"{gain(SPLINE, 0.5):.0f}: it takes its slopes from the crowded frames next to the gap. At 0.9 the fit has "
             f"{gain('alpha = 0', 0.9):.2f}, and {gain('alpha = 8', 0.9):.0f} at alpha = 8."
         ),
         table=Table(("gap", "width over the clip", *COLOURS), tuple(rows)),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence="frames carry their own times, however spaced; its functions of time are orthonormal over those.",
     )
 
@@ -246,6 +246,6 @@ def extrapolation_figure(count: int) -> Figure:
             f"times the motion. Holding the last frame stays at {drawn['held still'].max():.1f} times."
         ),
         table=Table.from_columns({"past the end": beyond, **drawn}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="times outside a clip are held at its ends, looped, or refused; never extrapolated.",
     )

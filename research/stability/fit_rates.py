@@ -15,7 +15,19 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.figure import Figure, Table
-from pdecodec.report.charts.plots import BLUE, DOTTED, GREEN, GREY, ORANGE, ORANGES, PURPLE, Axis, Panel, beside, edges
+from pdecodec.report.charts.plots import (
+    BLUE,
+    DOTTED,
+    GREEN,
+    GREY,
+    ORANGE,
+    ORANGES,
+    PURPLE,
+    Axis,
+    Panel,
+    edges,
+    side_by_side,
+)
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import (
     SPACE_FUNCTIONS,
@@ -217,7 +229,7 @@ def condition_figure(count: int) -> Figure:
             "since every function has the same leading exponential there."
         ),
         table=Table.from_columns({"rate": rates, **found}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="it fits in the well-conditioned basis, orthonormalised with dependent functions dropped.",
     )
 
@@ -269,7 +281,7 @@ def error_figure(count: int, points: int) -> Figure:
         table=Table.from_columns(
             {"rate": rates, **{f"{name}, {precision}": values for (precision, name), values in errors.items()}}
         ),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence="the well-conditioned basis, in float64, whatever the rates.",
     )
 
@@ -365,5 +377,5 @@ def map_figure(count: int, points: int) -> Figure:
                 **{f"{name}, {precision}, over exact": values for (precision, name), values in found.items()},
             }
         ),
-        chart=beside(*panels, columns=len(NAMES)),
+        chart=side_by_side(*panels, columns=len(NAMES)),
     )

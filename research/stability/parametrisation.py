@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.figure import Figure, Section, Table
-from pdecodec.report.charts.plots import BLUE, GREY, ORANGE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, GREY, ORANGE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, unit_basis
 from pdecodec.research.reproduction.method import arc_length, coordinate_parameter
@@ -91,7 +91,7 @@ def case_figure() -> Figure:
         table=Table(
             ("curve", "parameter", "share of axes undefined", "share of points that share u", "left over"), tuple(rows)
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence=(
             "it takes the arc length of the decoded reference frame; where all points of a piece coincide, the index."
         ),
@@ -171,7 +171,7 @@ def planar_figure(count: int) -> Figure:
             "rounding then, stretched to [0, 1]. Arc length does not care."
         ),
         table=Table.from_columns({"thickness": thickness, **found}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="arc length adds the three axes before it divides, and is 0 only where all points coincide.",
     )
 

@@ -22,7 +22,7 @@ from pdecodec.report.charts.plots import (
     SKY,
     Axis,
     Panel,
-    beside,
+    side_by_side,
 )
 from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.stability.extremes import accuracy_figure, extremes_figure, tunnelling_figure
@@ -72,7 +72,7 @@ def energy_figure(seconds: float, step: float) -> Figure:
             f"{-found['PBD'][-1]:.2g}. What is stable at any step pays with damping that is in no model."
         ),
         table=Table.from_columns({"time [s]": times, **found}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence="the bundled simulator is XPBD with small steps, whose own damping shrinks with the step.",
     )
 
@@ -124,7 +124,7 @@ def step_figure(count: int, smallest: float) -> Figure:
             "forces alone, as Macklin et al. 2016."
         ),
         table=Table.from_columns({"step [s]": sizes, **found}),
-        chart=beside(panel),
+        chart=side_by_side(panel),
         consequence=(
             "its scenes choose their own substeps, and a simulation that runs off to infinity is an error that names "
             "the frame, not a file of garbage."
@@ -162,7 +162,7 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
         table=Table.from_columns(
             {"stiffness [N/m]": values, **{f"{name} [s]": holds for name, holds in found.items()}}
         ),
-        chart=beside(panel),
+        chart=side_by_side(panel),
     )
 
 
@@ -229,7 +229,7 @@ def iteration_figure(most: int) -> Figure:
             "soft, never too stiff."
         ),
         table=Table(("swept", "count", *LINES), tuple(rows)),
-        chart=beside(*panels),
+        chart=side_by_side(*panels),
         consequence=(
             "its scenes are XPBD, their chains solved as a whole where sweeps would take hundreds of iterations; PBD "
             "is there for comparison alone."

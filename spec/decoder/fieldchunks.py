@@ -176,8 +176,8 @@ class ChunkReader:
 
     def _read_still(self, span: int, rows: range, last_still: int) -> int:
         """24.4: read whether the rows of a span hold their values."""
-        beside = 2 * last_still + self._spans[span + 1] % 2
-        still = self._contexts.mixed(("still",), (self._spans[span], beside), (span,))
+        still_around = 2 * last_still + self._spans[span + 1] % 2
+        still = self._contexts.mixed(("still",), (self._spans[span], still_around), (span,))
         self._spans[span] = (2 * self._spans[span] + still) % 8
         for i in range(rows.start * self._components, rows.stop * self._components if still else 0):
             self._now[i] = self._before[i]
@@ -295,9 +295,9 @@ class ChunkReader:
         """24.5: read what a value is that may be no number."""
         kinds = self._kinds_now
         before = self._kinds_before[i] if self._kinds_before else 0
-        beside, previous = (0 if place is None else kinds[place] for place in (near, last))
-        expected = before or beside or 1
-        if self._contexts.bit("number", before, beside, previous):
+        adjacent, previous = (0 if place is None else kinds[place] for place in (near, last))
+        expected = before or adjacent or 1
+        if self._contexts.bit("number", before, adjacent, previous):
             kinds[i] = 0
         elif self._contexts.bit("expected kind"):
             kinds[i] = expected

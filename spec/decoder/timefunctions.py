@@ -27,7 +27,7 @@ def read_time_functions(data: bytes, frames: int, count: int, step: float, axes:
     """13.1: read v[k, t, x]."""
     if not data:
         return np.zeros((count, frames, axes))
-    require(frames * count > 0, "bytes of functions of time where there are none")
+    require(frames * count > 0, "bytes for no functions of time")
     method = data[0]
     require(method in (0, 1, 2), "an unknown method of functions of time")
     require(method != 1 or frames <= 1024, "too many frames for a transform")

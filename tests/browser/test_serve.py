@@ -31,7 +31,7 @@ def served(folder: Path) -> Iterator[FolderServer]:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
-    """Of a folder with two files, one in a folder below, a file beside them and a link out of it."""
+    """Serve a folder with two files, one of them in a subfolder, next to another file and a link to the outside."""
     root: Path = tmp_path_factory.mktemp("served")
     folder = root / "clips"
     (folder / "more <i>").mkdir(parents=True)

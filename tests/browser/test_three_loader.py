@@ -99,7 +99,7 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
             mesh = next(mesh for mesh in meshes if mesh["name"] == item.name)
             uv = next(own for own in item.attributes if own.name.startswith("uv"))
             rows = np.unique(np.reshape(mesh["uvs"], (-1, 2)), axis=0)
-            known = {tuple(row) for row in uv.values.astype(float).tolist()} | {(0.0, 0.0)}  # where there is none
+            known = {tuple(row) for row in uv.values.astype(float).tolist()} | {(0.0, 0.0)}  # for corners without one
             assert {tuple(row) for row in rows.tolist()} <= known
             assert len(rows) > 1
             points = animation.positions(0.0)[np.array(mesh["sources"]) + first_vertex(animation.objects, item)]

@@ -53,7 +53,7 @@ def sheet(phase: float, *, frames: int = 12, side: int = 8) -> ArraySequence:
 def clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder `clips` of the working directory: clips of four formats, one below, and one that is none."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PDECODEC_THREADS", "1")  # one worker process where nobody asks for more
+    monkeypatch.setenv("PDECODEC_THREADS", "1")  # one worker process by default
     folder = Path("clips")
     for name in ("below", "walk"):
         (folder / name).mkdir(parents=True)
@@ -336,7 +336,7 @@ def test_a_wrong_line_of_a_manifest_is_named_before_anything_is_done(clips: Path
 
 
 def test_a_link_in_the_place_of_an_output_is_refused_or_replaced_and_never_written_through(clips: Path) -> None:
-    (target := Path("target")).write_text("somebody's")
+    (target := Path("target")).write_text("another's")
     links = [Path("out/a.pdeanim"), Path("out/summary.csv"), Path("out/b.pdeanim")]
     Path("out").mkdir()
     for link in links:
@@ -347,7 +347,7 @@ def test_a_link_in_the_place_of_an_output_is_refused_or_replaced_and_never_writt
     assert [link.is_symlink() for link in links] == [True, False, True]
     assert run([*batch, "--overwrite"]) == 0
     assert not any(link.is_symlink() for link in links)
-    assert target.read_text() == "somebody's"
+    assert target.read_text() == "another's"
     assert not Path("none").exists()
     assert run(batch) == 0
 
@@ -541,7 +541,7 @@ def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
             time.sleep(0.002)
             inside.remove(size)
 
-    sizes = [7, 25, 5, 8, 10, 4, 9]  # none fits beside the one before it, and some beside those that are there first
+    sizes = [7, 25, 5, 8, 10, 4, 9]  # none fits next to the previous one, and some fit next to the first ones
     with budget.room(1), budget.room(3):
         for size in sizes:
             threads.append(threading.Thread(target=take, args=(size,), daemon=True))

@@ -1,4 +1,4 @@
-"""What profile "auto" chooses beside steps: shapes or trajectories, the rest shape's step, where motion starts from."""
+"""Choices of profile "auto" other than steps: the temporal basis, the step of the reference frame, and the origin."""
 
 from __future__ import annotations
 

@@ -69,8 +69,8 @@ def triangles(quads: Sequence[Sequence[int]]) -> list[list[int]]:
 def torus(rows: int, columns: int) -> list[list[int]]:
     """Quads around a torus, whose every vertex has four of them."""
     row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    below, beside = (row + 1) % rows, (column + 1) % columns
-    at = [row * columns + column, row * columns + beside, below * columns + beside, below * columns + column]
+    below, right = (row + 1) % rows, (column + 1) % columns
+    at = [row * columns + column, row * columns + right, below * columns + right, below * columns + column]
     return np.stack(at, axis=-1).reshape(-1, 4).tolist()
 
 
@@ -118,7 +118,7 @@ def test_an_irregular_surface_costs_less_than_any_surface_need() -> None:
 
 
 def turn_an_edge(faces: Int64Array, random: np.random.Generator) -> None:
-    """Replace two triangles beside each other by the other two of the same quad, unless those are there already."""
+    """Replace two adjacent triangles by the other two of the same quad, unless these exist already."""
     one = int(random.integers(len(faces)))
     a, b, c = np.roll(faces[one], random.integers(3))
     others = np.flatnonzero(((faces == b) & (np.roll(faces, -1, axis=1) == a)).any(axis=1))

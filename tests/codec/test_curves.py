@@ -221,11 +221,11 @@ def test_every_vertex_of_any_mesh_is_in_one_curve_along_edges_which_the_plain_de
     connectivity: Connectivity, seed: int
 ) -> None:
     assert_alike([MeshObject("mesh", connectivity)], seed)
-    beside = neighbours(connectivity)
+    near = neighbours(connectivity)
     for curve in curves_of(connectivity):
-        isolated = [vertex for vertex in curve if not beside[vertex]]
+        isolated = [vertex for vertex in curve if not near[vertex]]
         assert isolated in ([], curve)
-        assert isolated or all(b in beside[a] for a, b in pairwise(curve))
+        assert isolated or all(b in near[a] for a, b in pairwise(curve))
 
 
 @settings(max_examples=40)

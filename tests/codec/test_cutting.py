@@ -183,7 +183,7 @@ def test_what_does_not_fit_a_file_is_not_joined_to_it(clip: Path, paper: Path, t
     for recode in (False, True):
         with pytest.raises(InputError, match=r"other.pdeanim: is of another mesh than .*clip.pdeanim"):
             join_animations(clip, [other], longer, recode=recode, overwrite=True)
-    with pytest.raises(InputError, match="profile paper: no frames can be coded beside its own"):
+    with pytest.raises(InputError, match="profile paper: no frames can be added to it"):
         join_animations(paper, [waves(20, start=60)], longer, overwrite=True)
 
 

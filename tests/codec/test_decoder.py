@@ -267,7 +267,7 @@ def test_the_mesh_cannot_be_written_to(animation: Animation) -> None:
 
 
 def test_large_frames_that_threads_share_are_those_of_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside a part that is much smaller, so that one branch of the partition tree ends early; with residuals."""
+    """With a second part that is much smaller, so that one branch of the partition tree ends early; with residuals."""
     u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
     sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)

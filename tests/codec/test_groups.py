@@ -85,7 +85,7 @@ def test_whatever_moves_comes_back_within_the_bound_at_its_times(sequence: Array
         for mine, other in zip(animation.objects, sequence.objects, strict=True):
             assert mine.name == other.name
             assert mine.connectivity.same_as(other.connectivity)
-        # At a frame, whichever way it is asked for, and beside whatever else.
+        # A frame decodes to the same positions in any kind of call, alone or with other times.
         middles = (sequence.times[1:] + sequence.times[:-1]) / 2
         mixed = np.concatenate([sequence.times[::-1], middles, sequence.times])
         together = animation.sample(mixed)

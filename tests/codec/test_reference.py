@@ -187,8 +187,8 @@ def test_rings_that_repeat_cost_what_one_of_them_does() -> None:
 def tube(rings: int, columns: int) -> Connectivity:
     """Quads between rings."""
     row, column = np.meshgrid(np.arange(rings - 1), np.arange(columns), indexing="ij")
-    beside = (column + 1) % columns
-    at = [row * columns + column, row * columns + beside, (row + 1) * columns + beside, (row + 1) * columns + column]
+    right = (column + 1) % columns
+    at = [row * columns + column, row * columns + right, (row + 1) * columns + right, (row + 1) * columns + column]
     return connectivity_of(rings * columns, np.stack(at, axis=-1).reshape(-1, 4).tolist())
 
 

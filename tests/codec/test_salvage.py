@@ -1,4 +1,4 @@
-"""Damaged files: every undamaged group of frames is saved, and what is missing is said."""
+"""Damaged files: every undamaged group of frames is saved, and the missing frames are named."""
 
 from __future__ import annotations
 

@@ -34,14 +34,14 @@ def sheet(frames: int = 12, value: float = 0.0, size: int = 30) -> ArraySequence
 
 
 class Meanwhile(ArraySequence):
-    """A sequence during whose reading somebody else writes a file."""
+    """A sequence during whose reading another process writes a file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(np.zeros((3, 4, 3)), fps=24)
         self._path = path
 
     def read_frames(self, start: int, stop: int):  # type: ignore[no-untyped-def]
-        self._path.write_bytes(b"somebody's")
+        self._path.write_bytes(b"another's")
         return super().read_frames(start, stop)
 
 
@@ -51,7 +51,7 @@ def test_a_file_that_appears_while_another_is_written_stays(tmp_path: Path, name
     there = tmp_path / name.replace("####", "0001")
     with pytest.raises(InputError, match="exists already"):
         write_sequence(Meanwhile(there), tmp_path / name)
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {there: b"somebody's"}
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {there: b"another's"}
 
 
 @pytest.mark.parametrize("name", ONE_FILE)
@@ -120,7 +120,7 @@ def test_what_dead_runs_left_is_removed_and_nothing_of_others(tmp_path: Path) ->
     kept = {own, elsewhere, ".x.partial", "notes.txt"}
     for name in (dead, *kept):
         (tmp_path / name).touch()
-    # A manifest that somebody made up reaches no other folder.
+    # A forged manifest reaches no other folder.
     (tmp_path / "precious").touch()
     folder = tmp_path / "in" / dead.replace(".partial", ".ready")
     folder.mkdir(parents=True)

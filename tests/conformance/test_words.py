@@ -9,11 +9,17 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-CLEAN = ("batch", "cli", "pdecodec/errors.py", "CONTRIBUTING.md")
-"""Folders and files without the phrases; a folder joins when it is rewritten."""
+CLEAN = (
+    *("batch", "cli", "docs", "formats", "pdecodec", "player", "report", "research", "spec", "tests"),
+    *("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md"),
+)
+"""Folders and files without the phrases."""
+
+UNCHECKED = ("pdecodec/codec/encode", "tests/conformance/test_words.py")
+"""Folders that are not rewritten yet, and the phrases themselves."""
 
 PHRASES = {
-    r"beside": "say next to, besides, or compared with",
+    r"beside(?!-)": "say next to, besides, or compared with",
     r"(no|some)body": "name who does it, or use the passive",
     r"what is left": "name it: the remaining frames, bytes, time",
     r"where (it is|there is|there are) (none|no)": "a condition takes 'if'; 'where' is for places",
@@ -37,8 +43,10 @@ def found_phrases(text: str) -> list[str]:
 
 @pytest.mark.parametrize("place", CLEAN)
 def test_clean_texts_use_plain_phrases(place: str) -> None:
-    files = sorted((ROOT / place).rglob("*.py")) or [ROOT / place]
-    found = {str(file.relative_to(ROOT)): found_phrases(file.read_text(encoding="utf-8")) for file in files}
+    files = [file for suffix in ("py", "pyi", "md") for file in (ROOT / place).rglob(f"*.{suffix}")] or [ROOT / place]
+    names = {file.relative_to(ROOT).as_posix(): file for file in files}
+    texts = {name: file.read_text(encoding="utf-8") for name, file in names.items() if not name.startswith(UNCHECKED)}
+    found = {name: found_phrases(text) for name, text in texts.items()}
     assert {name: hits for name, hits in found.items() if hits} == {}
 
 

@@ -138,7 +138,7 @@ class Holds:
 
 
 def _write_cache(sequence: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
-    """Write a point cache, and beside it what it has no place for, so that nothing is lost."""
+    """Write a point cache, and an NPZ file with the data that it cannot hold."""
     write_sequence(sequence, path, **options)
     return write_sequence(sequence, f"{path}.npz", **options)
 

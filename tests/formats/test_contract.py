@@ -195,12 +195,12 @@ def test_any_mix_of_faces_lines_and_points_comes_back(held: Holds, tmp_path: Pat
 
 def told_objects() -> Mapping[str, MeshObject]:
     """An object for each attribute; what goes with some of them is there too."""
-    beside = {
+    others = {
         "group overlapping": [Attribute("group:other", "face", np.array([0, 1], np.uint8))],
         # A subdivision surface has no normals in a file; its edges are kept all the same.
         "catmull-clark": [ATTRIBUTES["edges"]],
     }
-    return {name: body(name, [one, *beside.get(name, [])]) for name, one in ATTRIBUTES.items()}
+    return {name: body(name, [one, *others.get(name, [])]) for name, one in ATTRIBUTES.items()}
 
 
 @each_format()

@@ -276,7 +276,7 @@ def freed(pipe: Path) -> Iterator[list[bool]]:
 
     def free() -> None:
         while not is_over.wait(0.5):
-            with contextlib.suppress(OSError):  # nobody waits
+            with contextlib.suppress(OSError):  # nothing is waiting
                 os.close(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK))
                 waited.append(True)
 

@@ -1,4 +1,4 @@
-"""What files of frames hold beside positions is kept or named, and what changes from frame to frame is told once."""
+"""Data of frame files besides positions are kept or named, and changes from frame to frame are noted once."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_colours_of_vertices_and_of_faces_of_one_ply_are_both_kept(tmp_path: Pat
             "edge red",
         ),
     ],
-    ids=["vertex", "face", "comments", "element", "strips beside faces", "edge"],
+    ids=["vertex", "face", "comments", "element", "strips and faces", "edge"],
 )
 def test_what_a_ply_file_loses_is_named_once_for_all_frames(tmp_path: Path, text: str, lost: str) -> None:
     with read(tmp_path, text, text) as sequence:
@@ -284,7 +284,7 @@ UV = "vt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
         (obj(*["1 0 0"] * 4), [[1, 0, 0]] * 4, ()),
         (obj(), None, ()),
     ],
-    ids=["some", "alpha", "points", "beside weights", "all", "none"],
+    ids=["some", "alpha", "points", "points and weights", "all", "none"],
 )
 @pytest.mark.parametrize("target", ["x.usda", "x.abc", "x.glb", "y.ply", "y.obj", "x.vtu"])
 def test_vertices_without_a_colour_are_white_in_every_format(

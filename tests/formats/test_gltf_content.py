@@ -369,7 +369,7 @@ def test_our_own_files_have_nothing_to_name(tmp_path: Path) -> None:
 
 @pytest.mark.data
 def test_everything_in_files_of_other_tools_is_named_or_kept(shared_data: Path) -> None:
-    """Lists what files have by their JSON alone, level by level, and looks for each name in what is told."""
+    """List the contents of files from their JSON alone, level by level, and look for each name in the notices."""
     paths = [*(shared_data / "files" / "gltf").glob("*.gl*"), *(shared_data / "interop" / "gltf").rglob("*.gl[tb]*")]
     assert len(paths) > 10
     read_extensions = ("draco", "meshopt", "instancing", "pointer", "visibility", "quantization")

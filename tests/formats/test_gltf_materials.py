@@ -28,7 +28,7 @@ TRANSFORM = {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
 
 
 def write_textured(folder: Path) -> None:
-    """Write a moving sheet of two materials: images in the file and beside it, extensions, one name for nothing."""
+    """Write a moving sheet of two materials, with images inside and outside the file and extensions."""
     builder = GltfBuilder()
     (folder / "looks").mkdir()
     (folder / "looks" / "a b.png").write_bytes(PNG)
@@ -111,7 +111,7 @@ def test_materials_with_textures_and_extensions_survive(
     assert shown(after, target.parent) == shown(before, source.parent)
     assert {"KHR_texture_transform", "KHR_materials_clearcoat"} <= set(after.root["extensionsUsed"])
     if way == "library":
-        # The source has no tangents either, and the validator is not given files beside this one.
+        # The source has no tangents either, and the validator gets no other files.
         assert_valid(target, expected=("MESH_PRIMITIVE_GENERATED_TANGENT_SPACE", "IO_ERROR"))
 
 

@@ -409,7 +409,7 @@ case(
 @pytest.mark.parametrize("what", FILES)
 def test_a_file_made_to_be_bad_is_refused_in_one_line_with_little_time_and_memory(what: str, tmp_path: Path) -> None:
     name, data, words = FILES[what]
-    # USD and Alembic reserve addresses that they do not use, and end the process where there are none.
+    # USD and Alembic reserve addresses that they do not use, and end the process if there are none.
     in_library = name.endswith((".usda", ".usdc", ".usdz", ".abc"))
     if in_library:
         needed(name.rpartition(".")[2])

@@ -70,7 +70,7 @@ def test_what_we_wrote_gets_another_motion_and_keeps_the_rest(tmp_path: Path, ex
 
 
 def gltf_scene(path: Path) -> Path:
-    """A skinned triangle under a turned node with a camera beside it, and one under a node that moves."""
+    """A skinned triangle under a turned node, next to a camera, and a triangle under a moving node."""
     made = Scene()
     root = made.builder.root
     mesh = made.mesh(TRIANGLE, material=0, extras={"of": "primitive"})
@@ -291,7 +291,7 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     assert UsdGeom.GetStageUpAxis(stage) == "Y"
     assert not UsdSkel.BindingAPI(mesh).GetSkeleton()
     assert not mesh.GetAttribute("accelerations").HasAuthoredValue()
-    # Points and velocities say together where the mesh goes in the scene, beside what the node above it does.
+    # Points and velocities give the motion of the mesh in the scene, in addition to that of the node above it.
     place = [UsdGeom.XformCache(code).GetLocalToWorldTransform(mesh).GetRow3(3) for code in (2, 2.01)]
     carried = (np.array(place[1]) - np.array(place[0])) / (0.01 / 24)
     speeds = np.array(mesh.GetAttribute("velocities").Get(2)) + carried

@@ -56,11 +56,11 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def refused(clip: Path, tmp_path: Path, change: Any) -> str:
-    """What is said of a file after a change of its JSON."""
+    """Return the message about a file after a change of its JSON."""
     tree = json.loads(clip.read_text())
     change(tree)
-    for beside in clip.parent.iterdir():
-        (tmp_path / beside.name).write_bytes(beside.read_bytes())
+    for other in clip.parent.iterdir():
+        (tmp_path / other.name).write_bytes(other.read_bytes())
     (tmp_path / clip.name).write_text(json.dumps(tree))
     with pytest.raises(InputError) as caught, open_sequence(tmp_path / clip.name) as sequence:
         sequence.read_frames(0, 1)
@@ -129,8 +129,8 @@ def test_extras_of_gltf_may_be_anything(extras: Any, clip: Path, tmp_path: Path)
         for entry in tree[kind]:
             entry["extras"] = extras
     tree["asset"]["extras"] = extras
-    for beside in clip.parent.iterdir():
-        (tmp_path / beside.name).write_bytes(beside.read_bytes())
+    for other in clip.parent.iterdir():
+        (tmp_path / other.name).write_bytes(other.read_bytes())
     (tmp_path / clip.name).write_text(json.dumps(tree))
     with open_sequence(tmp_path / clip.name) as sequence:
         assert np.isfinite(sequence.read_frames(0, 1)).all()

@@ -159,7 +159,7 @@ VELOCITY = SQUARE * 0 + [1, 0, 0]
 
 
 def write_vtk(path: Path, rise: float = 0.0, x: float = 0.0, **point_data: np.ndarray) -> None:
-    """A square of VTK, at a height and with data; the cell's rank beside them."""
+    """A VTK square at a height, with data and the rank of the cell."""
     mesh = meshio.Mesh(SQUARE + np.array([x, 0, rise]), [("quad", [[0, 1, 2, 3]])], point_data, {"rank": [np.zeros(1)]})
     mesh.write(path)
 

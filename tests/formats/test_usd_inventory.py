@@ -1,4 +1,4 @@
-"""The inventory of USD stages: all that they hold is listed, and what is dropped is told by name."""
+"""The inventory of USD stages lists everything in them, and a note names everything that is dropped."""
 
 from __future__ import annotations
 

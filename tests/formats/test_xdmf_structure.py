@@ -359,7 +359,7 @@ REFUSED = {
         collection(STEP + grid(QUAD + geometry())),
         "grid 1 of the temporal collection 'c' has no time",
     ),
-    "steps beside each other": (STEP + grid(QUAD + geometry(1), time=1), r"different times \(0, 1\)"),
+    "steps side by side": (STEP + grid(QUAD + geometry(1), time=1), r"different times \(0, 1\)"),
     "another number of parts": (
         collection(collection(STEP + STEP, "Spatial") + grid(QUAD + geometry(), time=1)),
         "has 1 parts, the first one 2",

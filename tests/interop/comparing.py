@@ -32,7 +32,7 @@ class Expected:
         Frames, or on the straight line between two.
     is_frame : (times,) bool
     used : (n,) int
-        Vertices of faces, which every program shows; of lines where there are no faces.
+        Vertices of faces, which every program shows; of lines if there are no faces.
     shown : (n,) int
         Those of lines too, which some show.
     """

@@ -3,7 +3,7 @@
     python -m tests.interop.table docs/interop.md [scenes] [sequences] [exodus]
 
 PDECODEC_DATA names the folder of shared data, PDECODEC_BLENDER a Python with the package bpy, PDECODEC_NODE_MODULES
-where gltf-validator and three are. What is not there is said in the page.
+where gltf-validator and three are. The page names missing tools and files.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from tests.support.browser_tools import gltf_issues
 HEAD = """\
 # What other programs see
 
-Written by `make interop` from the shared files; do not edit. Every file is opened, written as Alembic, USD and glTF,
-and these are opened by other programs; of clips of more than 48 frames the first 48. Distances are the largest of any
-point from where it belongs, over the diagonal of the first frame's bounding box: at the first frame, one in the middle
-and the last, then at times between frames, beside the straight line from frame to frame. Where a part turns rigidly,
-its node turns between frames and does not go straight. Normals are those of corners at these frames: the angle that
-99 % do not exceed, and the largest, where faces have an area. Those "to source" are compared with the normals of the
-source as the same program shows it; the others with ours: the source has none, or the program shows it elsewhere.
-Where a source has no normals, Alembic and USD are written without, and programs show flat faces. Of a glb Blender
-takes the normals at rest alone, not those of
-targets as three.js does, and turns them with the triangles at each vertex of the file. So they are off, by many degrees
-where it bends much, on faces of more than three corners, which are triangles there (arm, AnimCube, hypercube, lbs,
-deformingSubdTest, vellum_balloon), and where UV seams or hard edges cut a vertex, whose parts turn each by itself
-(cortex_vertexAnim: without its UVs 0.02 degrees in place of 8.9). The largest angle may be that of a few corners, at
-triangles with hardly an area (robot, chicken_crossing). Materials and UV sets are those that Blender shows of the glb
-over those that we read.
+Written by `make interop` from the shared files; do not edit. Every file is opened and written as Alembic, USD and
+glTF, and these are opened by other programs. Of clips with more than 48 frames, the first 48 are used. Distances are
+the largest error of any point, divided by the diagonal of the first frame's bounding box: first at the first, a
+middle and the last frame, then at times between frames, compared with the straight line from frame to frame. If a
+part turns rigidly, its node turns between frames instead of moving straight. Normals are those of corners at these
+frames: the angle that 99 % do not exceed, and the largest, for faces with an area. Those marked "to source" are
+compared with the normals of the source as the same program shows it. The others are compared with ours, because the
+source has none, or the program cannot show them. If a source has no normals, Alembic and USD are written without, and
+programs show flat faces. From a glb, Blender takes only the normals at rest, not those of targets as three.js does,
+and turns them with the triangles at each vertex of the file. They are therefore off, by many degrees for strong
+bends, in two cases: on faces with more than three corners, which are triangles in the glb (arm, AnimCube, hypercube,
+lbs, deformingSubdTest, vellum_balloon); and where UV seams or hard edges split a vertex, whose parts turn
+independently (cortex_vertexAnim: without its UVs 0.02 degrees instead of 8.9). The largest angle can come from a few
+corners of triangles with almost no area (robot, chicken_crossing). Materials and UV sets are counted as Blender shows
+them in the glb / as we read them.
 """
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
@@ -172,8 +172,8 @@ def sizes(data: Path, folder: Path) -> Iterator[str]:
     """The table of glb files of sequences."""
     clips = {}
     yield (
-        "Sizes in MB, of the positions as float32 and of the glb as it is written, with `--quantize`, with "
-        "`--meshopt` and with both. A plain one holds float32 normals beside the positions of each target: glTF has no "
+        "Sizes in MB: of the positions as float32, and of the glb as written by default, with `--quantize`, with "
+        "`--meshopt` and with both. A plain one also holds float32 normals for each target: glTF has no "
         "smaller ones without KHR_mesh_quantization. Issues are errors and warnings of Khronos' validator, of the four "
         "in order. Then distances at frames / between frames, and Blender's normals, of the plain file.\n"
     )
@@ -214,7 +214,7 @@ def _issues(file: Path) -> str:
 
 def exodus(data: Path, folder: Path) -> Iterator[str]:
     """The table of Exodus files: the surface, or one line."""
-    yield _row(["file", "vertices", "faces", "lines", "what is said"])
+    yield _row(["file", "vertices", "faces", "lines", "message"])
     yield _row(["---"] * 5)
     for path in sorted((data / "interop" / "exodus").iterdir()):
         try:

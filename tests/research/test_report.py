@@ -149,9 +149,9 @@ def test_measurements_are_measured_once_and_then_kept(tmp_path: Path) -> None:
 
 def test_baselines_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
     alone = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "one.json"))
-    beside = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptMeasurements(tmp_path / "two.json"))
+    other = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptMeasurements(tmp_path / "two.json"))
     assert [(point.coder, point.size, point.max_error) for point in alone] == [
-        (point.coder, point.size, point.max_error) for point in beside
+        (point.coder, point.size, point.max_error) for point in other
     ]
 
 
@@ -299,8 +299,8 @@ def test_the_table_ends_in_medians_and_geometric_means() -> None:
     table = merit_table(points, coder="auto", tolerances=[1e-3], means=True)
     assert table.column("clip") == ["a", "b", "c", "median", "geometric mean"]
     assert table.column("bpvf") == [4, 16, 8, 8, pytest.approx(8)]
-    beside = merit_table([*points, baseline("p", 200)], coder="auto", tolerances=[1e-3], means=True)
-    assert beside.column("ours / its") == [0.5, None, None, 0.5, 0.5]
+    other = merit_table([*points, baseline("p", 200)], coder="auto", tolerances=[1e-3], means=True)
+    assert other.column("ours / its") == [0.5, None, None, 0.5, 0.5]
 
 
 def test_clips_are_files_patterns_and_folders_of_frames_each_by_a_name_of_its_own(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Report, Section, Table
 from pdecodec.report.charts.page import as_csv, render_page, value_text, write_report
 from pdecodec.report.charts.pictures import Picture, extent
-from pdecodec.report.charts.plots import BLUE, Axis, Panel, beside
+from pdecodec.report.charts.plots import BLUE, Axis, Panel, side_by_side
 from pdecodec.report.charts.vegalite import as_svg
 from pdecodec.research.reproduction.functions import space_functions, time_functions
 from pdecodec.research.reproduction.method import affine_between, rotation_between
@@ -273,7 +273,7 @@ def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
     panel = Panel(Axis("x", 0, 2), Axis("y", 1e-3, 10, log=True))
     panel.fails("fails", above=1.0)
     panel.lines([0, 1, 2], {"a": ([1.0, 0.0, float("nan")], BLUE)})
-    chart = beside(panel)
+    chart = side_by_side(panel)
     sheet = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
 
     def picture() -> str:

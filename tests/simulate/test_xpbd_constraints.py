@@ -187,8 +187,8 @@ def test_bending_energy_of_a_cylinder_is_half_rigidity_times_squared_curvature(r
     stencils = bending_stencils(np.concatenate([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]]))
     batch = IsometricBendingConstraints.from_positions(flat, stencils, rigidity=rigidity)
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    along, beside = cosine * flat[:, 0] + sine * flat[:, 1], cosine * flat[:, 1] - sine * flat[:, 0]
-    bent = np.stack([radius * np.sin(along / radius), beside, radius * (1 - np.cos(along / radius))], axis=1)
+    along, across = cosine * flat[:, 0] + sine * flat[:, 1], cosine * flat[:, 1] - sine * flat[:, 0]
+    bent = np.stack([radius * np.sin(along / radius), across, radius * (1 - np.cos(along / radius))], axis=1)
     expected = 0.5 * rigidity / radius**2 * math.sqrt(0.75)
     # Edges of the border bend nothing; their share of the area falls with the resolution.
     assert batch.energy(bent) == pytest.approx(expected, rel=1.2 / resolution)

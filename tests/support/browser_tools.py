@@ -21,7 +21,7 @@ PATIENCE = 120
 
 
 def node_modules() -> Path:
-    """Where gltf-validator and three are: PDECODEC_NODE_MODULES, or beside the scripts."""
+    """Where gltf-validator and three are: PDECODEC_NODE_MODULES, or next to the scripts."""
     folder = Path(os.environ.get("PDECODEC_NODE_MODULES", BROWSER / "node_modules"))
     if shutil.which("node") is None:
         pytest.skip("node is not here")

@@ -16,8 +16,8 @@ from spec.decoder.mesh import Mesh
 def grid_faces(rows: int, columns: int, *, closed: bool = False) -> Int64Array:
     """(quads, 4): a grid of quads, vertex ``row * columns + column``; closed joins the last row to the first."""
     row, column = np.meshgrid(np.arange(rows if closed else rows - 1), np.arange(columns - 1), indexing="ij")
-    here, beside = row * columns, (row + 1) % rows * columns
-    return np.stack([here + column, here + column + 1, beside + column + 1, beside + column], axis=-1).reshape(-1, 4)
+    here, below = row * columns, (row + 1) % rows * columns
+    return np.stack([here + column, here + column + 1, below + column + 1, below + column], axis=-1).reshape(-1, 4)
 
 
 def grid(rows: int, columns: int, *, closed: bool = False) -> Connectivity:

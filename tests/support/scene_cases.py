@@ -111,7 +111,7 @@ def assert_lawful(path: str | Path) -> None:
 
 
 def broken_rules(path: Path) -> list[str]:
-    """What usdchecker would say of a file: nothing where all is well, or nobody knew an axis or a unit."""
+    """Return the complaints of usdchecker about a file; none if only the axis or the unit is unknown."""
     from pxr import Usd, UsdUtils
 
     if hasattr(UsdUtils, "ComplianceChecker"):

@@ -117,7 +117,7 @@ def play(
 ) -> list[list[PlayedMesh] | str]:
     """The primitives of each file at times [s], or why there are none; with `draw` what draws them runs, too.
 
-    Skips where there is no browser, or no three.js.
+    Skips if there is no browser or no three.js.
     """
     modules, browser = node_modules(), chromium()
     if not (modules / "three").is_dir():
