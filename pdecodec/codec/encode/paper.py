@@ -42,24 +42,24 @@ STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
 """Quantisation steps to choose from where there is a bound, in units."""
 
 SAMPLED_SEGMENTS = 3
-"""Segments, from all over the clip, that the rate r and the steps are chosen by."""
+"""Number of segments from all over the clip by which the rate r and the steps are chosen."""
 
 WORTHWHILE_GAIN = 1e-9
-"""Share of the energy by which a larger rate must win, so that rounding does not choose."""
+"""Share of the energy that a larger rate must save, so that rounding does not decide."""
 
 ADDED_BY_QUANTISATION = 0.01
-"""Of the model's own squared error, what quantised coefficients may add to it: half a hundredth of the error."""
+"""Share of the model's own squared error that quantised coefficients may add: half a percent of the error."""
 
 ADDED_BY_REFERENCE = 0.05
-"""Of the model's own error, what the reference frame may be off by: added up in squares, an eighth of a hundredth."""
+"""Largest error of the reference frame, as a share of the model's own: in squares, it adds an eighth of a percent."""
 
 STEP_RATIO = QUARTERS[1]
-"""From one quantisation step that is tried to the next."""
+"""Ratio of one quantisation step that is tried to the next."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
-    """Displacements of a segment in its functions of time and space.
+    """Displacements of a segment, projected onto functions of time and space.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class _Projected:
 
 
 class PaperEncoder(Encoder):
-    """One encode under profile "paper"."""
+    """Encoder of profile "paper"."""
 
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
         super().__init__(sequence, settings, progress)
@@ -91,7 +91,7 @@ class PaperEncoder(Encoder):
         self._rate = min(errors, key=lambda rate: errors[rate] * (1.0 + WORTHWHILE_GAIN * rate))
         positions = sum(len(points) for points, _ in sampled) * sequence.vertex_count
         rms = float(np.sqrt(errors[self._rate] / positions))
-        step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # rounding is off by half a step as root mean square
+        step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # the root mean square of rounding is about half a step
         self._set_reference(step if self._bound is None else min(step, self._bound / 2.0))
         self._basis = self._build(self._reference.grid, self._rate)
 
@@ -100,7 +100,7 @@ class PaperEncoder(Encoder):
         return self._basis
 
     def _build(self, grid: Int64Array, rate: float) -> SpaceBasis:
-        """The functions of Eqs. 14 and 16 at a rate, on whole curves or pieces of them."""
+        """Return the functions of Eqs. 14 and 16 at a rate, on whole curves or pieces of them."""
         return build_space_basis(
             "curve",
             self._sequence.objects,
@@ -112,7 +112,9 @@ class PaperEncoder(Encoder):
         )
 
     def _segments(self) -> list[tuple[int, int]]:
-        """First and last frame but one of each segment; a rest too short for four functions joins the one before."""
+        """Return first frame and end of each segment; a remainder too short for four functions joins the
+        segment before.
+        """
         frames, length = self._sequence.frame_count, self._settings.paper.segment_frames
         edges = [*range(0, frames, length), frames]
         if len(edges) > 2 and edges[-1] - edges[-2] < min(length, TIME_FUNCTIONS):
@@ -127,9 +129,11 @@ class PaperEncoder(Encoder):
     def _project(
         self, points: Float32Array, part: tuple[int, int], basis: SpaceBasis, reference: Float64Array
     ) -> _Projected:
-        """The least squares of Eq. 25 for the alpha that leaves least: for given rates they are linear."""
+        """Solve the least squares of Eq. 25 for each alpha, for which they are linear; return the solution that
+        leaves least.
+        """
         moved = points.astype(np.float64) - reference
-        if self._bound is not None:  # as under "auto", what is so far off is left to residuals
+        if self._bound is not None:  # as under "auto", vertices that are this far off are left to residuals
             moved[np.abs(moved) > FARTHEST_STEPS * self._unit] = 0.0
         energy = _core.sum_of_products(moved.ravel(), moved.ravel())
         best: _Projected | None = None
@@ -142,7 +146,7 @@ class PaperEncoder(Encoder):
             error = max(energy - _core.sum_of_products(coefficients.ravel(), coefficients.ravel()), 0.0)
             if best is None or error < best.error * (1.0 - WORTHWHILE_GAIN):
                 best = _Projected(alpha, coefficients, error)
-        assert best is not None  # there is an alpha
+        assert best is not None  # there is at least one alpha
         return best
 
     def _closed_form(self, part: tuple[int, int], alpha: float) -> ClosedForm:
@@ -176,7 +180,7 @@ class PaperEncoder(Encoder):
             yield fitter.encode(fitted, self._basis)
 
     def _step(self, projected: _Projected) -> float:
-        """The coarsest step at which rounding adds little to the error that the model has anyhow."""
+        """Return the coarsest step at which rounding adds little to the model's own error."""
         coefficients = projected.coefficients
         largest = float(np.abs(coefficients).max(initial=0.0))
         step = max(self._unit, 2.0 * largest / LARGEST)
