@@ -15,7 +15,14 @@ from typing import Any
 
 from pdecodec.batch.records import STATE_FOLDER
 from pdecodec.codec.presets import PresetName, preset_named
-from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count, parse_fraction
+from pdecodec.codec.settings import (
+    EncodeSettings,
+    PaperSettings,
+    check_one_target,
+    parse_byte_count,
+    parse_field_setting,
+    parse_fraction,
+)
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
@@ -98,14 +105,17 @@ OPTION_NAMES = (*_CODING, *_PAPER, *(item.name for item in fields(ClipOptions) i
 """Every option that a clip of a manifest may have."""
 
 _KINDS: dict[str, type] = {
-    **dict.fromkeys(("tolerance", "max_error", "rms", "uv_tolerance", "alpha", "r", "fps", "scale"), float),
+    **dict.fromkeys(
+        ("tolerance", "max_error", "rms", "uv_tolerance", "field_tolerance", "alpha", "r", "fps", "scale"), float
+    ),
     **dict.fromkeys(("size", "max_memory", "group_frames", "segment_frames", "piece_points"), int),
     **dict.fromkeys(("skip_unsupported", "isolate", "why"), bool),
     **dict.fromkeys(("objects", "asset_folders"), tuple),
+    "fields": dict,
 }
 """The types of options that are not text."""
 
-_FRACTIONS = ("tolerance", "rms")
+_FRACTIONS = ("tolerance", "rms", "field_tolerance")
 """Options that may be given as 0.1%."""
 
 _BYTES = ("size", "max_memory")
@@ -125,6 +135,9 @@ def _value(name: str, value: Any) -> Any:
             raise ValueError
         if kind is tuple:
             return tuple(value.split(LIST_SEPARATOR) if isinstance(value, str) else map(str, value))
+        if kind is dict and isinstance(value, str):
+            pairs = (pair.rpartition("=") for pair in value.split(LIST_SEPARATOR))
+            return {name: parse_field_setting(asked) for name, _, asked in pairs}
         if kind is bool:
             return _WORDS[str(value).strip().lower()]
         if kind is str and not isinstance(value, str):
@@ -137,7 +150,13 @@ def _value(name: str, value: Any) -> Any:
             raise ValueError
         return kind(value)
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        what = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of names"}
+        what = {
+            float: "a number",
+            int: "a whole number",
+            bool: "true or false",
+            tuple: "a list of names",
+            dict: "NAME=X;NAME=X",
+        }
         wanted = "a number of bytes such as 200kB" if name in _BYTES else what.get(kind, "text")
         raise SettingsError(f"must be {wanted}, not {value!r}", setting=name) from error
 

@@ -93,6 +93,7 @@ int main(int count, char **arguments) {
     pdeanim_object object;
     pdeanim_attribute attribute;
     pdeanim_group group;
+    pdeanim_field field;
     pdeanim_section section;
 
     expect(pdeanim_version() && pdeanim_version()[0], "pdeanim_version()");
@@ -197,6 +198,26 @@ int main(int count, char **arguments) {
     REFUSES(pdeanim_evaluate, runs, positions, times, 2, PDEANIM_ALL_OBJECTS, points);
     RETURNS(PDEANIM_OK, pdeanim_evaluate, animation, positions, NULL, 0, PDEANIM_ALL_OBJECTS, NULL);
     RETURNS(PDEANIM_OK, pdeanim_evaluate, animation, positions, endless, 2, PDEANIM_ALL_OBJECTS, points);
+
+    REFUSES(pdeanim_field_count, NULL, &number);
+    REFUSES(pdeanim_field_count, closed, &number);
+    REFUSES(pdeanim_field_count, animation, NULL);
+    REFUSES(pdeanim_field_count, runs, &number);
+    RETURNS(PDEANIM_OK, pdeanim_field_count, animation, &number);
+
+    REFUSES(pdeanim_get_field, NULL, 0, &field);
+    REFUSES(pdeanim_get_field, closed, 0, &field);
+    REFUSES(pdeanim_get_field, animation, 0, NULL);
+    REFUSES(pdeanim_get_field, animation, 0, &field);
+    REFUSES(pdeanim_get_field, animation, -1, &field);
+    REFUSES(pdeanim_get_field, runs, 0, &field);
+
+    REFUSES(pdeanim_evaluate_field, NULL, 0, times, 1, 0, out, 4);
+    REFUSES(pdeanim_evaluate_field, closed, 0, times, 1, 0, out, 4);
+    REFUSES(pdeanim_evaluate_field, animation, 0, NULL, 1, 0, out, 4);
+    REFUSES(pdeanim_evaluate_field, animation, 0, times, 1, 0, NULL, 4);
+    REFUSES(pdeanim_evaluate_field, animation, 0, times, 1, 0, out, 4);
+    REFUSES(pdeanim_evaluate_field, runs, 0, times, 1, 0, out, 4);
 
     REFUSES(pdeanim_get_group, NULL, 0, &group);
     REFUSES(pdeanim_get_group, closed, 0, &group);

@@ -383,7 +383,8 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
     values = {
         "tolerance": 0.01, "max_error": 0.1, "rms": 0.1, "size": 2000, "preset": "hero", "profile": "auto",
         "effort": "fast",
-        "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "why": True, "segment_frames": 4,
+        "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "field_tolerance": 0.01,
+        "fields": {"heat": "exact", "a b": "0.5 units"}, "why": True, "segment_frames": 4,
         "piece_points": 4, "alpha": 1.5, "r": 2.0, "frames": "0:3", "objects": ["a", "b"], "fps": 25.0, "mesh": "m.obj",
         "clip": "walk", "displacement": "u", "transforms": "keep", "skip_unsupported": True, "isolate": True,
         "up_axis": "Z", "scale": 2.0, "unit": "cm", "asset_folders": ["a", "b"],
@@ -396,7 +397,14 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
             **({"profile": "paper"} if name in ("segment_frames", "piece_points", "alpha", "r") else {}),
         }
         Path("clips/m.json").write_text(json.dumps([{"source": "a.npz", **own}]))
-        texts = [";".join(one) if isinstance(one, list) else str(one) for one in own.values()]
+        texts = [
+            ";".join(f"{key}={asked}" for key, asked in one.items())
+            if isinstance(one, dict)
+            else ";".join(one)
+            if isinstance(one, list)
+            else str(one)
+            for one in own.values()
+        ]
         Path("clips/m.csv").write_text(f"source,{','.join(own)}\na.npz,{','.join(texts)}\n")
         [of_json], [of_csv] = clips_of("clips/m.json"), clips_of("clips/m.csv")
         assert of_json == of_csv

@@ -144,6 +144,16 @@ def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pyte
     exec(compile(code, "docs/pipelines.md", "exec"), {})
 
 
+def test_what_the_page_on_fields_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / "fields.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    make, read = blocks("python", page)
+    names: dict[str, object] = {}
+    exec(compile(make, "docs/fields.md", "exec"), names)
+    run_commands(page)
+    exec(compile(read, "docs/fields.md", "exec"), names)
+
+
 def test_the_readme_lists_every_registered_extension() -> None:
     from pdecodec.formats import list_formats
 

@@ -159,6 +159,49 @@ pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, 
     });
 }
 
+pdeanim_status pdeanim_field_count(pdeanim_animation *handle, int64_t *count, pdeanim_error *error) {
+    return guarded(error, [&] {
+        check_given(count, "count");
+        *count = static_cast<int64_t>(opened(handle).only().stored_fields().headers().size());
+    });
+}
+
+pdeanim_status pdeanim_get_field(pdeanim_animation *handle, int64_t index, pdeanim_field *field, pdeanim_error *error) {
+    return guarded(error, [&] {
+        StoredFields &fields = opened(handle).only().stored_fields();
+        check_given(field, "field");
+        check_index(index, static_cast<i64>(fields.headers().size()), "field");
+        const FieldHeader &found = fields.headers()[index];
+        *field = {.name = found.name.c_str(),
+                  .unit = found.unit.c_str(),
+                  .domain = static_cast<pdeanim_domain>(found.site),
+                  .type = static_cast<pdeanim_field_type>(found.type),
+                  .row_count = fields.rows(index),
+                  .column_count = found.components,
+                  .value_bytes = static_cast<size_t>(size_of_type(found.type)),
+                  .smallest = found.smallest,
+                  .largest = found.largest,
+                  .bound = found.bound};
+    });
+}
+
+pdeanim_status pdeanim_evaluate_field(pdeanim_animation *handle, int64_t index, const double *times, size_t count,
+                                      int derivative, void *out, size_t size, pdeanim_error *error) {
+    return guarded(error, [&] {
+        StoredFields &fields = opened(handle).only().stored_fields();
+        if (count) check_given(times, "times"), check_given(out, "out");
+        check_index(index, static_cast<i64>(fields.headers().size()), "field");
+        const FieldHeader &found = fields.headers()[index];
+        const u64 row = static_cast<u64>(fields.rows(index) * found.components * size_of_type(found.type));
+        if (count > (row ? size / row : size) || count * row != size)
+            throw ArgumentError("size does not fit the field");
+        if (derivative < 0 || derivative > 2 || (derivative && !is_float(found.type))) {
+            throw ArgumentError("a derivative is 0 to 2, and of floats alone");
+        }
+        fields.evaluate(index, {times, count}, derivative, std::nullopt, {static_cast<u8 *>(out), size});
+    });
+}
+
 pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quantity, const double *times, size_t count,
                                 int64_t object, float *out, pdeanim_error *error) {
     return guarded(error, [&] {

@@ -221,6 +221,43 @@ PDEANIM_API pdeanim_status pdeanim_evaluate(pdeanim_animation *animation, pdeani
                                             const double *times, size_t count, int64_t object, float *out,
                                             pdeanim_error *error);
 
+/* The type of a field's values; a boolean is a byte, 0 or 1. */
+typedef enum pdeanim_field_type {
+    PDEANIM_FIELD_FLOAT32 = 0,
+    PDEANIM_FIELD_FLOAT64 = 1,
+    PDEANIM_FIELD_INT8 = 2,
+    PDEANIM_FIELD_INT16 = 3,
+    PDEANIM_FIELD_INT32 = 4,
+    PDEANIM_FIELD_INT64 = 5,
+    PDEANIM_FIELD_UINT8 = 6,
+    PDEANIM_FIELD_UINT16 = 7,
+    PDEANIM_FIELD_UINT32 = 8,
+    PDEANIM_FIELD_UINT64 = 9,
+    PDEANIM_FIELD_BOOLEAN = 10
+} pdeanim_field_type;
+
+/* Values on vertices, faces, corners or objects that change in time, such as stresses. */
+typedef struct pdeanim_field {
+    const char *name, *unit; /* UTF-8; an empty unit is unknown */
+    pdeanim_domain domain;
+    pdeanim_field_type type;
+    int64_t row_count, column_count; /* rows of all objects that have it; numbers of a row */
+    size_t value_bytes;              /* size of a number */
+    double smallest, largest;        /* range of the source */
+    double bound;                    /* largest error at frames; 0: exact */
+} pdeanim_field;
+
+PDEANIM_API pdeanim_status pdeanim_field_count(pdeanim_animation *animation, int64_t *count, pdeanim_error *error);
+PDEANIM_API pdeanim_status pdeanim_get_field(pdeanim_animation *animation, int64_t index, pdeanim_field *field,
+                                             pdeanim_error *error);
+
+/* Evaluate a field at `count` times [s], in any order: out[count][rows][columns] of its type, `size` bytes. Between frames
+ * floats follow a smooth curve; other values are those of the frame before. `derivative` is 0, or 1 or 2 for derivatives
+ * of floats [1 / s, 1 / s^2]. */
+PDEANIM_API pdeanim_status pdeanim_evaluate_field(pdeanim_animation *animation, int64_t index, const double *times,
+                                                  size_t count, int derivative, void *out, size_t size,
+                                                  pdeanim_error *error);
+
 /* The functions below are for programs that evaluate on a graphics processor. A quantity at a time is
  *
  *     sum over groups of frames, and over each group's functions of time, of weight(time) * field(vertex, axis).
