@@ -20,6 +20,7 @@ from spec.decoder.motion import Float32Array, Motion
 from spec.decoder.patches import build_patches
 from spec.decoder.reference import ReferenceFrame, read_reference
 from spec.decoder.space import build_space
+from spec.decoder.storedfields import StoredField, divide_runs, read_fields
 
 LISTED = 2
 
@@ -34,6 +35,7 @@ class Animation:
     remarks: dict[str, Any]
     reference: ReferenceFrame
     motion: Motion
+    fields: list[StoredField]
 
     def positions(self, time: float) -> Float32Array:
         """Return (vertices, 3) float32 positions [scene units] at a time [s]; vertices of all objects in one row."""
@@ -57,11 +59,16 @@ def decode_runs(data: bytes) -> list[Animation]:
         return [decode_run(sections, fps, times, jumps, coded)]
     read_names(coded, 0)
     runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
-    for run, count in zip(runs, frames, strict=True):
+    of_fields = [(b"", b"")] * len(runs)
+    if "RFLD" in sections:
+        require(sections["FLDS"] and "FDAT" in sections, "RFLD without FLDS and FDAT")
+        of_fields = divide_runs(sections["RFLD"], sections["FLDS"], sections["FDAT"], len(runs))
+    for run, count, (headers, chunks) in zip(runs, frames, of_fields, strict=True):
         end += count
         names = Contexts(run.sections["NAME"])
         begin, inside = end - count, [jump - (end - count) for jump in jumps if end - count < jump < end]
-        own = decode_run(run.sections | {"META": sections["META"]}, fps, times[begin:end], inside, names)
+        known = run.sections | {"META": sections["META"], "FLDS": headers, "FDAT": chunks}
+        own = decode_run(known, fps, times[begin:end], inside, names)
         require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
         found.append(own)
     return found
@@ -81,7 +88,9 @@ def decode_run(
     space = build_space(model, patches, reference.grid)
     groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
     remarks = read_remarks(sections["META"])
-    return Animation(meshes, times, fps, remarks, reference, Motion(times, jumps, groups, model, reference, space))
+    motion = Motion(times, jumps, groups, model, reference, space)
+    fields = read_fields(sections["FLDS"], sections.get("FDAT"), meshes, len(times))
+    return Animation(meshes, times, fps, remarks, reference, motion, fields)
 
 
 def decode_file(path: str | Path) -> Animation:

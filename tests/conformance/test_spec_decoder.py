@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from pdecodec import (
     ArraySequence,
+    ChangingSequence,
     Connectivity,
     EncodeSettings,
     MeshObject,
@@ -25,6 +27,7 @@ from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.metrics import frame_scale
 from spec.accepted import Choices, encoded
 from spec.decoder import animation as independent
+from tests.codec.test_fields import clip_with_fields
 from tests.codec.test_round_trip import CLIPS
 from tests.support.decoders import assert_same
 from tests.support.mesh_cases import mesh_objects
@@ -48,6 +51,23 @@ def assert_decodes_alike(sequence: MeshSequence, path: Path, choices: Choices | 
 @pytest.mark.parametrize("name", CLIPS)
 def test_it_decodes_every_clip(name: str, tmp_path: Path) -> None:
     assert_decodes_alike(CLIPS[name](), tmp_path / "a.pdeanim")
+
+
+@pytest.mark.parametrize("settings", [{}, {"field_tolerance": 1e-6}, {"fields": {"stress": "exact", "energy": "drop"}}])
+def test_it_decodes_fields_to_the_last_bit(settings: dict[str, Any]) -> None:
+    clip = clip_with_fields()
+    later = clip_with_fields()
+    later.times = later.times + 10
+    runs = ChangingSequence([clip, ArraySequence(np.zeros((1, 3, 3)), times=[5.0]), later])
+    for sequence in (clip, runs):
+        data = encode(sequence, effort="fast", **settings).data
+        assert data is not None
+        with open_animation(data) as mine:
+            for run, other in zip(mine.runs, independent.decode_runs(data), strict=True):
+                assert [one.name for one in run.fields] == [one.name for one in other.fields]
+                for field, found in zip(run.fields, other.fields, strict=True):
+                    values = np.array(found.frames, field.dtype).reshape(field.shape(run.frame_count, run.objects))
+                    np.testing.assert_array_equal(values, run.read_field(field.name, 0, run.frame_count))
 
 
 def bending_strips() -> ArraySequence:

@@ -1,0 +1,133 @@
+"""Section 25 of the specification: headers of fields, and values from the whole numbers of their chunks."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from spec.decoder.fieldchunks import ChunkReader, neighbours_of_rows, read_chunk
+from spec.decoder.fields import Fields, require
+from spec.decoder.mesh import Mesh
+
+SITES = ("vertex", "face", "corner", "object")
+TYPES = "fdbhiqBHIQ?"
+INTEGERS = {"f": "<i", "d": "<q"}
+"""Integers of the size of a float."""
+
+EXACT, HALVES, QUANTISED = range(3)
+NO_NUMBERS = (0.0, float("nan"), float("inf"), float("-inf"))
+
+Value = float | int | bool
+
+
+@dataclass
+class StoredField:
+    """A field: `frames` has a row after row of values for each frame."""
+
+    name: str
+    unit: str
+    site: str
+    type: str
+    components: int
+    objects: list[int]
+    range: tuple[float, float]
+    bound: float
+    frames: list[list[Value]] = field(default_factory=list)
+
+
+def read_fields(headers: bytes, chunks: bytes | None, meshes: list[Mesh], frames: int) -> list[StoredField]:
+    """25.1: read FLDS and FDAT of a run of `frames` frames."""
+    if not headers:
+        return []
+    require(chunks is not None, "FLDS without FDAT")
+    fields, data = Fields(headers), Fields(chunks or b"")
+    found = [read_field(fields, data, meshes, frames) for _ in range(fields.count())]
+    fields.finish()
+    data.finish()
+    require(len({one.name for one in found}) == len(found), "two fields of one name")
+    return found
+
+
+def read_text(fields: Fields) -> str:
+    size = fields.count()
+    require(size <= 2**16, "a name that is too long")
+    try:
+        return fields.take(size).decode()
+    except UnicodeDecodeError:
+        require(False, "a name that is not UTF-8")
+        raise
+
+
+def read_field(fields: Fields, data: Fields, meshes: list[Mesh], frames: int) -> StoredField:
+    """25.1: read one header, and the chunks of its groups."""
+    name, site, kind = read_text(fields), fields.u8(), fields.u8()
+    require(site < len(SITES) and kind < len(TYPES), "an unknown domain or type")
+    components, unit = fields.count(), read_text(fields)
+    require(1 <= components <= 2**16, "too few or too many components")
+    steps = [fields.count() for _ in range(fields.count())]
+    objects = [sum(steps[: k + 1]) + k for k in range(len(steps))]
+    require(not objects or objects[-1] < len(meshes), "an object that does not exist")
+    low, high, bound = fields.f64(), fields.f64(), fields.f64()
+    require(low <= high and bound >= 0, "a range or bound out of range")
+    found = StoredField(name, unit, SITES[site], TYPES[kind], components, objects, (low, high), bound)
+    own = [meshes[index] for index in objects] if objects else meshes
+    neighbours = neighbours_of_rows(found.site, own)
+    while len(found.frames) < frames:
+        found.frames += read_group(fields, data, found, neighbours, frames - len(found.frames))
+    return found
+
+
+def read_group(
+    fields: Fields, data: Fields, found: StoredField, neighbours: list[list[int]], left: int
+) -> list[list[Value]]:
+    """25.2: read a group and its chunk; return its frames."""
+    code, frames, skipped, in_chunk = fields.u8(), fields.count(), fields.count(), fields.count()
+    require(1 <= frames <= left, "more frames than there are")
+    require(skipped < in_chunk <= 4096, "a chunk of too few or too many frames")
+    require(code <= QUANTISED, "an unknown coding")
+    require(code != HALVES or struct.calcsize(f"<{found.type}") == 8, "halves of a small type")
+    require(code != QUANTISED or found.type in INTEGERS, "quantised values that are no floats")
+    unit = fields.f64() if code == QUANTISED else 1.0
+    require(unit > 0, "a unit that is not above 0")
+    chunk = data.take(fields.count())
+    require(zlib.crc32(chunk) == fields.u32(), "a chunk of a field is damaged")
+    reader = read_chunk(chunk, neighbours, in_chunk, found.components * (2 if code == HALVES else 1))
+    decoded = [list(values_of(reader, frame, code, unit, found.type)) for frame in range(in_chunk)]
+    return [decoded[min(skipped + frame, in_chunk - 1)] for frame in range(frames)]
+
+
+def values_of(reader: ChunkReader, frame: int, code: int, unit: float, kind: str) -> Iterator[Value]:
+    """25.3: turn the whole numbers of a frame into values."""
+    numbers = reader.values[frame]
+    if code == HALVES:
+        numbers = [(high << 32) + low % 2**32 for high, low in zip(numbers[::2], numbers[1::2], strict=True)]
+    kinds = reader.kinds[frame] if reader.kinds and code == QUANTISED else [0] * len(numbers)
+    for number, no_number in zip(numbers, kinds, strict=True):
+        if code == QUANTISED:
+            value = NO_NUMBERS[no_number] if no_number else number * unit
+            yield struct.unpack(f"<{kind}", struct.pack(f"<{kind}", value))[0]
+        elif kind == "?":
+            yield number != 0
+        elif kind in INTEGERS:
+            size = struct.calcsize(INTEGERS[kind])
+            lowest = number % 2 ** (8 * size)
+            bits = lowest if lowest < 2 ** (8 * size - 1) else lowest ^ (2 ** (8 * size - 1) - 1)
+            yield struct.unpack(f"<{kind}", bits.to_bytes(size, "little"))[0]
+        else:
+            size = struct.calcsize(f"<{kind}")
+            yield struct.unpack(f"<{kind}", (number % 2 ** (8 * size)).to_bytes(size, "little"))[0]
+
+
+def divide_runs(table: bytes, headers: bytes, chunks: bytes, runs: int) -> list[tuple[bytes, bytes]]:
+    """25.4: divide FLDS and FDAT of a file of runs by RFLD."""
+    fields, first, second, found = Fields(table), Fields(headers), Fields(chunks), []
+    for _ in range(runs):
+        sizes = fields.count(), fields.count()
+        own = first.take(sizes[0]), second.take(sizes[1])
+        require(not own[0] or zlib.crc32(own[0]) == fields.u32(), "FLDS of a run is damaged")
+        found.append(own)
+    for one in (fields, first, second):
+        one.finish()
+    return found
