@@ -29,11 +29,11 @@ PLAYER = ROOT / "player"
 MANIFEST = read_manifest()
 
 MAX_BYTES = 230_000
-"""Of the module, compressed by gzip."""
+"""Limit of the module's size after gzip [bytes]."""
 
 
 def decode_in_node(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What the player makes of files, by ``tests/browser/decode.mjs``."""
+    """Return the player's results for some files, by ``tests/browser/decode.mjs``."""
     if shutil.which("node") is None:
         pytest.skip("node is not here")
     command = ["node", str(ROOT / "tests" / "browser" / "decode.mjs")]
@@ -55,7 +55,7 @@ def times_of(times: Float64Array) -> list[float]:
 
 @pytest.fixture(scope="module")
 def accepted() -> dict[str, dict[str, Any]]:
-    """What the player makes of the accepted vectors, each with the times that it was asked for."""
+    """Return the player's results for each accepted vector, and the times that were requested."""
     jobs = []
     for name in MANIFEST["accept"]:
         path = accepted_files()[name]

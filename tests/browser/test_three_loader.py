@@ -276,7 +276,7 @@ async function buffered(attribute) {
 }
 """,
 }
-"""What is one way and another: by the graphics that three.js draws with."""
+"""JavaScript that differs between the graphics interfaces that three.js draws with, by their name."""
 
 
 @pytest.fixture(scope="module")

@@ -18,13 +18,13 @@ from tests.support.driven_browser import Browser, browsing
 
 CLIPS = {"cloth": "pypbd_cloth100_xpbd", "character": "pdance", "rope": "rope24x832"}
 FRAMES = 40
-"""Of each clip: enough for motion, few enough to be encoded in seconds."""
+"""Frames per clip: enough for motion, few enough to be encoded in seconds."""
 
 GROUP_FRAMES = 18
 """So that there are borders between groups, where two of them count."""
 
 GPU_MARGIN = 4e-6
-"""Of the extent: what sums of some fifty products in float32 may be off by."""
+"""Largest rounding error of sums of some fifty products in float32, as a fraction of the extent."""
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_the_page_shows_how_far_the_original_is(browser: Browser, clip: tuple[Pa
 
 
 def keep_picture(browser: Browser, name: str) -> None:
-    """Where PDECODEC_PICTURES names a folder, put the picture there: the README shows one."""
+    """Save a picture if PDECODEC_PICTURES names a folder; the README shows one."""
     shown = browser.picture()
     assert len(shown) > 10_000, "a picture of something"
     if "PDECODEC_PICTURES" in os.environ:

@@ -77,7 +77,7 @@ def places(folder: str) -> dict[Path, tuple[int, int]]:
 
 
 def done(source: Path, folder: str, **options: object) -> Result:
-    """What becomes of one clip of a file, in this process."""
+    """Process one clip of a file in this process."""
     [clip] = clips_of(source, ClipOptions().with_values(options))
     return do_clip(clip, Work(folder=folder))
 
@@ -193,7 +193,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(clips: Path) -> None:
 
 
 def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -> None:
-    """As where a run was killed after the record of new options was written, and before the file took its place."""
+    """A run leaves such an output if it is killed between writing the record of new options and moving the file to its place."""
     assert done(clips / "a.npz", "out", tolerance=1e-2).state == "done"
     old = Path("out/a.pdeanim").read_bytes()
     assert done(clips / "a.npz", "out").state == "done"
@@ -204,7 +204,7 @@ def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -
 
 
 def ends_on_the_first(clip: Clip, work: Work) -> Result:
-    """As a library that ends its process would."""
+    """End the process on the first clip, as a faulty library would."""
     if clip.output == "a.pdeanim":
         os._exit(7)
     return make_clip(clip, work)

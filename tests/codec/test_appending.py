@@ -19,7 +19,7 @@ from pdecodec.mesh.sequence import MeshObject
 from tests.support.mesh_cases import grid
 
 FAR = 1e7
-"""Where float32 lie 1 apart."""
+"""A coordinate at which neighbouring float32 numbers differ by 1."""
 
 
 def waves(frames: int, *, start: float = 0.0, at: float = 0.0, size: float = 40.0, columns: int = 8) -> ArraySequence:

@@ -33,7 +33,7 @@ def library(request: pytest.FixtureRequest) -> Any:
 
 
 def here(array: Any) -> np.ndarray:
-    """As numpy's, whatever it was."""
+    """Convert any array to numpy."""
     return np.asarray(array.get() if hasattr(array, "get") else array)
 
 
@@ -46,7 +46,7 @@ def times_of(animation: Animation) -> np.ndarray:
 
 
 def margin(animation: Animation, quantity: str, times: np.ndarray) -> float:
-    """What float32 may round off of all that is added up at any of the times."""
+    """Return the rounding error that float32 allows for the sums at any of the times."""
     evaluator, largest = ArrayEvaluator(animation, np), 0.0
     groups = range(len(animation.group_edges) - 1)
     fields = [np.abs(evaluator.fields(group)) for group in groups]

@@ -63,7 +63,7 @@ def decode_attributes(
 
 
 def decoded_by_both(data: bytes, objects: list[MeshObject], levels: Int64Array) -> list[MeshObject]:
-    """What the library decodes, after a look at what the decoder of the specification does."""
+    """Decode with the library, and check that the decoder of the specification agrees."""
     found = decode_attributes(data, bare(objects), levels)
     meshes = meshes_of(bare(objects))
     read_attributes(data, meshes, levels.tolist())
@@ -539,7 +539,7 @@ def test_what_is_wrong_at_the_head_is_named(fields: list[tuple[str, int]], messa
 
 @pytest.mark.parametrize(
     ("rows", "message"),
-    [(2**20, "a scale that is not known"), (2**31 - 1, "declares an attribute of 2147483647 rows, about")],
+    [(2**20, "an unknown scale"), (2**31 - 1, "declares an attribute of 2147483647 rows, about")],
 )
 def test_rows_that_are_declared_and_not_there_are_refused(rows: int, message: str) -> None:
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]

@@ -41,7 +41,7 @@ def is_named_tuple(node: ast.ClassDef) -> bool:
 
 
 def found(name: str) -> Any:
-    """What the module has under a name, which may be that of a method."""
+    """Return the object with this name in the module; the name may be that of a method."""
     owner, _, method = name.rpartition(".")
     return getattr(getattr(_core, owner) if owner else _core, method)
 

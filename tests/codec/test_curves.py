@@ -89,7 +89,7 @@ def turned_diagonals(kind: str, rows: int, columns: int) -> BoolArray:
 
 
 def renumbered(faces: Faces, points: Int64Array, seed: int) -> tuple[Faces, Int64Array]:
-    """The same mesh with vertices, faces, and corners of faces in other orders."""
+    """Return the same mesh with vertices, faces and corners of faces in random order."""
     random = np.random.default_rng(seed)
     number = random.permutation(len(points))
     turned = [np.roll(number[face], random.integers(len(face))).tolist() for face in faces]
@@ -97,7 +97,7 @@ def renumbered(faces: Faces, points: Int64Array, seed: int) -> tuple[Faces, Int6
 
 
 def lie_on_rows(curves: Faces, points: Int64Array, rows: int, columns: int) -> bool:
-    """Whether each curve is a row of :func:`places` from end to end."""
+    """Return whether each curve is a whole row of :func:`places`."""
     along = [points[curve] for curve in curves]
     return [len(curve) for curve in curves] == [columns] * rows and all(
         (curve[:, 1:] == curve[0, 1:]).all() and (np.abs(np.diff(curve[:, 0])) == 2000).all() for curve in along

@@ -42,7 +42,7 @@ from spec.sealing import Part, count, seal, table_end, take_apart
 from tests.codec.test_round_trip import CLIPS, PROFILES, noise, sheet, wave
 
 FORGETFUL = DecodeLimits(max_kept=1)
-"""With these no group is kept but the one that is asked for."""
+"""Limits with which only the requested group is cached."""
 
 PROFILE: dict[str, dict[str, Any]] = {
     "auto": {},
@@ -52,7 +52,7 @@ PROFILE: dict[str, dict[str, Any]] = {
 
 
 def encoded(sequence: MeshSequence, **options: Any) -> bytes:
-    """In groups of five frames at most."""
+    """Encode in groups of at most five frames."""
     if options.get("profile", "auto") == "auto":
         options["group_frames"] = 5
     data = encode(sequence, **options).data
@@ -267,7 +267,7 @@ def test_the_mesh_cannot_be_written_to(animation: Animation) -> None:
 
 
 def test_large_frames_that_threads_share_are_those_of_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a second part that is much smaller, so that one branch of the partition tree ends early; with residuals."""
+    """The second part is much smaller, so that one branch of the partition tree ends early; there are residuals."""
     u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
     sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)

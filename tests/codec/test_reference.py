@@ -85,7 +85,7 @@ def coded(shape: ReferenceFrame, objects: list[MeshObject]) -> bytes:
 
 
 def decoded_alike(data: bytes, objects: list[MeshObject]) -> list[list[int]] | None:
-    """What both decoders say: coordinates that a sound file could have, or None for a refusal."""
+    """Decode with both decoders, which must agree; return coordinates, or None if the file is refused."""
     ours = theirs = None
     with suppress(CorruptFileError):
         ours = decode_reference(data, objects).grid.tolist()

@@ -19,7 +19,7 @@ from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
 FAR = 2.0**20
-"""Where float32 numbers are an eighth apart."""
+"""A coordinate at which neighbouring float32 numbers differ by an eighth."""
 
 POINTS = FAR + np.random.default_rng(7).uniform(0, 4, size=(5, 30, 3))
 

@@ -29,7 +29,7 @@ def clip() -> ArraySequence:
 
 
 FORGETFUL = DecodeLimits(max_kept=1)
-"""With these every call reads and decodes again."""
+"""Limits with which every call reads and decodes again."""
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,7 @@ def points_only(rest: Int64Array) -> MeshObject:
 
 
 def expanded(basis: SpaceBasis, coefficients: Float64Array) -> Float64Array:
-    """What coefficients (functions, channels) of orthonormal functions are on the vertices, (vertices, channels)."""
+    """Return the values of coefficients (functions, channels) at the vertices, (vertices, channels)."""
     return basis.project(np.eye(basis.order.size)).T @ coefficients
 
 

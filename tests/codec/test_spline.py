@@ -19,7 +19,7 @@ from tests.support.section_files import evaluator_of
 
 @cache
 def functions_of_one_frame(frames: int) -> bytes:
-    """As many functions of time as there are frames, each 1 at one frame and 0 at all others, as TIME has them.
+    """Encode functions of time that are each 1 at one frame and 0 at all others, one for each frame.
 
     They are straight lines: what is coded is how their speeds change, in sixteenths.
     """

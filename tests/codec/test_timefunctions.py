@@ -26,7 +26,7 @@ from spec.decoder.timefunctions import read_time_functions
 Make = Callable[[int, int], Float64Array]
 
 LARGEST_ERROR = 0.6
-"""Of a number, in steps: fractions below are rounded down."""
+"""Largest rounding error of a number [steps]: fractions below it are rounded down."""
 
 
 def assert_decodes(data: bytes, decoded: Float64Array, step: float) -> None:

@@ -32,7 +32,7 @@ CORE_LAYERS = (
     *("core/base", "core/entropy", "core/linalg", "core/mesh", "core/text", "core/simulate"),
     *("core/sections", "core/decode/evaluate", "core/decode", "core/encode", "core/bindings", "core/tests"),
 )
-"""The same for the core."""
+"""Folders of the core: each may include from itself and from those before it."""
 
 INSTALLED_INSIDE = ("batch", "cli", "formats", "player", "report", "research")
 """Folders at the root that are installed in the package `pdecodec`."""

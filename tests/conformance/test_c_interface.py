@@ -25,7 +25,7 @@ MISUSE = ROOT / "core" / "tests" / "misuse.c"
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where `cmake --install` has put the library."""
+    """Return the folder where `cmake --install` has put the library."""
     builds = [path.parent for path in ROOT.glob("build/cp*/build.ninja")]
     if not builds or shutil.which("cmake") is None:
         pytest.skip("the core is not built here, or cmake is not in the path")
@@ -38,7 +38,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*command: str | Path, **environment: str | Path) -> str:
-    """What a command writes to standard output; `environment` is added to that of this process."""
+    """Run a command with additional `environment`; return its standard output."""
     added = {name: os.fspath(value) for name, value in environment.items()}
     done = subprocess.run(command, env=os.environ | added, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

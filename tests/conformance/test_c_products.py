@@ -118,7 +118,7 @@ def opened(installed: Path, data: bytes, run: int | None = None) -> Iterator[Ope
 
 
 def correction_at(file: OpenFile, frame: int) -> Float64Array:
-    """What all vertices lack at a frame, (vertices, 3)."""
+    """Return the corrections of all vertices at a frame, (vertices, 3)."""
     index = next(i for i, own in enumerate(file.groups) if own.first_frame + own.frame_count > frame)
     added = np.zeros((file.vertices, 3))
     for row in file.corrections(index):
@@ -129,7 +129,7 @@ def correction_at(file: OpenFile, frame: int) -> Float64Array:
 
 
 def product(file: OpenFile, times: Float64Array, quantity: int, time: float) -> tuple[Float64Array, float]:
-    """What the header says that a quantity at a time is, (vertices, 3), and the largest of what is added up."""
+    """Compute a quantity at a time as the header describes, (vertices, 3), and the largest term of its sums."""
     found, largest = np.zeros((file.vertices, 3)), 0.0
     for index in file.groups_at(quantity, time):
         fields, weights = file.fields(index), file.weights(quantity, time, index)

@@ -39,7 +39,7 @@ PROCESSORS: dict[str, dict[str, str]] = {
         "PDECODEC_THREADS": "1",
     },
 }
-"""What has libraries choose as they do there. A processor that has less goes on with what it has."""
+"""Environment variables that make libraries choose code for another processor, as far as this one supports it."""
 
 ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("waves", {"profile": "paper"}),
@@ -54,7 +54,7 @@ ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
 """Clips and settings. Other last bits change few coefficients of a clip: these have so many that some would."""
 
 SCENES = ("cloth",)
-"""Of the simulator's scenes those that take no sine of the C library: its last bits are the processor's."""
+"""Scenes of the simulator that use no sine of the C library, whose last bits depend on the processor."""
 
 SCRIPT = """
 from tests.conformance.test_every_processor import print_digests
@@ -128,7 +128,7 @@ def print_digests() -> None:
 
 
 def digests_on(processor: str) -> str:
-    """What `print_digests` prints in a process of its own."""
+    """Return what `print_digests` prints in a separate process."""
     root = Path(__file__).resolve().parents[2]
     environment = {**os.environ, **PROCESSORS[processor], "PYTHONPATH": str(root)}
     command = [sys.executable, "-c", SCRIPT]

@@ -104,7 +104,7 @@ def outcome(data: bytes) -> str:
 
 
 def is_sound_elsewhere(data: bytes) -> bool:
-    """Whether the plain decoder reads these bytes."""
+    """Return whether the plain decoder reads these bytes."""
     try:
         decode(data)
     except PlainCorruptFileError:

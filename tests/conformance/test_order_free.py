@@ -16,7 +16,7 @@ from spec.accepted import clip, connectivity, grid, several_objects, triangles, 
 
 
 def shuffled(sequence: ArraySequence, seed: int = 0) -> ArraySequence:
-    """The same one mesh with its vertices under other numbers."""
+    """Return the same single mesh with its vertices in random order."""
     part = sequence.connectivity
     new = np.random.default_rng(seed).permutation(part.vertex_count)
     points = np.empty_like(sequence.points)

@@ -170,7 +170,7 @@ def test_every_reason_names_a_section_of_the_specification() -> None:
 
 
 class Vector(NamedTuple):
-    """What a vector is made of."""
+    """The parts of a vector."""
 
     parts: list[Part]
     rows: list[Row]
@@ -178,7 +178,7 @@ class Vector(NamedTuple):
     attributes: list[Attribute]
 
     def chunk(self, kind: str) -> bytes:
-        """Of the first group."""
+        """Return a chunk of the first group."""
         return group_chunks(self.parts, kind)[0]
 
     def is_of(self, basis: int, *, double: bool | None = None, groups: int = 1) -> bool:

@@ -36,7 +36,7 @@ SHAPES: Mapping[str, Connectivity] = {
     "line alone": connectivity_of(4, lines=[[0, 1]]),
     "faces and lines": connectivity_of(5, faces=[[0, 1, 2]], lines=[[0, 3, 4], [1, 2], [4]]),
 }
-"""What objects are made of."""
+"""Shapes that objects can have."""
 
 FACES = ("triangles", "quads", "polygons", "odd faces")
 
@@ -79,12 +79,12 @@ ATTRIBUTES: Mapping[str, Attribute] = {
     "labels": Attribute("patch", "vertex", np.array([0, 1, 1, 0, 2], np.int32), labels=("a", "b ü", "c")),
     "wide": Attribute("wide", "vertex", np.zeros((5, 7), np.float32)),
 }
-"""What an object of a quad and a triangle may carry."""
+"""Attributes that an object of a quad and a triangle can have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Holds:
-    """What comes back of a sequence from a file of a format.
+    """What survives a round trip through a file of a format.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def _of_cache(path: str) -> dict[str, Any]:
 
 
 def _write_frames(frame: Callable[[NDArray[np.float32], Connectivity, Path], None]) -> Callable[..., None]:
-    """What writes a sequence to a pattern, given what writes one file."""
+    """Return a function that writes a sequence to a pattern, given one that writes a single file."""
 
     def write(sequence: MeshSequence, path: str) -> None:
         for number, points in zip(
@@ -255,7 +255,7 @@ _OBJ = (
 _COLORS = ("color", "color alpha", "color bytes")
 _PLY = (*_COLORS, "uv own", "uv shared")
 _OF_TWO = tuple(name for name in SHAPES if name not in ("lines that share", "faces and lines"))
-"""Of formats that tell lines from faces by their number of vertices."""
+"""Shapes for formats that tell lines from faces by their number of vertices."""
 
 _CACHE = partial(Holds, write=_write_cache, read=_of_cache, names="all", attributes=_EVERY, empty=True)
 _ONE = partial(Holds, names="one", metadata=False)

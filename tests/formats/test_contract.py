@@ -39,7 +39,7 @@ from tests.support.scene_cases import (
 from tests.support.sequence_cases import Failing, assert_same_attributes
 
 SOUP = connectivity_of(6, [[0, 1, 2], [3, 4, 5]])
-"""What every format holds: triangles that share no vertex."""
+"""A shape that every format can hold: triangles without shared vertices."""
 
 NAMES = [
     *(

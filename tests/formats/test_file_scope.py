@@ -30,7 +30,7 @@ from tests.support.exodus_files import write_exodus
 from tests.support.scene_cases import needed, scene
 
 SECRET = np.arange(12, dtype="<f4")
-"""What lies outside: the positions of four points."""
+"""Content of a file outside the folder: the positions of four points."""
 
 XDMF = """<Xdmf><Domain><Grid><Topology TopologyType="Polyvertex" NumberOfElements="4"/><Geometry>
 <DataItem Format="{form}" NumberType="Float" Precision="4" Dimensions="4 3">{place}</DataItem>

@@ -17,7 +17,7 @@ from pdecodec.mesh.sequence import ArraySequence
 from tests.support.scene_cases import machine
 
 RATE = 240
-"""At which motion between frames is compared [1/s]."""
+"""Rate at which motion between frames is compared [1/s]."""
 
 
 def write_keyed(path: Path, times: list[float], weights: list[float]) -> None:

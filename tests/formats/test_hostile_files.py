@@ -32,7 +32,7 @@ from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.scene_cases import needed
 
 MAX_SECONDS = 10
-"""Of processor time; a machine that is busy elsewhere does not count."""
+"""Limit of processor time [s]; the load of the machine does not count."""
 
 MAX_MEMORY = 2**29
 """Address space beyond what the process has [bytes]."""
@@ -114,7 +114,7 @@ BOMB = "<!DOCTYPE x [" + "<!ENTITY a0 'aaaaaaaaaa'>" + "".join(
 
 
 FILES: dict[str, tuple[str, bytes | Callable[[], bytes], str]] = {}
-"""By what is wrong: the name of the file, its bytes, and words of the error."""
+"""For each fault: the name of a file, its bytes, and words of the error message."""
 
 
 def case(name: str, what: str, data: bytes | Callable[[], bytes], words: str) -> None:

@@ -25,7 +25,7 @@ from tests.slow.fuzz.seeds import target
 from tests.support.scene_cases import scene
 
 MUTANTS = 60
-"""Of each reader."""
+"""Damaged files for each reader."""
 
 
 @pytest.mark.parametrize("reader", ["obj", "mdd", "pc2", "ply", "stl", "off", "gltf", "glb", "npz", "hdf5"])

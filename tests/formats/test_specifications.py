@@ -26,7 +26,7 @@ def attributes(clip: MeshSequence) -> set[str]:
 
 
 def has(*names: str) -> Callable[[MeshSequence], bool]:
-    """Whether objects have attributes of names and domains."""
+    """Return a check whether objects have attributes of these names and domains."""
     return lambda clip: set(names) <= attributes(clip)
 
 

@@ -153,7 +153,7 @@ def listing(path: Path) -> set[tuple[str, str]]:
 
 
 def assert_complete(path: Path) -> None:
-    """Whether the inventory has what the listing has, and the notices name all that it says is dropped."""
+    """Check that the inventory lists everything, and that notices name everything that is dropped."""
     inventory = inventory_of(path)
     items = {(item.path, item.key) for item in inventory.items}
     for held in listing(path):

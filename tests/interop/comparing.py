@@ -13,7 +13,7 @@ from pdecodec.mesh.sequence import ArraySequence
 from tests.interop.viewers import Seen
 
 WEIGHT_BETWEEN = 0.01
-"""Of places between frames where points are told from each other: programs turn parts there, which ours do not."""
+"""Weight of positions between frames in matching points: other programs turn parts there, our positions do not."""
 
 
 SAME_PLACE = 1e-3

@@ -58,7 +58,7 @@ GLB_VARIANTS = {
 MEGABYTE = 1e6
 
 MAX_FRAMES = 48
-"""Of each clip; with all of them programs take hours to take in a target a frame."""
+"""Frames per clip; with all frames, programs take hours to import the targets."""
 
 
 def main(target: Path, chosen: Sequence[str]) -> None:

@@ -35,7 +35,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a program shows of the meshes of a file, Y-up.
+    """The meshes of a file as a program shows them, Y-up.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def failure(reason: str) -> Seen:
 
 
 def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
-    """What Blender shows; why there is none where it is not here."""
+    """Return what Blender shows, or the reason if it is missing."""
     python = os.environ.get("PDECODEC_BLENDER")
     if not python:
         return "Blender is not here; set PDECODEC_BLENDER to a Python that has the package bpy"
@@ -104,7 +104,7 @@ def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
 
 
 def three_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
-    """What three.js shows of glTF files; why there is none where it is not here."""
+    """Return what three.js shows of glTF files, or the reason if it is missing."""
     try:
         played = play([(job.path, job.times) for job in jobs], folder / "profile", draw=False)
     except pytest.skip.Exception as reason:
@@ -121,7 +121,7 @@ def three_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
 
 
 def openusd_shows(jobs: Sequence[Job]) -> list[Seen] | str:
-    """What OpenUSD says of the meshes of its files, by itself."""
+    """Return what OpenUSD itself reads of the meshes of its files."""
     try:
         from pxr import Usd, UsdGeom, UsdShade
     except ModuleNotFoundError:

@@ -151,7 +151,7 @@ def test_motion_of_one_degree_of_freedom_costs_a_component_whatever_the_frames(b
 
 
 def two_limbs(frames: int = 20) -> Float32Array:
-    """As many vertices as SHEET: half of the columns stand, half turn about an axis by two turns and drift."""
+    """Return as many vertices as SHEET has: half of the columns stay, half make two turns about an axis and drift."""
     limb = wave(1)[0].astype(np.float64).reshape(ROWS, COLUMNS, 3)
     turned = np.repeat(limb[None], frames, axis=0)
     angles, half = np.linspace(0.0, 4.0 * np.pi, frames), limb[:, COLUMNS // 2 :]
@@ -328,7 +328,7 @@ def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded() -> None:
 
 
 def numbers_of(quantised: object) -> dict[str, object]:
-    """What a transform rounded, by name; what stands in a part of it with that part's name before."""
+    """Return the numbers that a transform rounded, by name; names of nested parts are prefixes."""
     found: dict[str, object] = {}
     for name, value in vars(quantised).items():
         parts = numbers_of(value) if dataclasses.is_dataclass(value) else {"": value}

@@ -350,7 +350,7 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
 
 @pytest.fixture(scope="module")
 def rope() -> Rope:
-    """Of the paper's size."""
+    """Return a rope of the paper's size."""
     return simulate_rope(RopeSettings())
 
 

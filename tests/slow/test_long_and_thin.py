@@ -61,11 +61,11 @@ CLIPS: dict[str, tuple[Callable[[int], MeshSequence], tuple[int, int], tuple[int
     "objects": (many_objects, (40, 160), (1000, 10_000)),
     "runs": (many_runs, (10, 40), (1000, 10_000)),
 }
-"""What makes a clip of a size; two sizes to count calls of, and two to measure."""
+"""Functions that make a clip of a size, with two sizes to count calls and two to measure."""
 
 
 def steps(clip: MeshSequence, folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """What is done with a clip, by name and in order."""
+    """Yield the operations on a clip, by name and in order."""
     path, other = folder / "clip.pdeanim", folder / "other.pdeanim"
     frames = clip.frame_count
 

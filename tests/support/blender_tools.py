@@ -58,10 +58,9 @@ print("FOUND " + json.dumps(found))
 
 
 def seen_by_blender(path: Path, frames: Sequence[float]) -> list[dict[str, Any]]:
-    """What Blender shows at frames of its timeline, 24 a second: of each mesh points, corners, sizes, normals,
-    materials of faces and colours of corners.
+    """Return what Blender shows at frames of its timeline, at 24 per second.
 
-    Blender has Z up: a point (x, y, z) of a Y-up file is (x, -z, y) there.
+    The result has points, corners, sizes, normals, materials of faces and colours of corners of each mesh.
     """
     python = os.environ.get("PDECODEC_BLENDER")
     if not python:

@@ -21,7 +21,7 @@ PATIENCE = 120
 
 
 def node_modules() -> Path:
-    """Where gltf-validator and three are: PDECODEC_NODE_MODULES, or next to the scripts."""
+    """Return the folder with gltf-validator and three: PDECODEC_NODE_MODULES, or next to the scripts."""
     folder = Path(os.environ.get("PDECODEC_NODE_MODULES", BROWSER / "node_modules"))
     if shutil.which("node") is None:
         pytest.skip("node is not here")
@@ -29,7 +29,7 @@ def node_modules() -> Path:
 
 
 def gltf_issues(path: Path) -> dict[str, Any]:
-    """What Khronos' validator says of a file."""
+    """Return the report of Khronos' validator on a file."""
     folder = node_modules()
     if not (folder / "gltf-validator").is_dir():
         pytest.skip("gltf-validator is not here; npm install --prefix tests/browser")

@@ -49,7 +49,7 @@ def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], objec
 
 
 def place_in_run(data: bytes, run: int, kind: str) -> tuple[int, int]:
-    """Where a section of a run of a file of runs stands: offset and length."""
+    """Return offset and length of a section of a run in a file of runs."""
     parts = take_apart(data)
     kinds = [part.kind for part in parts]
     offset = table_end(parts) + sum(len(part.content) for part in parts[: kinds.index("RDAT")])

@@ -10,7 +10,7 @@ from spec.decoder import animation as independent
 
 
 def assert_same(other: independent.Animation, mine: Animation, times: list[float]) -> None:
-    """What both decode is the same, positions within the margin of the specification."""
+    """Check that two decoders agree, and that positions differ by at most the margin of the specification."""
     assert other.times == mine.times.tolist()
     assert other.fps == mine.fps
     for mesh, item in zip(other.meshes, mine.objects, strict=True):

@@ -43,7 +43,7 @@ class Browser:
         self.call("POST", "/url", {"url": address})
 
     def run(self, script: str, *arguments: object) -> Any:
-        """What a script returns, or what the promise that it returns comes to."""
+        """Run a script; return its result, or that of its promise."""
         waiting = (
             "const done = arguments[arguments.length - 1]; const given = [...arguments].slice(0, -1);"
             "(async (...arguments_) => {" + script + "})(...given)"
@@ -67,7 +67,7 @@ class Browser:
         return base64.b64decode(self.call("GET", "/screenshot"))
 
     def errors(self) -> list[str]:
-        """What was logged as an error."""
+        """Return the logged errors."""
         entries = self.call("POST", "/se/log", {"type": "browser"})
         return [entry["message"] for entry in entries if entry["level"] == "SEVERE"]
 

@@ -30,7 +30,7 @@ def of_frames(frames: list[tuple[list[int], list[list[int]]]], raw: Raw) -> Resi
 
 
 def none_of(frames: int) -> Residuals:
-    """Of a group whose frames all keep the bound."""
+    """Return the residuals of a group whose frames all keep the bound."""
     return of_frames([([], [])] * frames, {})
 
 

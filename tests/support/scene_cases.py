@@ -82,7 +82,7 @@ OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 
 def volume(sequence: MeshSequence, frame: int = 0) -> float:
-    """What triangles enclose at a frame; negative where they are inside out."""
+    """Return the volume that triangles enclose at a frame; negative if they are inside out."""
     corners = sequence.connectivity.face_indices.reshape(-1, 3)
     return float(np.linalg.det(sequence.read_frames(frame, frame + 1)[0][corners].astype(np.float64)).sum() / 6)
 
@@ -103,7 +103,7 @@ def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
 
 
 def assert_lawful(path: str | Path) -> None:
-    """Whether a file keeps the rules of USD's checker, or of Khronos' validator of glTF, which may skip: ask last."""
+    """Check a file with USD's checker or Khronos' validator of glTF; call this last, because it may skip the test."""
     if ".usd" in str(path):
         assert broken_rules(Path(path)) == []
     if ".gl" in str(path):
@@ -159,7 +159,7 @@ def assert_same_connectivity(mine: Connectivity, other: Connectivity) -> None:
 
 
 def assert_has_attributes(mine: MeshObject, attributes: Sequence[Attribute], *, error: float = 0) -> None:
-    """By name, in any order."""
+    """Compare attributes by name, in any order."""
     found = {one.name: one for one in mine.attributes}
     for expected in attributes:
         one = found[expected.name]
@@ -171,7 +171,7 @@ def assert_has_attributes(mine: MeshObject, attributes: Sequence[Attribute], *, 
 
 
 def meaning_of(attribute: Attribute) -> NDArray[Any]:
-    """What an attribute says of each element of its domain: labels as text, integer colours over 255."""
+    """Return the value of each element of an attribute: labels as text, integer colours divided by 255."""
     values = expanded(attribute)
     if attribute.labels:
         return np.array([attribute.labels[row] if row >= 0 else "" for row in values])

@@ -17,7 +17,7 @@ import numpy as np
 PACKAGE = Path(__file__).resolve().parents[2] / "spec" / "decoder"
 
 EXACT = {"read_sequence", "predicted", "Prediction", "in_order"}
-"""Where the specification wants every operation rounded as it is written (19)."""
+"""Functions in which the specification rounds every operation as written (19)."""
 
 FUNCTIONS = {"sqrt", "cos", "sum", "cumsum", "prod"}
 OPERATORS = ast.Add | ast.Sub | ast.Mult | ast.Div | ast.Pow
@@ -145,7 +145,7 @@ def decoder(shake: Shake | None, exempt: set[str] = EXACT) -> Iterator[dict[str,
 
 
 def trace(modules: dict[str, ModuleType]) -> list[tuple[int, int]]:
-    """What the decoder's range coders read from now on: each bit, and the probability it was read with."""
+    """Record the bits that the decoder's range coders read from now on, each with its probability."""
     read: list[tuple[int, int]] = []
     coder = modules["rangecoder"].RangeDecoder
     bit_with = coder.bit_with

@@ -34,7 +34,7 @@ QUIET = (
 
 @dataclass(frozen=True, eq=False)
 class PlayedMesh:
-    """What three.js makes of a primitive.
+    """A primitive as three.js draws it.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, *arguments: Any) -> None:
-        """Nothing: pytest's output is for tests."""
+        """Log nothing: pytest's output is for tests."""
 
 
 def play(

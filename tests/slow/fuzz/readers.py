@@ -38,7 +38,7 @@ MAX_MEMORY = 2**31
 """Address space beyond what the process has at first: more is a MemoryError, and a finding."""
 
 MAX_SECONDS = 10
-"""Of processor time, for one file of some kilobytes."""
+"""Limit of processor time for one file of some kilobytes [s]."""
 
 MAX_WAITED_SECONDS = 300
 """Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
@@ -47,7 +47,7 @@ MAX_ISOLATED_MEMORY = 6 * 2**30
 """Address space of the process that opens a file in isolation, so that no file takes the memory of the machine."""
 
 MAX_POSITIONS = 10**6
-"""Of which frames are read: a file may declare more than it has."""
+"""Largest number of positions that are read: a file may declare more than it has."""
 
 
 class TooSlowError(Exception):

@@ -41,7 +41,7 @@ class Seed:
 
 @dataclass(frozen=True)
 class Target:
-    """What is fuzzed of one reader."""
+    """A reader to fuzz, and its seeds."""
 
     seeds: tuple[Seed, ...]
     mutate: Mutation
