@@ -193,7 +193,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(clips: Path) -> None:
 
 
 def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -> None:
-    """A run leaves such an output if it is killed between writing the record of new options and moving the file to its place."""
+    """A run leaves it if it is killed between writing the record of new options and moving the file to its place."""
     assert done(clips / "a.npz", "out", tolerance=1e-2).state == "done"
     old = Path("out/a.pdeanim").read_bytes()
     assert done(clips / "a.npz", "out").state == "done"
