@@ -100,6 +100,22 @@ def test_a_looser_bound_never_takes_more_bytes(make: Callable[[], ArraySequence]
     assert sizes == sorted(sizes)
 
 
+@pytest.mark.parametrize(
+    ("scene", "frames", "shape", "tolerances"),
+    [
+        ("cube-rope", 60, {"rings": 96, "sides": 8}, 6),
+        ("cube-rope", 24, {"rings": 96, "sides": 8}, 8),
+        ("cloth", 40, {"columns": 12, "rows": 12}, 16),
+    ],
+)
+def test_of_tolerances_close_to_each_other_the_looser_takes_at_most_a_hundredth_more(
+    scene: str, frames: int, shape: dict[str, int], tolerances: int
+) -> None:
+    clip = build(scene, **shape).simulate(frames=frames)
+    sizes = [encode(clip, tolerance=0.1 * 0.8**k).file_bytes for k in range(tolerances)]
+    assert all(size <= 1.01 * min(sizes[k:]) for k, size in enumerate(sizes)), sizes
+
+
 def test_what_nodes_keep_counts_where_the_motion_takes_next_to_nothing() -> None:
     rope = build("cube-rope").simulate(frames=12)
     loose, closer = (encode(rope, tolerance=tolerance, effort="fast") for tolerance in (0.06, 0.04))

@@ -261,13 +261,6 @@ class GroupFitter:
             other._displacements["first"] = self._displacements["first"]
         return other
 
-    def at_bound(self, bound: float, residual_step: float) -> GroupFitter:
-        """The same with another bound: steps stay multiples of the unit that they were."""
-        other = self._with(self.points, self.times, self._reference, self._first)
-        other.bound, other.residual_step = bound, residual_step
-        other._displacements = self._displacements
-        return other
-
     def _with(
         self, points: Float32Array, times: Float64Array, reference: Float64Array, first: Float32Array
     ) -> GroupFitter:

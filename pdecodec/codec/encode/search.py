@@ -10,6 +10,7 @@ looked at is also what it tells (:class:`pdecodec.codec.encode.report.Question`)
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -35,6 +36,12 @@ from pdecodec.system.shares import side_by_side
 GROUP_BITS = 8 * 32
 """What a group costs besides its chunks: its entry in section GRUP."""
 
+DESCRIPTION_BITS: dict[TimeFunctions, int] = {"trajectories": 8 * 24, "shapes": 8 * 24, "poses": 8 * 24, "cosines": 0}
+"""What a file takes to describe functions of time: their step and size in section GRUP, and words in the remarks."""
+
+ESTIMATE_NOISE_BITS = 8 * 8
+"""A step that is estimated to save less is no better: where motion takes next to nothing, a sample misses residuals."""
+
 EFFORT_BITS = 8.0 * 16
 """What it takes at most to say in a file that it was made with more effort."""
 
@@ -51,7 +58,8 @@ Item = TypeVar("Item")
 def keep_close(items: Iterable[Item], cost: Callable[[Item], float], ratio: float) -> list[Item]:
     """Return the items that cost at most `ratio` times the least, by rising cost: the search's one way to prune."""
     ordered = sorted(items, key=cost)
-    return [item for item in ordered if cost(item) <= ratio * cost(ordered[0])]
+    most = ratio * cost(ordered[0]) if math.isfinite(ratio) else ratio  # that costs may be zero
+    return [item for item in ordered if cost(item) <= most]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,22 +120,18 @@ class GroupSearch:
         """Return the temporal bases and origins that are worth tuning: the best ones with the steps of `usual`."""
         if not self.fitter.moves:
             return [usual]
-        found = [replace(usual, origin=origin) for origin in origins]
-        if self.fitter.is_large:  # other bases from the better origin alone
-            self.look(found)
-            found = keep_close(found, self.bits, self._tuning.untuned_exit_ratio)
-            origins = (found[0].origin,)
-        found.extend(
-            replace(usual, time=time, origin=origin)
-            for origin in origins
-            for time in TIME_FUNCTIONS
-            if time != "poses" or self.fitter.displacements(origin).has_poses
-        )
-        found = list(dict.fromkeys(found))
-        self.look(found)
-        if not self.fitter.is_large:
-            return sorted(found, key=self.bits)
-        return list(dict.fromkeys((found[0], *keep_close(found, self.bits, self._tuning.untuned_exit_ratio))))
+        ratio = self._tuning.untuned_exit_ratio
+        starts = [replace(usual, origin=origin) for origin in origins]
+        self.look(starts)
+        starts = keep_close(starts, self.bits, ratio)
+        has_poses = self.fitter.displacements(starts[0].origin).has_poses
+        kinds = [replace(starts[0], time=time) for time in TIME_FUNCTIONS if time != "poses" or has_poses]
+        self.look(kinds)
+        best = min(kinds, key=self.bits)
+        others = [replace(best, origin=start.origin) for start in starts[1:]]
+        self.look(others)
+        close = keep_close(dict.fromkeys([*starts, *kinds, *others]), self.bits, ratio)
+        return list(dict.fromkeys((starts[0], *close))) if self.fitter.is_large else close
 
     def choose(self, candidates: Sequence[Candidate]) -> ChosenGroup:
         """Walk the first candidate's step downhill; then those of others that are close with the same step."""
@@ -139,8 +143,6 @@ class GroupSearch:
         choice = min(
             [choice, *(self._walk(rival, "step", stride) for rival in close if rival in rivals)], key=self.bits
         )
-        for origin in dict.fromkeys(candidate.origin for candidate in candidates):
-            choice = min(choice, replace(choice, origin=origin), key=self.bits)
         return self.chosen(choice)
 
     def tune(self, choice: Candidate) -> ChosenGroup:
@@ -172,7 +174,7 @@ class GroupSearch:
         for choice in choices:
             self._counter.prepare(choice)
         bits = side_by_side(*(partial(self._counter.bits, choice) for choice in choices))
-        return dict(zip(choices, bits, strict=True))
+        return {item: some and some + DESCRIPTION_BITS[item.time] for item, some in zip(choices, bits, strict=True)}
 
     def bits(self, choice: Candidate) -> float:
         """Return what a candidate takes."""
@@ -187,10 +189,10 @@ class GroupSearch:
             return replace(choice, **changes)  # type: ignore[arg-type]  # of a number among others
 
         self.look([neighbour(start, 1), start, neighbour(start, -1)])
-        best = start
+        best, least_gain = start, ESTIMATE_NOISE_BITS if self.fitter.is_large else 0
         for way in (1, -1):
             here = start
-            while self.bits(beyond := neighbour(here, way)) < self.bits(here):
+            while self.bits(beyond := neighbour(here, way)) < self.bits(here) - least_gain:
                 here = beyond
             best = min(best, here, key=self.bits)
         return best
@@ -248,7 +250,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
         parts.append(part.choose(part.candidates(like, (usual.origin,))))
         part.fitter.put_aside()
     together = sum(part.bits + GROUP_BITS for part in parts)
-    if tuning.untuned_exit_ratio * bits < whole.bits:
+    if tuning.early_exit_ratio * bits < whole.bits:
         costs, group = (whole.bits * together / bits, together), None
     else:
         group = search.choose(choices)
@@ -272,7 +274,7 @@ def _division(search: GroupSearch, whole: _Untuned, usual: Candidate) -> tuple[f
 
     Halves are divided further only where they cost little more than the whole.
     """
-    frames, ratio = search.fitter.frames, search.fitter.tuning.untuned_exit_ratio
+    frames, ratio = search.fitter.frames, search.fitter.tuning.early_exit_ratio
     middle = frames // 2
     if middle < search.fitter.tuning.shortest_group:
         return whole.bits, [frames]
@@ -289,7 +291,7 @@ def _untuned(search: GroupSearch, usual: Candidate, kinds: tuple[TimeFunctions, 
     """Return what a group takes in some temporal bases, with usual steps."""
     choices = [replace(usual, time=time) for time in kinds]
     search.look(choices)
-    close = keep_close(choices, search.bits, search.fitter.tuning.untuned_exit_ratio)
+    close = keep_close(choices, search.bits, search.fitter.tuning.early_exit_ratio)
     return _Untuned(search.bits(close[0]) + GROUP_BITS, tuple(choice.time for choice in close))
 
 
@@ -409,9 +411,7 @@ class ModelSearch:
     def run(self, look: FirstLook | None = None) -> FinishedModel:
         """Return the reference frame, spatial basis and first groups that cost least together.
 
-        Of a small clip those too that tighter bounds have: a search that stops at the first step that does not pay
-        finds something else at every bound, and a looser one should not cost more. Nor should more effort, to which
-        what less effort finds is therefore another candidate.
+        More effort should not cost more bytes: what less effort finds is another candidate.
 
         Parameters
         ----------
@@ -420,12 +420,10 @@ class ModelSearch:
         """
         if self._is_by_rule:
             return self._by_rule(look)
+        if self._is_tiny and self.tuning.restart_gain:
+            tuning = replace(self.tuning, untuned_exit_ratio=math.inf, restart_gain=0.0)
+            return replace(self, tuning=tuning).run()
         found = [self._for_this_bound()]
-        if self._positions <= self.tuning.small_clip_positions:
-            moves = any(group.fitter.moves for group in found[0].groups)
-            for ratio in self.tuning.tighter_bounds if self.unit == self.bound and moves else ():
-                steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
-                found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         if self.tuning.compared_effort:
             other = TUNINGS[self.tuning.compared_effort]
             found.append(replace(replace(self, tuning=other).run(), effort=self.tuning.compared_effort))
@@ -503,15 +501,6 @@ class ModelSearch:
         finer = usual + 2  # steps are halves and thirds of halves
         return self._quantised(steps[finer]) if finer < len(steps) else None
 
-    def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
-        """Return a model of a tighter bound with the residuals that this one leaves."""
-        groups = []
-        for group in model.groups:
-            fitter = group.fitter.at_bound(self.bound, self.residual_step)
-            fitted = fitter.fitted(model.basis, group.fitted.entry, group.fitted.quantised, group.fitted.time_functions)
-            groups.append(replace(group, fitter=fitter, fitted=fitted))
-        return replace(model, groups=groups)
-
     def _for_this_bound(self) -> FinishedModel:
         """Search reference frame, spatial basis and groups, tune their steps, and fit them in full."""
         steps, usual = self._reference_steps()
@@ -569,29 +558,35 @@ class ModelSearch:
             # One pose keeps the bound: of a coarser one, which does not, motion would be made that there is none of.
             start -= sum(step > self.unit for step in steps)
             steps = [step for step in steps if step <= self.unit]
-        beside = [steps[start + way] for way in (1, -1) if 0 <= start + way < len(steps)]
         for group in usual.groups:
             group.fitter.prepare(group.choice)  # from which those of other reference frames follow
-        found = side_by_side(*(partial(self._with_other_reference, usual, step) for step in beside))
-        tried = dict(zip(beside, found, strict=True))
-        costs, patience = {usual.reference.coded_step: self._cost(usual)}, 1 if self._is_large else SMALL_MESH_PATIENCE
-        best = usual
+        costs, best = {usual.reference.coded_step: self._cost(usual)}, usual
+        # The bits of the reference frame are what another one can save at most.
+        most = self._cost(usual) + self._share_of(self.references.data(usual.reference))
+        patience: float = 1 if self._is_large else SMALL_MESH_PATIENCE
+        if self._is_tiny:
+            patience = most = math.inf
         for direction in (1, -1):
             index, behind = start + direction, 0
             while 0 <= index < len(steps) and behind < patience:
-                step = steps[index]
-                model = tried[step] if step in tried else self._with_other_reference(usual, step)
-                costs[step] = self._cost(model)
-                behind += 1
-                if costs[step] < costs[best.reference.coded_step]:
+                model = self._with_other_reference(usual, steps[index])
+                costs[steps[index]] = cost = self._cost(model)
+                index, behind = index + direction, behind + 1
+                if cost > most:
+                    break
+                if cost < self._cost(best):
                     best, behind = model, 0
-                index += direction
-            if best is not usual:
+            if best is not usual and not self._is_tiny:
                 break
         names = {step: f"{step / self.bound:.3g} bounds" for step in sorted(costs)}
         ways = {names[step]: costs[step] for step in names}
         question = ask("step of the reference frame", len(self.points), ways, names[best.reference.coded_step])
         return replace(best, questions=(*best.questions, question))
+
+    @property
+    def _is_tiny(self) -> bool:
+        """Whether a full search takes so little time that nothing is pruned."""
+        return self.tuning.searches_small_references and self._positions <= self.tuning.small_clip_positions
 
     @property
     def _is_large(self) -> bool:
@@ -654,7 +649,8 @@ class ModelSearch:
 
         def moved(group: ChosenGroup) -> ChosenGroup:
             fitter = group.fitter.from_reference(reference.points)
-            return GroupSearch(fitter, basis, group.search).chosen(group.choice)
+            search = GroupSearch(fitter, basis, group.search)
+            return search.choose([group.choice]) if self._is_tiny else search.chosen(group.choice)
 
         groups = side_by_side(*(partial(moved, group) for group in model.groups))
         return replace(model, reference=reference, basis=basis, groups=groups)

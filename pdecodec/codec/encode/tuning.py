@@ -56,9 +56,9 @@ class Tuning:
         Root mean square error that a step chosen without a search leaves: `mean_error` plus `mean_error_of_dense` times
         the root of the coefficients per position.
     early_exit_ratio : float
-        Cost over the best candidate's beyond which a candidate is dropped.
+        Cost over the best one's beyond which a candidate or division is dropped.
     untuned_exit_ratio : float
-        Cost over the best one's beyond which a candidate or division at the usual steps is dropped.
+        The same for temporal bases and origins, before steps are walked and a spatial basis is chosen.
     bits_worth_dividing : float [bits per position]
         Cost below which a group is not divided.
     divides_groups : bool
@@ -80,9 +80,7 @@ class Tuning:
     searched_positions : float [positions]
         Largest clip that is searched; larger ones are encoded by rule.
     small_clip_positions : int [positions]
-        Clips up to this size are encoded within `tighter_bounds`, too.
-    tighter_bounds : tuple of float
-        How many times tighter bounds are, whose models are candidates: a looser bound then takes no more bytes.
+        Largest clip that is searched in full: every step of the reference frame, no candidate dropped early.
     sample_vertices : int [vertices]
         Smallest sample of an estimate.
     sample_share : float
@@ -133,7 +131,7 @@ class Tuning:
     mean_error: float = 0.3
     mean_error_of_dense: float = 0.4
     early_exit_ratio: float = 1.02
-    untuned_exit_ratio: float = 1.1
+    untuned_exit_ratio: float = 1.25
     bits_worth_dividing: float = 0.65
     divides_groups: bool = True
     shortest_group: int = 8
@@ -147,7 +145,6 @@ class Tuning:
     residual_share: float = 0.35
     searched_positions: float = float("inf")
     small_clip_positions: int = 2**16
-    tighter_bounds: tuple[float, ...] = (1.1, 1.21)
     sample_vertices: int = 1024
     sample_share: float = 1 / 8
     sample_part: int = 128
@@ -179,7 +176,6 @@ TUNINGS: dict[EffortName, Tuning] = {
         searches_small_references=False,
         divides_groups=False,
         refining_passes=(),
-        tighter_bounds=(),
         searched_positions=2**19,
     ),
     "default": Tuning(),
