@@ -36,8 +36,8 @@ from pdecodec.system.shares import side_by_side
 GROUP_BITS = 8 * 32
 """What a group costs besides its chunks: its entry in section GRUP."""
 
-DESCRIPTION_BITS: dict[TimeFunctions, int] = {"trajectories": 8 * 24, "shapes": 8 * 24, "poses": 8 * 24, "cosines": 0}
-"""What a file takes to describe functions of time: their step and size in section GRUP, and words in the remarks."""
+TIME_STEP_BITS = 8 * 8
+"""What the step of stored functions of time takes in section GRUP; cosines have none."""
 
 ESTIMATE_NOISE_BITS = 8 * 8
 """A step that is estimated to save less is no better: where motion takes next to nothing, a sample misses residuals."""
@@ -174,7 +174,10 @@ class GroupSearch:
         for choice in choices:
             self._counter.prepare(choice)
         bits = side_by_side(*(partial(self._counter.bits, choice) for choice in choices))
-        return {item: some and some + DESCRIPTION_BITS[item.time] for item, some in zip(choices, bits, strict=True)}
+        return {
+            choice: some and some + (0 if choice.time == "cosines" else TIME_STEP_BITS)
+            for choice, some in zip(choices, bits, strict=True)
+        }
 
     def bits(self, choice: Candidate) -> float:
         """Return what a candidate takes."""
