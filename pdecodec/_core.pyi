@@ -70,18 +70,24 @@ def encode_reference(
     grid: Int64Array,
     weights: Int32Array | None,
     points: Int32Array,
+    ties: Int32Array,
 ) -> CodedReference:
-    """`weights`, `points`: how the frame is smoothed, or None and nothing."""
+    """`weights`, `points`: how the frame is smoothed, or None and nothing. `ties`: empty if no vertices are tied."""
 
 def smooth_reference(
-    starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array, wanted: NDArray[np.float64]
+    starts: Int64Array,
+    vertex: Int32Array,
+    faces: int,
+    grid: Int64Array,
+    wanted: NDArray[np.float64],
+    ties: Int32Array,
 ) -> Smoothing | None:
     """Nothing where the frame would hardly come nearer to the coordinates that are wanted [steps], (vertices, 3)."""
 
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
-) -> Int64Array:
-    """Grid coordinates, (vertices, 3), in 1/64 steps where the predictor smooths."""
+) -> tuple[Int64Array, Int32Array]:
+    """Grid coordinates, (vertices, 3), in 1/64 steps where the predictor smooths; and ties, empty without any."""
 
 def encode_attributes(
     parts: Sequence[Part],
@@ -341,8 +347,8 @@ class Patches:
 
     Attributes
     ----------
-    order : (vertices,) int32
-        Vertices of the mesh, patch after patch.
+    order : (points,) int32
+        Vertices of the mesh, patch after patch, but for those that are tied to others.
     starts : (patches + 1,) int64
         Patch p holds ``order[starts[p]:starts[p + 1]]``.
     begins : (nodes,) int64
@@ -365,8 +371,10 @@ class Patches:
     def node_of(self) -> Int64Array: ...
 
 def early_patches(objects: Sequence[Part], points: int) -> Patches | None: ...
-def build_patches(objects: Sequence[Part], grid: Int64Array, points: int, early: Patches | None) -> Patches: ...
-def cut_curves(order: Int32Array, starts: Int64Array, points: int) -> Patches: ...
+def build_patches(
+    objects: Sequence[Part], grid: Int64Array, points: int, ties: Int32Array, early: Patches | None
+) -> Patches: ...
+def cut_curves(order: Int32Array, starts: Int64Array, points: int, ties: Int32Array) -> Patches: ...
 
 class Subbands(NamedTuple):
     """Functions of space as they are coded together (core/sections/spatial/space_layout.hpp)."""
@@ -570,12 +578,13 @@ class DecodedAttribute(NamedTuple):
     labels: tuple[str, ...]
 
 class Reference(NamedTuple):
-    """The reference frame: grid coordinates, origin and step; whether it is smoothed."""
+    """The reference frame: grid coordinates, origin and step; whether it is smoothed; ties, empty without any."""
 
     grid: Int64Array
     origin: tuple[float, float, float]
     step: float
     is_smoothed: bool
+    ties: Int32Array
 
 class FieldGroup(NamedTuple):
     """Consecutive frames of a field, and their chunk (core/decode/stored_fields.hpp)."""
@@ -643,6 +652,8 @@ class Animation:
     def connectivity(self) -> list[FacesAndLines]: ...
     def attributes(self) -> list[list[DecodedAttribute]]: ...
     def reference(self) -> Reference: ...
+    @property
+    def ties_vertices(self) -> bool: ...
     def remarks(self) -> bytes: ...
     def coefficients(self, group: int) -> Float64Array: ...
     def evaluate(self, quantity: int, times: Float64Array, object: int | None, out: Float32Array) -> None: ...

@@ -229,6 +229,21 @@ def soup(frames: int = 6, rows: int = 4, columns: int = 5) -> ArraySequence:
     return clip(wave(frames, rows, columns)[:, corners], connectivity(corners.size, faces))
 
 
+def partly_tied() -> ArraySequence:
+    """A soup of two objects and of loose points; two quads of the soup part, one of them with what lies on it."""
+    soup_points, points = soup(7, 4, 6).points, np.zeros((7, 5, 3))
+    own = soup(7, 4, 6).objects[0].connectivity
+    points[:, [0, 3]], points[:, 1:3] = soup_points[:, [0]], 9.0
+    joined = np.concatenate([soup_points, points, soup_points[:, 20:28]], axis=1)
+    end = own.vertex_count
+    joined[3:, 8:12] += [0, 0, 0.5]
+    joined[4:, [20, 21, end + 5, end + 6]] += [0.3, 0, 0]
+    joined[2:, end + 4] -= 1.0
+    last = connectivity(8, [(0, 1, 2, 3), (4, 5, 6, 7)])
+    objects = [MeshObject("soup", own), MeshObject("points", connectivity(5)), MeshObject("copy", last)]
+    return ArraySequence(joined, objects=objects)
+
+
 def two_sheets() -> ArraySequence:
     """Two separate sheets, one of them still, and a vertex without faces."""
     moving = wave(7, 4, 9)
@@ -324,6 +339,9 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "welded": (soup, Choices()),
     "smoothed": (lambda: clip(wave(5, 9, 12), grid(9, 12)), Choices(settings={"tolerance": 0.02})),
     "smoothed_across_welds": (lambda: soup(4, 8, 9), Choices(settings={"tolerance": 0.02})),
+    "tied": (lambda: soup(9, 5, 6), Choices(space=("patch", 16), settings={"tolerance": 1e-3})),
+    "tied_in_part": (partly_tied, Choices(space=("patch", 8))),
+    "closed_form_of_ties": (partly_tied, paper(tolerance=0.01)),
     "one_frame": (lambda: sheet(1, times=[1.5]), Choices()),
     "two_frames": (lambda: sheet(2), Choices()),
     "static": (lambda: clip(np.repeat(wave(1, 5, 7), 5, axis=0), grid(5, 7)), Choices()),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdecodec import ArraySequence, Attribute, MeshObject
-from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, runs_of_one_frame, wave
+from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, runs_of_one_frame, soup, wave
 from spec.sealing import (
     CHUNKS,
     Part,
@@ -177,7 +177,8 @@ def _reference(base: Base) -> Iterator[Refused]:
     for name, at, new, reason in (
         ("step_of_rest_zero", 0, _real(0.0), "a step of 0 (7.1)"),
         ("origin_beyond", 24, _real(-(2.0**161)), "an origin beyond 2^160 (7.1)"),
-        ("predictor_8", 32, b"\x08", "predictor 8 (7.1)"),
+        ("predictor_8", 32, b"\x08", "ties without welds (7.1)"),
+        ("predictor_16", 32, b"\x10", "predictor 16 (7.1)"),
     ):
         yield Refused(name, base.overwritten("REST", at, new), reason)
     yield Refused("rest_header_cut", base.section("REST", rest[:32]), "no predictor (7.1)")
@@ -273,13 +274,13 @@ def _scripts(base: Base) -> Iterator[Refused]:
     # frames.
     few, quad, one = "polygons of too few corners, or too many", counted(2) + counted(5), counted(1) + counted(2)
     nan, infinite = f"{0x7FC00000:032b}", f"{0xFF800000:032b}"
-    many, gone = "there are more residuals than there can be", "a raw vertex that is not there"
+    many, gone = "there are more residuals than there can be", "a missing raw vertex"
     for name, kind, bits, says, reason in (
         ("face_of_two_corners", "CONN", counted(2) + counted(3), "polygons of too few corners", "2 corners (5.1)"),
         ("corners_too_few", "CONN", counted(3) + counted(1) + counted(6), few, "5 corners of 2 faces (5.1)"),
         ("corners_too_many", "CONN", counted(2) + counted(1) + "1" * 31 + f"{1:031b}", few, "2^31 corners (5.1)"),
-        ("index_out_of_range", "CONN", quad + "0 000" + counted(6), "a vertex that is not there", "vertex 6 (5.2)"),
-        ("index_negative", "CONN", quad + "0 001" + counted(1), "a vertex that is not there", "vertex -1 (5.2)"),
+        ("index_out_of_range", "CONN", quad + "0 000" + counted(6), "a missing vertex", "vertex 6 (5.2)"),
+        ("index_negative", "CONN", quad + "0 001" + counted(1), "a missing vertex", "vertex -1 (5.2)"),
         (
             "surface_of_seven_vertices",
             "CONN",
@@ -291,10 +292,10 @@ def _scripts(base: Base) -> Iterator[Refused]:
             "vertex_before_the_first",
             "CONN",
             quad + "100 0" + counted(1),
-            "a vertex that is not there",
+            "a missing vertex",
             "vertex -1 (5.3.4)",
         ),
-        ("weld_before_the_first", "REST", "1" + counted(1), "a point that is not there", "an old first point (7.3)"),
+        ("weld_before_the_first", "REST", "1" + counted(1), "a missing point", "an old first point (7.3)"),
         (
             "coordinate_negative",
             "REST",
@@ -337,6 +338,9 @@ def _scripts(base: Base) -> Iterator[Refused]:
         ),
     ):
         yield Refused(name, seal(_script(base, kind, bits, says)), reason)
+    tied = take_apart(encoded(soup(3, 3, 3), Choices()))
+    raw = scripted(tied, "CORR", one + "0" + counted(1) + counted(10), group=True, says=gone)
+    yield Refused("raw_of_a_tied_vertex", seal(raw), "place 9 of 9, of 16 vertices (15.6)")
     # The count of the first context band; in its channel, a nonzero block, sign, exponent, digits.
     beyond = "10" + "1 0" + "1" * 40 + "0" * 39 + "1"
     yield Refused(

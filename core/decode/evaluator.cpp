@@ -16,15 +16,11 @@ namespace {
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
 
-std::span<Position> as_positions(std::span<float> out) {
-    return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
-}
-
 }  // namespace
 
-ResidualScale Evaluator::residual_scale() {
-    return {run_.space().elements().patches->order, run_.model().residual_step};
-}
+const Patches &Evaluator::patches() { return *run_.space().elements().patches; }
+
+ResidualScale Evaluator::residual_scale() { return {patches().order, run_.model().residual_step}; }
 
 template <class Real> const AnchoredReference<Real> &Evaluator::anchored() {
     auto &found = [&]() -> std::optional<AnchoredReference<Real>> & {
@@ -110,7 +106,8 @@ std::deque<Evaluator::Tile> Evaluator::tiles_of(i64 first, i64 count) {
 }
 
 // Write positions of some vertices at a tile's frames; the last thread to finish a tile adds its residuals.
-void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
+void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, const Patches &patches,
+                              std::span<float> out) {
     with_motion(tile.group, [&](const auto &motion, const auto &anchored) {
         pdeanim::evaluate(motion, tile.group.time_at(tile.begin, tile.frames), &anchored, out, share);
     });
@@ -119,6 +116,7 @@ void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale
     for (i64 k = 0; k < tile.frames; ++k) {
         const std::span<Position> positions = as_positions(out.subspan(k * size, size));
         add_residuals(tile.group.residuals, tile.inside() + k, scale, 1.0, {}, positions);
+        patches.copy_to_tied(positions);
     }
 }
 
@@ -139,12 +137,13 @@ i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
         for (i64 part = 0; part < tile.parts_left; ++part) parts.emplace_back(&tile, VertexShare{levels, part});
     }
     const ResidualScale scale = residual_scale();
+    const Patches &order = patches();  // threads must not wait for the lock that the caller holds
     const std::size_t size = 3 * run_.vertices();
     const auto work = [&](i64 at, i64 end) {
         for (; at < end; ++at) {
             turns_.check_cancelled();
             const auto [tile, share] = parts[at];
-            evaluate_part(*tile, share, scale, out.subspan((tile->begin - first) * size, tile->frames * size));
+            evaluate_part(*tile, share, scale, order, out.subspan((tile->begin - first) * size, tile->frames * size));
         }
     };
     const i64 all = static_cast<i64>(parts.size());
@@ -275,6 +274,7 @@ void Evaluator::evaluate_between(double time, std::span<float> out) {
         const double weight = frame == left ? 1.0 - share : share;
         add_residuals(own.group, own.inside, scale, weight, own.base, as_positions(out));
     }
+    patches().copy_to_tied(as_positions(out));
 }
 
 // Write velocities or accelerations at a time inside the clip: residuals change at constant speed from one frame to the
@@ -285,7 +285,11 @@ void Evaluator::evaluate_derivative(int derivative, double time, std::span<float
         return;
     }
     evaluate_groups(time, derivative, out);
-    if (derivative != 1) return;
+    if (derivative == 1) add_residual_velocities(time, out);
+    patches().copy_to_tied(as_positions(out));
+}
+
+void Evaluator::add_residual_velocities(double time, std::span<float> out) {
     const i64 after = least(run_.frame_at(time) + 1, run_.frames() - 1);
     const double step = run_.times()[after] - run_.times()[after - 1];
     const ResidualScale scale = residual_scale();

@@ -45,6 +45,7 @@ public:
 
     FrameResiduals residuals_at(i64 frame);
     ResidualScale residual_scale();
+    const Patches &patches();
 
 private:
     // Groups, with the weights of their functions of time at a time.
@@ -67,10 +68,12 @@ private:
     template <class Real> void evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out);
     void evaluate_groups(double time, int derivative, std::span<float> out);
     std::deque<Tile> tiles_of(i64 first, i64 count);
-    void evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out);
+    void evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, const Patches &patches,
+                       std::span<float> out);
     i64 evaluate_frames(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);
     void evaluate_derivative(int derivative, double time, std::span<float> out);
+    void add_residual_velocities(double time, std::span<float> out);
     void evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out);
 
     RunSections &run_;
@@ -81,6 +84,10 @@ private:
     std::optional<BrokenSpline> spline_;
     std::vector<ClosedForm> closed_forms_;
 };
+
+inline std::span<Position> as_positions(std::span<float> out) {
+    return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
+}
 
 // For callers that add up fields themselves (a GPU). A quantity at a time is the sum, over all groups and functions of
 // time, of weights (Evaluator::weights) times fields; positions add the reference frame and corrections.

@@ -96,6 +96,9 @@ void GroupFields::fields(std::size_t index, std::span<float> out) {
             pdeanim::evaluate(motion, weights, none, std::span<float>(tile));
         };
         std::visit(evaluate_tile, decoded.motion);
+        for (i64 row = 0; row < rows; ++row) {
+            evaluator_.patches().copy_to_tied(as_positions(std::span(tile).subspan(row * 3 * size, 3 * size)));
+        }
         if (together == 1) {
             std::copy(tile.begin(), tile.end(), out.begin() + first * 3 * size);
             continue;
@@ -122,11 +125,14 @@ std::vector<Correction> GroupFields::corrections(std::size_t index, TakenMemory 
     const auto guard = turns_.begin_call();
     const Group &own = run_.table().groups()[index];
     const u64 bytes = sizeof(Correction) * static_cast<u64>(groups_.group(index).residuals.count());
-    taken = TakenMemory(run_.memory(), bytes, "corrections of a group of frames");
+    constexpr std::string_view counted = "corrections of a group of frames";
+    taken = TakenMemory(run_.memory(), bytes, counted);
     std::vector<Correction> found;
     found.reserve(groups_.group(index).residuals.count());
     std::vector<std::array<double, 3>> offsets(run_.vertices());
     const ResidualScale scale = evaluator_.residual_scale();
+    const std::vector<Tie> &tied = evaluator_.patches().tied;
+    std::vector<bool> is_corrected(tied.empty() ? 0 : run_.vertices());
     for (i64 frame = own.first; frame < own.first + own.frames; ++frame) {
         const FrameResiduals here = evaluator_.residuals_at(frame);
         residual_displacements(here.group, here.inside, scale, here.base, offsets);
@@ -138,11 +144,19 @@ std::vector<Correction> GroupFields::corrections(std::size_t index, TakenMemory 
         std::vector<i32> places(raw.begin(), raw.end());
         const std::span<const i32> residuals = own_places(here.group.frame_starts, here.group.places);
         std::set_difference(residuals.begin(), residuals.end(), raw.begin(), raw.end(), std::back_inserter(places));
-        for (const i32 place : places) {
-            const i32 vertex = scale.order[place];
+        const auto add = [&](i32 vertex, i32 first) {
             Correction &added = found.emplace_back(Correction{static_cast<i32>(frame), vertex, {}});
-            for (int axis = 0; axis < 3; ++axis) added.offset[axis] = static_cast<float>(offsets[vertex][axis]);
+            for (int axis = 0; axis < 3; ++axis) added.offset[axis] = static_cast<float>(offsets[first][axis]);
+        };
+        for (const i32 place : places) add(scale.order[place], scale.order[place]);
+        if (tied.empty()) continue;
+        for (const i32 place : places) is_corrected[scale.order[place]] = true;
+        for (const Tie &tie : tied) {
+            if (!is_corrected[tie.first]) continue;
+            taken.take(sizeof(Correction), counted);
+            add(tie.vertex, tie.first);
         }
+        for (const i32 place : places) is_corrected[scale.order[place]] = false;
     }
     return found;
 }
@@ -154,6 +168,7 @@ std::vector<i32> GroupFields::elements() {
     for (i64 e = 0; e < patches.count(); ++e) {
         for (const i32 vertex : patches.vertices(e)) found[vertex] = static_cast<i32>(e);
     }
+    patches.copy_to_tied(std::span(found));
     return found;
 }
 

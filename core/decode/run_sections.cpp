@@ -24,8 +24,6 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 // Per byte of a name: the spare room of a text, and Python's four bytes per character.
 constexpr u64 bytes_per_name_byte = 6;
 
-constexpr u8 predictors = 8;  // kinds of predictors of the reference frame
-
 // Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
 Polygons polygons_of(std::span<const Connectivity> parts) {
     Polygons mesh;
@@ -160,15 +158,20 @@ const Reference &RunSections::reference() {
         found.step = fields.real();
         for (double &coordinate : found.origin) coordinate = fields.real();
         const u8 predictor = fields.integer<u8>();
-        if (predictor >= predictors) {
+        if (predictor >= reference_kinds) {
             throw CorruptError(Section("REST"), "names predictor " + std::to_string(predictor) +
-                                                    ", this decoder has 0 to " + std::to_string(predictors - 1));
+                                                    ", this decoder has 0 to " + std::to_string(reference_kinds - 1));
+        }
+        if (predictor & ties_vertices && !(predictor & welds_points)) {
+            throw CorruptError(Section("REST"), "ties vertices that it does not weld");
         }
         bool is_sound = found.step > 0.0 && found.step <= limits::largest_step;
         for (const double coordinate : found.origin)
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError(Section("REST"), "has a quantisation step or an origin out of range");
-        found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        DecodedReference decoded = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        found.grid = std::move(decoded.grid);
+        found.ties = std::move(decoded.ties);
         found.is_smoothed = predictor & smooths_points;
         if (found.is_smoothed) found.step = std::ldexp(found.step, -smooth_bits);
         found.points.reserve(3 * found.grid.size());
@@ -209,13 +212,12 @@ std::unique_ptr<GroupsAhead> RunSections::begin_ahead(std::span<const std::size_
     return std::make_unique<GroupsAhead>(container_, *table_, groups);
 }
 
-// Whether section REST states which vertices coincide; some may coincide even if it does not.
-bool RunSections::says_welds() const {
+u8 RunSections::reference_kind() const {
     constexpr u64 predictor_offset = 32;
     const SectionEntry &entry = container_.entry("REST");
     std::vector<u8> predictor;
     if (entry.length > predictor_offset) container_.read_range(entry.offset + predictor_offset, 1, predictor);
-    return !predictor.empty() && predictor[0] % 2 == 1;
+    return predictor.empty() ? 0 : predictor[0];
 }
 
 std::shared_ptr<const SpaceLayout> RunSections::layout_of(std::shared_ptr<const Patches> patches) const {
@@ -243,7 +245,7 @@ struct RunSections::EarlyPatches {
 
 // Begin with them; null if they could not be the patches, or there is no thread for it.
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
-    if (threads_ < 2 || reference_ || says_welds()) return nullptr;
+    if (threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
     const auto make = [this, ahead, own = early.get(), parts = views()] {
         GroupCoefficients *coefficients = nullptr;
@@ -281,7 +283,7 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *a
     if (early) early->made.wait();
     if (early && early->failure) std::rethrow_exception(early->failure);
     std::shared_ptr<Patches> patches =
-        build_patches(parts, reference().grid, model_.form.points, early ? early->patches : nullptr);
+        build_patches(parts, reference().grid, model_.form.points, reference().ties, early ? early->patches : nullptr);
     if (early && early->layout && patches == early->patches) {
         of_elements_ = std::move(early->taken);
         return early->layout;
@@ -294,8 +296,8 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *a
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_curves() {
     const std::vector<ConnectivityView> parts = views();
     Curves curves = extract_curves(parts, reference().grid);
-    auto pieces =
-        std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, model_.form.points));
+    auto pieces = std::make_shared<const Patches>(
+        cut_curves(std::move(curves.order), std::move(curves.starts), model_.form.points, reference().ties));
     of_elements_ = take_elements(*pieces);
     return layout_of(std::move(pieces));
 }

@@ -63,6 +63,7 @@ struct Reference {
     double step = 0.0;               // of the grid [scene units]
     bool is_smoothed = false;
     std::vector<double> points;  // (vertices, 3) [scene units]
+    std::vector<i32> ties;       // of each vertex the first one that it is tied to; empty if none are
 };
 
 // From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity ->
@@ -94,6 +95,9 @@ public:
     std::span<const double> times_of(const Group &group) const;
     ClosedForm closed_form(std::size_t group) const;
 
+    // Flags of the reference frame, which is not decoded. Vertices may coincide even if none are welded.
+    u8 reference_kind() const;
+
     // Parts that are decoded on first use.
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
@@ -116,7 +120,6 @@ private:
     struct EarlyPatches;
 
     void read_vertex_counts(std::size_t run);
-    bool says_welds() const;
     TakenMemory take_elements(const Patches &patches);
     std::shared_ptr<const SpaceLayout> layout_of(std::shared_ptr<const Patches> patches) const;
     std::shared_ptr<EarlyPatches> begin_early_patches(GroupsAhead *ahead);

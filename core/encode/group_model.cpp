@@ -35,6 +35,11 @@ private:
     i64 frames_, count_;
 };
 
+// Copy rows of vertices to those that are tied to them; the vertices of a selection of elements are on their own.
+template <class Real, class Row> void copy_to_tied(const Motion<Real> &motion, std::span<Row> rows) {
+    if (!motion.selection) motion.basis->elements().patches->copy_to_tied(rows);
+}
+
 // Positions of some frames before residuals and before rounding.
 template <class Real>
 void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeArray<double> &positions) {
@@ -42,6 +47,8 @@ void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeA
     positions.resize(3 * count * model.motion.vertices());
     evaluate(model.motion, model.time.subspan(frame * row, count * row), &model.reference,
              std::span<double>(positions));
+    const std::span<Exact> all{reinterpret_cast<Exact *>(positions.data()), positions.size() / 3};
+    for (i64 k = 0; k < count; ++k) copy_to_tied(model.motion, all.subspan(k * model.motion.vertices()));
 }
 
 void find_excess(std::span<const Position> points, std::span<const Exact> base, i64 frame, double bound, const Aim &aim,
@@ -62,13 +69,15 @@ void find_excess(std::span<const Position> points, std::span<const Exact> base, 
 }
 
 // Add the errors of a frame with known residuals; `decoded` is a buffer for its positions.
-void add_errors(std::span<const Position> points, std::span<const Exact> base, const Residuals &residuals, i64 frame,
-                const ResidualScale &scale, std::vector<Position> &decoded, Errors &found) {
+template <class Real> void add_errors(const Motion<Real> &motion, std::span<const Position> points,
+                                      std::span<const Exact> base, const Residuals &residuals, i64 frame,
+                                      const ResidualScale &scale, std::vector<Position> &decoded, Errors &found) {
     decoded.resize(points.size());
     std::transform(base.begin(), base.end(), decoded.begin(), [](const Exact &at) {
         return Position{static_cast<float>(at[0]), static_cast<float>(at[1]), static_cast<float>(at[2])};
     });
     add_residuals(residuals, frame, scale, 1.0, {}, decoded);
+    copy_to_tied(motion, std::span(decoded));
     for (std::size_t vertex = 0; vertex < points.size(); ++vertex) {
         double square = 0.0;
         for (int axis = 0; axis < 3; ++axis) {
@@ -119,7 +128,8 @@ template <class Real> Residuals missing(const GroupModel<Real> &model, const Wan
                 const auto own_points = points.subspan(k * vertices, vertices);
                 const auto own_base = base.subspan(k * vertices, vertices);
                 if (errors) {
-                    add_errors(own_points, own_base, parts[tile], k, {wanted.order, wanted.step}, decoded, off[tile]);
+                    add_errors(model.motion, own_points, own_base, parts[tile], k, {wanted.order, wanted.step}, decoded,
+                               off[tile]);
                 }
                 if (excess) find_excess(own_points, own_base, frame + k, wanted.bound, aim, beyond[tile]);
             }

@@ -131,7 +131,7 @@ void append_starts(std::vector<i64> &all, const std::vector<i64> &more) {
 
 Residuals quantise_residuals(std::span<const Position> points, std::span<const std::array<double, 3>> base,
                              std::span<const i32> order, std::span<const double> margins, double bound, double step) {
-    const std::size_t vertices = order.size();
+    const std::size_t vertices = margins.empty() ? 0 : base.size() / margins.size();
     std::vector<u8> is_missed(vertices);
     std::vector<double> squares(3 * vertices);
     Residuals found;
@@ -140,7 +140,7 @@ Residuals quantise_residuals(std::span<const Position> points, std::span<const s
         const std::array<double, 3> *decoded = &base[frame * vertices];
         const double margin = margins[frame];
         const bool is_any = find_missed(wanted, decoded, margin, bound, squares, is_missed);
-        for (std::size_t place = 0; is_any && place < vertices; ++place) {
+        for (std::size_t place = 0; is_any && place < order.size(); ++place) {
             const i32 vertex = order[place];
             if (!is_missed[vertex]) continue;
             Steps steps{};

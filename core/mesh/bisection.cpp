@@ -45,10 +45,10 @@ std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
 class Bisection {
 public:
     Bisection(const Graph &graph, std::vector<i32> order)
-        : graph_(graph), order_(std::move(order)), near_(order_.size()), far_(order_.size()),
+        : graph_(graph), order_(std::move(order)), near_(graph.vertices()), far_(graph.vertices()),
           visited_(order_.size() + 1), members_(order_.size()) {}
 
-    Patches halve(i64 points) {
+    Patches halve(i64 points, std::vector<Tie> tied = {}) {
         // A half is halved further before the other one: it is in the processor's caches.
         std::vector<Set> sets = {{.begin = 0, .end = static_cast<i64>(order_.size())}};
         std::vector<i64> waiting = {0};
@@ -83,6 +83,7 @@ public:
         for (const i64 node : found.node_of) found.starts.push_back(begins[node]);
         found.starts.push_back(static_cast<i64>(order_.size()));
         found.order = std::move(order_);
+        found.tied = std::move(tied);
         found.sort_vertices();
         return found;
     }
@@ -172,6 +173,16 @@ private:
     std::vector<i64> places_;
 };
 
+bool is_tied(std::span<const i32> ties, i32 vertex) { return !ties.empty() && ties[vertex] != vertex; }
+
+std::vector<Tie> list_tied(std::span<const i32> ties) {
+    std::vector<Tie> tied;
+    for (i32 vertex = 0; vertex < static_cast<i32>(ties.size()); ++vertex) {
+        if (is_tied(ties, vertex)) tied.push_back({vertex, ties[vertex]});
+    }
+    return tied;
+}
+
 i64 vertices_of(std::span<const ConnectivityView> objects) {
     i64 vertices = 0;
     for (const ConnectivityView &object : objects) vertices += object.vertices;
@@ -181,7 +192,7 @@ i64 vertices_of(std::span<const ConnectivityView> objects) {
 }  // namespace
 
 void Patches::sort_vertices() {
-    std::vector<i32> patch_of(order.size()), place_of(order.size());
+    std::vector<i32> patch_of(vertices(), -1), place_of(vertices());
     for (i64 patch = 0; patch < count(); ++patch) {
         i32 place = 0;
         for (const i32 vertex : vertices(patch)) {
@@ -192,7 +203,8 @@ void Patches::sort_vertices() {
     ascending.resize(order.size());
     ascending_places.resize(order.size());
     std::vector<i64> next = starts;
-    for (i32 vertex = 0; vertex < static_cast<i32>(order.size()); ++vertex) {
+    for (i32 vertex = 0; vertex < static_cast<i32>(vertices()); ++vertex) {
+        if (patch_of[vertex] < 0) continue;
         const i64 at = next[patch_of[vertex]]++;
         ascending[at] = vertex;
         ascending_places[at] = place_of[vertex];
@@ -208,15 +220,19 @@ std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects
 }
 
 std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
-                                       i64 points, std::shared_ptr<Patches> early) {
+                                       i64 points, std::span<const i32> ties, std::shared_ptr<Patches> early) {
     const std::vector<Edge> coincident = coincident_vertices(grid);
     if (early && coincident.empty()) return early;
     std::vector<Edge> edges = edges_of(objects);
     edges.insert(edges.end(), coincident.begin(), coincident.end());
+    if (!ties.empty()) {
+        for (Edge &edge : edges) edge = {ties[edge.tail], ties[edge.head]};
+    }
     const Graph graph(edges, static_cast<i64>(grid.size()));
     std::vector<i32> order, isolated;
     std::vector<GridPoint> places;
     for (i32 vertex = 0; vertex < static_cast<i32>(grid.size()); ++vertex) {
+        if (is_tied(ties, vertex)) continue;
         if (graph.degree(vertex) > 0) {
             order.push_back(vertex);
         } else {
@@ -225,11 +241,25 @@ std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects
         }
     }
     for (const i32 k : z_order(places)) order.push_back(isolated[k]);
-    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points));
+    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points, list_tied(ties)));
 }
 
-Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 points) {
+Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties) {
     Patches found;
+    found.tied = list_tied(ties);
+    if (!found.tied.empty()) {
+        std::vector<i32> kept;
+        std::vector<i64> kept_starts = {0};
+        for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
+            for (i64 at = starts[curve]; at < starts[curve + 1]; ++at) {
+                if (!is_tied(ties, order[at])) kept.push_back(order[at]);
+            }
+            const i64 end = static_cast<i64>(kept.size());
+            if (end > kept_starts.back()) kept_starts.push_back(end);
+        }
+        order = std::move(kept);
+        starts = std::move(kept_starts);
+    }
     for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
         const i64 length = starts[curve + 1] - starts[curve];
         const i64 pieces = length <= points ? 1 : (2 * length + points) / (2 * points);

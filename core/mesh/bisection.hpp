@@ -12,6 +12,11 @@
 
 namespace pdeanim {
 
+// A vertex that has the position of another one in every frame, of a set the first one.
+struct Tie {
+    i32 vertex, first;
+};
+
 // Elements and the partition tree over them. Node 0 is the whole mesh; a node's halves come after it.
 struct Patches {
     i64 count() const { return static_cast<i64>(node_of.size()); }
@@ -20,10 +25,18 @@ struct Patches {
         return {order.data() + starts[patch], static_cast<std::size_t>(size(patch))};
     }
 
+    i64 vertices() const { return static_cast<i64>(order.size() + tied.size()); }
+
     // Compute `ascending` from the other members.
     void sort_vertices();
 
-    std::vector<i32> order;     // vertices of the mesh, patch after patch
+    // Copy rows of the vertices in `order` to those that are tied to them.
+    template <class Row> void copy_to_tied(std::span<Row> rows) const {
+        for (const Tie &tie : tied) rows[tie.vertex] = rows[tie.first];
+    }
+
+    std::vector<i32> order;     // vertices of the mesh, patch after patch, but for those that are tied to others
+    std::vector<Tie> tied;      // the other vertices
     std::vector<i64> starts;    // patch p holds order[starts[p]] to order[starts[p + 1] - 1]
     std::vector<i64> begins;    // start of each node of the partition tree in `order`
     std::vector<i64> children;  // first of the two halves of each node, followed by the second; -1 for a patch
@@ -42,12 +55,14 @@ struct Patches {
 std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points);
 
 // Make patches of a mesh in which vertices at the same grid place are neighbours, too. Vertices without neighbours come
-// last, in Z-order. `early`: the result of `early_patches`, returned unless vertices coincide.
+// last, in Z-order. ties: of each vertex the first one that it is tied to, empty without ties; `early`: the result of
+// `early_patches`, returned unless vertices coincide.
 std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
-                                       i64 points, std::shared_ptr<Patches> early = nullptr);
+                                       i64 points, std::span<const i32> ties = {},
+                                       std::shared_ptr<Patches> early = nullptr);
 
 // Cut curves that stand one after the other in `order`, from each of `starts` on, into pieces of about `points`
-// vertices.
-Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 points);
+// vertices, after tied vertices have been taken out.
+Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties = {});
 
 }  // namespace pdeanim

@@ -8,14 +8,15 @@ import numpy as np
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup
-from pdecodec.codec.encode.pipeline import AutoEncoder, EncodedPart
+from pdecodec.codec.encode.pipeline import AutoEncoder, EncodedPart, owner_of
 from pdecodec.codec.encode.quantise import grid_index
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.residuals import LAST_BINADE
 from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.codec.settings import EffortName, EncodeSettings
 from pdecodec.codec.stored_choices import bound_of
-from pdecodec.errors import SettingsError
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
 
 
@@ -54,12 +55,31 @@ class AppendingEncoder(AutoEncoder):
         self._residual_step = residual_step
         self._unit = max(bound, float(np.spacing(np.float32(min(float(np.abs(self._first).max()), LAST_BINADE)))))
         self._reference, self._basis = animation.reference_and_space()
+        self._ties = self._reference.ties
         time = "trajectories" if last.basis == "closed form" or not last.functions else last.basis
         self._usual = Candidate(time, "reference", grid_index(last.step))
 
     @property
     def _space(self) -> SpaceBasis:
         return self._basis
+
+    def _read(self, begin: int, end: int) -> Float32Array:
+        points = super()._read(begin, end)
+        tied = self._reference.tied
+        apart = (points[:, tied] != points[:, self._ties[tied]]).any(axis=2)
+        if apart.any():
+            frame, index = np.argwhere(apart)[0].tolist()
+            one, other = (
+                "vertex {1} of object '{0}'".format(*owner_of(self._sequence, int(vertex)))
+                for vertex in (self._ties[tied[index]], tied[index])
+            )
+            raise InputError(
+                f"{one} and {other} have one position in every frame of the file, and two here; "
+                "encode all frames together from their source",
+                code="object-mismatch",
+                frame=begin + frame,
+            )
+        return points
 
     def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
         """Parts of the first group, in the model that is there."""

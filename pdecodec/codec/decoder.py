@@ -439,8 +439,9 @@ class Animation(MeshSequence):
             form = SpaceForm(
                 SPACE_KINDS[model.kind], model.points, model.functions, model.threshold, model.rate, model.is_affine
             )
-            space = decode_space_basis(form, model.layout, self.meshes, frame.grid)
-            return ReferenceFrame(frame.grid, np.array(frame.origin), frame.step, frame.is_smoothed), space
+            space = decode_space_basis(form, model.layout, self.meshes, frame.grid, ties=frame.ties)
+            shape = ReferenceFrame(frame.grid, np.array(frame.origin), frame.step, frame.is_smoothed, ties=frame.ties)
+            return shape, space
 
     @property
     def sections(self) -> dict[str, int]:
@@ -456,7 +457,7 @@ class Animation(MeshSequence):
         chosen.
         """
         with self._naming_the_file():
-            groups, space_kind = self._core.groups, self._core.model.kind
+            groups, space_kind, has_ties = self._core.groups, self._core.model.kind, self._core.ties_vertices
         frames = [group.frames for group in groups]
         return {
             **self._facts(),
@@ -465,6 +466,7 @@ class Animation(MeshSequence):
             "functions_of_time": max(group.functions for group in groups),
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
+            "tied_vertices": has_ties,
             "alternatives": self._remarks.get("alternatives"),
         }
 

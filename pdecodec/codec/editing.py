@@ -303,7 +303,8 @@ def join_animations(
     SettingsError
         If a file has another model, or times do not follow one another.
     InputError, CorruptFileError
-        If meshes differ, or a file cannot be read or written, or is damaged.
+        If meshes differ, vertices that coincide in all frames of the file part in frames that are coded, or a file
+        cannot be read or written, or is damaged.
     """
     check_writable(Path(path), overwrite=overwrite)
     with ExitStack() as stack:

@@ -84,7 +84,7 @@ def decode_run(
     reference = read_reference(sections["REST"], meshes)
     read_attributes(sections["ATTR"], meshes, reference.grid)
     model = read_model(sections["MODL"])
-    patches = build_patches(model, meshes, reference.grid)
+    patches = build_patches(model, meshes, reference)
     space = build_space(model, patches, reference.grid)
     groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
     remarks = read_remarks(sections["META"])

@@ -117,6 +117,7 @@ class Motion:
         self._times, self._jumps, self.groups, self.space, self.step = times, jumps, groups, space, model.step
         self._order = space.patches.order
         self._reference = reference.points[self._order]
+        self._ties = reference.ties
         self._firsts = [0, *accumulate(group.frames for group in groups)][:-1]
         self._forms = [
             ClosedForm(times[first : first + group.frames], group.alpha, group.functions)
@@ -153,10 +154,10 @@ class Motion:
             share = (time - self._times[frame]) / (self._times[frame + 1] - self._times[frame])
             self._correct(points, frame, 1.0 - share)
             self._correct(points, frame + 1, share)
-        found = np.empty((len(self._order), 3), np.float32)
+        found = np.empty((len(self._ties), 3), np.float32)
         with np.errstate(over="ignore"):
             found[self._order] = points
-        return found
+        return found[self._ties]
 
     def margin(self, time: float) -> float:
         """Section 19: return how far a coordinate of another decoder may deviate before rounding to float32."""

@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 from spec.decoder.curves import Points, extract_curves, sort_in_z_order
 from spec.decoder.groups import PATCH, Model
 from spec.decoder.mesh import NONE, Mesh
+from spec.decoder.reference import ReferenceFrame
 
 Links = list[list[int]]
 
@@ -35,20 +36,20 @@ class Patches:
         return [0, *accumulate(map(len, self.elements))]
 
 
-def build_patches(model: Model, meshes: list[Mesh], grid: Points) -> Patches:
+def build_patches(model: Model, meshes: list[Mesh], reference: ReferenceFrame) -> Patches:
     """Divide a mesh into elements."""
     build = divide_by_halving if model.kind == PATCH else divide_curves
-    return build(meshes, grid, model.points)
+    return build(meshes, reference.grid, reference.ties, model.points)
 
 
-def list_neighbours(meshes: list[Mesh], grid: Points) -> Links:
+def list_neighbours(meshes: list[Mesh], grid: Points, ties: list[int]) -> Links:
     """9.1: list the neighbours of each vertex."""
     neighbours: list[dict[int, None]] = [{} for _ in grid]
 
     def link(first: int, path: list[int]) -> None:
-        for a, b in pairwise(path):
+        for a, b in pairwise(ties[first + vertex] for vertex in path):
             if a != b:
-                neighbours[first + a][first + b] = neighbours[first + b][first + a] = None
+                neighbours[a][b] = neighbours[b][a] = None
 
     first = 0
     for mesh in meshes:
@@ -62,11 +63,12 @@ def list_neighbours(meshes: list[Mesh], grid: Points) -> Links:
     return [list(others) for others in neighbours]
 
 
-def divide_by_halving(meshes: list[Mesh], grid: Points, points: int) -> Patches:
+def divide_by_halving(meshes: list[Mesh], grid: Points, ties: list[int], points: int) -> Patches:
     """9.1 to 9.3: divide the mesh into patches."""
-    neighbours = list_neighbours(meshes, grid)
-    isolated = sort_in_z_order([vertex for vertex, others in enumerate(neighbours) if not others], grid)
-    nodes = [[vertex for vertex, others in enumerate(neighbours) if others] + isolated]
+    neighbours = list_neighbours(meshes, grid, ties)
+    placed = [vertex for vertex, first in enumerate(ties) if vertex == first]
+    isolated = sort_in_z_order([vertex for vertex in placed if not neighbours[vertex]], grid)
+    nodes = [[vertex for vertex in placed if neighbours[vertex]] + isolated]
     begins, children = [0], []
     for number, members in enumerate(nodes):  # `nodes` grows in the loop
         if len(members) <= points:
@@ -109,9 +111,10 @@ def halve(members: list[int], neighbours: Links) -> tuple[list[int], int]:
     return sorted(near, key=lambda vertex: near[vertex] - far[vertex]), size // 2
 
 
-def divide_curves(meshes: list[Mesh], grid: Points, points: int) -> Patches:
+def divide_curves(meshes: list[Mesh], grid: Points, ties: list[int], points: int) -> Patches:
     """9.4: cut curves into pieces."""
-    pieces = [piece for curve in extract_curves(meshes, grid) for piece in cut_curve(curve, points)]
+    curves = ([vertex for vertex in curve if ties[vertex] == vertex] for curve in extract_curves(meshes, grid))
+    pieces = [piece for curve in curves if curve for piece in cut_curve(curve, points)]
     starts = [0, *accumulate(map(len, pieces))]
     nodes, children = [(0, len(pieces))], []
     node_of = [NONE] * len(pieces)

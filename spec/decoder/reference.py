@@ -11,9 +11,9 @@ from spec.decoder.contexts import Contexts, MatchModel, find_length
 from spec.decoder.fields import LARGEST_REAL, Fields, bits, clamp, grade, require
 from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
-WELDED, MATCHED, SMOOTHED = 1, 2, 4
+WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
 GRID_BITS = 40
-MAX_CORNERS = MAX_FOLLOWED = 16
+MAX_CORNERS = MAX_FOLLOWED = MAX_SETS = 16
 LARGEST_MISS = 2**30
 LARGEST_TURNED = 2**32
 KINDS = 9
@@ -27,10 +27,13 @@ Points = list[list[int]]
 
 @dataclass
 class ReferenceFrame:
-    """Grid coordinates of each vertex, and its position [scene units]."""
+    """Grid coordinates of each vertex, its position [scene units], and the first vertex that it is tied to, mostly
+    itself.
+    """
 
     grid: Points
     points: NDArray[np.float64]
+    ties: list[int]
 
 
 def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
@@ -38,13 +41,17 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
     fields = Fields(data)
     step, *origin = (fields.f64() for _ in range(4))
     predictor = fields.u8()
-    require(predictor <= WELDED + MATCHED + SMOOTHED, "an unknown predictor")
+    require(predictor <= WELDED + MATCHED + SMOOTHED + TIED, "an unknown predictor")
+    require(predictor & WELDED or not predictor & TIED, "ties without welds")
     require(0 < step <= LARGEST_REAL and max(map(abs, origin)) <= LARGEST_REAL, "a step or an origin out of range")
     contexts = Contexts(fields.rest())
     mesh = CornerTable(polygons_of(meshes), sum(item.vertices for item in meshes))
     matches = MatchModel(contexts, "residual") if predictor & MATCHED else None
-    point_of = WeldReader(contexts, mesh).read() if predictor & WELDED else list(range(len(mesh.corners)))
+    point_of = ties = list(range(len(mesh.corners)))
     if predictor & WELDED:
+        reader_of_welds = WeldReader(contexts, mesh, has_ties=bool(predictor & TIED))
+        point_of = reader_of_welds.read()
+        ties = reader_of_welds.ties
         welded = [[point_of[vertex] for vertex in polygon] for polygon in mesh.polygons]
         mesh = CornerTable(welded, max(point_of) + 1)
     reader = GridReader(contexts, mesh, matches)
@@ -55,7 +62,7 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
     if smoothing is not None:
         points, step = smooth(mesh, points, smoothing), step / 64
     grid = [points[point] for point in point_of]
-    return ReferenceFrame(grid, np.array(origin) + np.array(grid, np.float64) * step)
+    return ReferenceFrame(grid, np.array(origin) + np.array(grid, np.float64) * step, ties)
 
 
 def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
@@ -89,11 +96,13 @@ def smooth(mesh: CornerTable, grid: Points, weights: Vector) -> Points:
 
 
 class WeldReader:
-    """7.3: reads the point of every vertex."""
+    """7.3: reads the point of every vertex, and the vertices that are tied."""
 
-    def __init__(self, contexts: Contexts, mesh: CornerTable) -> None:
-        self._contexts, self._mesh = contexts, mesh
-        self._history = 0
+    def __init__(self, contexts: Contexts, mesh: CornerTable, *, has_ties: bool) -> None:
+        self._contexts, self._mesh, self._has_ties = contexts, mesh, has_ties
+        self._history = self._tie_history = 0
+        self._sets: dict[int, list[list[int]]] = {}
+        """Sets of tied vertices on each point, in the order in which they came."""
         self._point_of = [NONE] * len(mesh.corners)
         self._entered: list[list[int]] = []
         """Corners entered at each point, in the order of entering."""
@@ -110,12 +119,37 @@ class WeldReader:
                     near = [bool(i and self._entered[inside[at]]) for at in (-1, 0)]
                     is_old = self._is_old("corner", min(i, 3), *near)
                     point_of[vertex] = self._read_old(mesh.first[p] + i, inside) if is_old else self._new_point()
+                    self._read_tie(vertex)
                 inside.append(point_of[vertex])
             self._enter(p, inside)
         for vertex, point in enumerate(point_of):
             if point == NONE:
                 point_of[vertex] = self._read_distance() if self._is_old("isolated") else self._new_point()
+                self._read_tie(vertex)
         return point_of
+
+    @property
+    def ties(self) -> list[int]:
+        """First vertex of the set of each vertex."""
+        ties = list(range(len(self._point_of)))
+        for sets in self._sets.values():
+            for members in sets:
+                for vertex in members:
+                    ties[vertex] = min(members)
+        return ties
+
+    def _read_tie(self, vertex: int) -> None:
+        """Read which set on its point a new vertex belongs to."""
+        if not self._has_ties:
+            return
+        sets = self._sets.setdefault(self._point_of[vertex], [])
+        for turn, members in enumerate(sets[: -MAX_SETS - 1 : -1]):
+            bit = self._contexts.bit("tied", min(turn, 3), self._tie_history)
+            self._tie_history = (2 * self._tie_history + bit) % 16
+            if bit:
+                members.append(vertex)
+                return
+        sets.append([vertex])
 
     def _is_old(self, *name: object) -> int:
         bit = self._contexts.bit(*name, self._history)

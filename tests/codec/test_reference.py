@@ -286,7 +286,7 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], cont
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (section(b"", predictor=PREDICTORS), "predictor 8"),
+        (section(b"", predictor=PREDICTORS), "predictor 16"),
         (section(b"", predictor=0, step=0.0), "step"),
         (section(b"", predictor=0, step=float("nan")), "not finite"),
         (section(b"", predictor=0, step=2 * LARGEST_STEP), "step"),

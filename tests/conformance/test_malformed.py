@@ -237,8 +237,9 @@ def test_behind_the_checksums_any_damage_ends_in_our_own_error_or_decodes(
 
 @cache
 def points_only(vertices: int, frames: int = 64) -> list[Part]:
-    """The sections of a file that declares so many points and frames, all of them at the origin, and nothing else."""
-    points = ArraySequence(np.zeros((1, min(vertices, 20_000), 3)))
+    """The sections of a file that declares so many points and frames, all about the origin, and nothing else."""
+    places = np.arange(min(vertices, 20_000))[np.newaxis, :, np.newaxis]
+    points = ArraySequence(1e-6 * places * [1.0, 0.0, 0.0])  # not tied
     data = encode(points, settings=EncodeSettings(effort="fast", max_error=1.0)).data
     assert data is not None
     parts = [part for part in take_apart(data) if part.kind != "META"]

@@ -11,6 +11,7 @@
 
 #include "base/errors.hpp"
 #include "bindings/python/bindings.hpp"
+#include "sections/reference/reference.hpp"
 
 namespace pdeanim::bindings {
 
@@ -168,11 +169,12 @@ nb::list attributes(PyAnimation &self) {
 }
 
 nb::object reference(PyAnimation &self) {
-    const Reference found = self.with([](Animation &animation) { return animation.sections().reference(); });
+    Reference found = self.with([](Animation &animation) { return animation.sections().reference(); });
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
     return named("Reference", to_rows(std::move(grid), 3),
-                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step, found.is_smoothed);
+                 nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step, found.is_smoothed,
+                 to_array(std::move(found.ties)));
 }
 
 nb::object model(PyAnimation &self) {
@@ -374,7 +376,7 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "Model", "kind points functions threshold rate is_affine residual_step layout");
     add_tuple(module, "FacesAndLines", "face_counts face_indices line_counts line_indices");
     add_tuple(module, "DecodedAttribute", "name domain values indices labels");
-    add_tuple(module, "Reference", "grid origin step is_smoothed");
+    add_tuple(module, "Reference", "grid origin step is_smoothed ties");
     add_tuple(module, "Corrections", "frames vertices offsets");
     add_tuple(module, "FieldGroup", "first frames skipped in_chunk code unit offset size checksum");
     add_tuple(module, "StoredField", "name site type components unit objects smallest largest bound groups");
@@ -415,6 +417,9 @@ void bind_animation(nb::module_ &module) {
         .def("connectivity", &connectivity)
         .def("attributes", &attributes)
         .def("reference", &reference)
+        .def_prop_ro(
+            "ties_vertices",
+            [](PyAnimation &self) { return (self.animation()->sections().reference_kind() & ties_vertices) != 0; })
         .def("remarks", &remarks)
         .def("coefficients", &coefficients, nb::arg("group"))
         .def("evaluate", &evaluate, nb::arg("quantity"), nb::arg("times"), nb::arg("object").none(),

@@ -60,7 +60,7 @@ public:
                             static_cast<i64>(time_.shape(2)) == own.functions &&
                             static_cast<i64>(reference.shape(0)) == own.basis->vertices() &&
                             static_cast<i64>(points_.shape(1)) == own.vertices() && points_.shape(2) == 3 &&
-                            static_cast<i64>(order_.size()) == own.vertices(),
+                            static_cast<i64>(order_.size()) <= own.vertices(),
                         "motion, functions of time, reference frame, points and order do not fit together");
                 for (const i32 vertex : view(order_)) {
                     require(vertex >= 0 && vertex < own.vertices(), "the order must hold existing vertices");

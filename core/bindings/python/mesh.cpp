@@ -113,12 +113,25 @@ Polygons polygons_of(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces
     return mesh;
 }
 
+// Check ties: of each vertex the first one that it is tied to, or nothing.
+Ties ties_of(const Flat<i32> &ties, std::size_t vertices) {
+    require(ties.size() == 0 || ties.size() == vertices, "ties are of other vertices");
+    const auto found = view(ties);
+    for (std::size_t vertex = 0; vertex < found.size(); ++vertex) {
+        const auto first = static_cast<std::size_t>(found[vertex]);
+        require(first <= vertex && found[first] == found[vertex], "a vertex is tied to one that is not the first");
+    }
+    return found;
+}
+
 std::span<const Vector> vectors_of(const Rows<i64, 3> &grid) {
     return {reinterpret_cast<const Vector *>(grid.data()), grid.shape(0)};
 }
 
 nb::object py_encode_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, const Rows<i64, 3> &grid,
-                               const std::optional<Rows<i32, 2>> &weights, const Flat<i32> &points) {
+                               const std::optional<Rows<i32, 2>> &weights, const Flat<i32> &points,
+                               const Flat<i32> &ties) {
+    const Ties tied = ties_of(ties, grid.shape(0));
     std::optional<Smoothing> smoothing;
     if (weights) {
         require(weights->shape(0) == smoothing_classes, "the number of classes of the weights is wrong");
@@ -130,20 +143,22 @@ nb::object py_encode_reference(const Flat<i64> &starts, const Flat<i32> &vertex,
     {
         nb::gil_scoped_release release;
         const Polygons mesh = polygons_of(starts, vertex, faces, static_cast<i64>(grid.shape(0)));
-        coded = encode_reference(mesh, vectors_of(grid), smoothing ? &*smoothing : nullptr);
+        coded = encode_reference(mesh, vectors_of(grid), smoothing ? &*smoothing : nullptr, tied);
     }
     return named("CodedReference", coded.kind, to_bytes(coded.data));
 }
 
 nb::object py_smooth_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, const Rows<i64, 3> &grid,
-                               const Rows<double, 3> &wanted) {
+                               const Rows<double, 3> &wanted, const Flat<i32> &ties) {
+    const Ties tied = ties_of(ties, grid.shape(0));
     require(wanted.shape(0) == grid.shape(0), "grid and wanted coordinates differ in number");
     std::optional<Smoothing> found;
     {
         nb::gil_scoped_release release;
         const Polygons mesh = polygons_of(starts, vertex, faces, static_cast<i64>(grid.shape(0)));
-        found = smooth_reference(mesh, vectors_of(grid),
-                                 {reinterpret_cast<const std::array<double, 3> *>(wanted.data()), wanted.shape(0)});
+        found =
+            smooth_reference(mesh, vectors_of(grid),
+                             {reinterpret_cast<const std::array<double, 3> *>(wanted.data()), wanted.shape(0)}, tied);
     }
     if (!found) return nb::none();
     std::vector<i32> weights;
@@ -157,15 +172,19 @@ nb::object py_smooth_reference(const Flat<i64> &starts, const Flat<i32> &vertex,
 nb::object py_decode_reference(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces, i64 vertices, u8 predictor,
                                const nb::bytes &data) {
     auto kept = std::make_unique<std::vector<Vector>>();
+    std::vector<i32> ties;
     {
         nb::gil_scoped_release release;
-        *kept = decode_reference(polygons_of(starts, vertex, faces, vertices), predictor, view(data));
+        DecodedReference found = decode_reference(polygons_of(starts, vertex, faces, vertices), predictor, view(data));
+        *kept = std::move(found.grid);
+        ties = std::move(found.ties);
     }
     const std::size_t rows = kept->size();
     i64 *first = reinterpret_cast<i64 *>(kept->data());
     nb::capsule owner(kept.release(),
                       [](void *pointer) noexcept { delete static_cast<std::vector<Vector> *>(pointer); });
-    return nb::cast(nb::ndarray<nb::numpy, i64, nb::shape<-1, 3>>(first, {rows, 3}, owner));
+    return nb::make_tuple(nb::cast(nb::ndarray<nb::numpy, i64, nb::shape<-1, 3>>(first, {rows, 3}, owner)),
+                          to_array(std::move(ties)));
 }
 
 AttributeView attribute_view(const nb::handle &fields) {
@@ -250,9 +269,9 @@ void bind_mesh(nb::module_ &module) {
     module.def("coded_orders", &py_coded_orders, nb::arg("parts"));
     module.def("extract_curves", &py_extract_curves, nb::arg("parts"), nb::arg("reference"));
     module.def("encode_reference", &py_encode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
-               nb::arg("grid"), nb::arg("weights").none(), nb::arg("points"));
+               nb::arg("grid"), nb::arg("weights").none(), nb::arg("points"), nb::arg("ties"));
     module.def("smooth_reference", &py_smooth_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
-               nb::arg("grid"), nb::arg("wanted"));
+               nb::arg("grid"), nb::arg("wanted"), nb::arg("ties"));
     module.def("decode_reference", &py_decode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
                nb::arg("vertices"), nb::arg("predictor"), nb::arg("data"));
     module.def("encode_attributes", &py_encode_attributes, nb::arg("parts"), nb::arg("attributes"), nb::arg("grid"),

@@ -41,18 +41,21 @@ std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
     return early_patches(views, points);
 }
 
-std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points,
+std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points, const Flat<i32> &ties,
                                           const std::shared_ptr<Patches> &early) {
     require(points > 0, "patches must have points");
     const std::vector<ConnectivityView> views = views_of(objects);
     const std::span<const GridPoint> points_of_grid = grid_of(grid, views);
     require(!points_of_grid.empty(), "a mesh must have vertices");
     require(!early || early->order.size() == grid.shape(0), "the early patches belong to another mesh");
+    require(ties.size() == 0 || ties.size() == grid.shape(0), "the ties belong to another mesh");
     nb::gil_scoped_release release;
-    return build_patches(views, points_of_grid, points, early);
+    return build_patches(views, points_of_grid, points, view(ties), early);
 }
 
-std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {
+std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points,
+                                       const Flat<i32> &ties) {
+    require(ties.size() == 0 || ties.size() == order.size(), "the ties belong to another mesh");
     require(points > 0, "pieces must have points");
     const i64 vertices = static_cast<i64>(order.size());
     const auto bounds = view(starts);
@@ -61,7 +64,8 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
             "curves do not cover the vertices");
     for (const i32 vertex : view(order)) require(vertex >= 0 && vertex < vertices, "a curve has a missing vertex");
     nb::gil_scoped_release release;
-    return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
+    return std::make_shared<Patches>(
+        cut_curves({order.data(), order.data() + vertices}, {bounds.begin(), bounds.end()}, points, view(ties)));
 }
 
 // Return a selection of subbands of a basis; ValueError unless they ascend from 0 and exist.
@@ -81,7 +85,8 @@ struct PySpaceBasis {
         : grid(std::move(of_grid)) {
         require(0 <= kind && kind <= 1 && functions > 0,
                 "the kind of a space basis must be 0 or 1, and it must have functions");
-        require(patches && patches->order.size() == grid.shape(0), "the patches belong to another mesh");
+        require(patches && patches->vertices() == static_cast<i64>(grid.shape(0)),
+                "the patches belong to another mesh");
         const SpaceForm form{static_cast<SpaceKind>(kind), points, functions, threshold, rate, affine};
         std::optional<std::span<const u8>> bytes;
         if (coded) bytes = view(*coded);
@@ -183,7 +188,7 @@ nb::object py_series_functions(const Flat<double> &points, double rate, int orde
 }
 
 nb::object py_arc_length_parameters(const Grid &grid, const std::shared_ptr<Patches> &pieces) {
-    require(pieces->order.size() == grid.shape(0), "the pieces belong to another mesh");
+    require(pieces->vertices() == static_cast<i64>(grid.shape(0)), "the pieces belong to another mesh");
     std::vector<double> found;
     {
         nb::gil_scoped_release release;
@@ -210,8 +215,8 @@ void bind_space(nb::module_ &module) {
         .def_prop_ro("node_of", &patches_array<&Patches::node_of>);
     module.def("early_patches", &py_early_patches, nb::arg("objects"), nb::arg("points"));
     module.def("build_patches", &py_build_patches, nb::arg("objects"), nb::arg("grid"), nb::arg("points"),
-               nb::arg("early").none());
-    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"));
+               nb::arg("ties"), nb::arg("early").none());
+    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"), nb::arg("ties"));
     nb::class_<PySpaceBasis> of_space(module, "SpaceBasis");
     of_space
         .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,

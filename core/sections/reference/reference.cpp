@@ -23,14 +23,17 @@ constexpr int most_followed = 16;  // corners per point that are examined, even 
 constexpr int most_recent = 64;    // corners that are examined going back in the list
 constexpr int most_digits = 31;    // of a distance between two points
 constexpr int places = 4, ranks = 8;
-constexpr int histories = 16;  // of the last four vertices: whether each lay on a known point
+constexpr int histories = 16;                      // of the last four vertices: whether each lay on a known point
+constexpr int most_classes = 16, class_turns = 4;  // of tied vertices on a point: examined; with models of their own
 
 template <Mode mode> class WeldCoder {
 public:
-    WeldCoder(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of)
-        : coder_(coder), corners_(corners), point_of_(point_of), is_met_(point_of.size()), latest_(point_of.size(), -1),
-          earlier_(corners.fan.size()), edge_met_(corners.fan.size()), tried_(point_of.size(), -1),
-          within_(point_of.size(), -1) {}
+    // ties: of each vertex, empty to code none; when decoding, of any content.
+    WeldCoder(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of, std::vector<i32> &ties)
+        : coder_(coder), corners_(corners), point_of_(point_of), ties_(ties), is_met_(point_of.size()),
+          latest_(point_of.size(), -1), earlier_(corners.fan.size()), edge_met_(corners.fan.size()),
+          tried_(point_of.size(), -1), within_(point_of.size(), -1), latest_class_(ties.size(), -1),
+          earlier_class_(ties.size(), -1) {}
 
     i64 code() {
         const std::vector<i64> &starts = corners_.polygons.starts;
@@ -48,6 +51,7 @@ public:
                     if (code_is_old(old_[context + history_ * 4 * places], vertex)) {
                         point_of_[vertex] = code_point(corner);
                     }
+                    if (!ties_.empty()) code_tie(vertex);
                 }
                 within_[point_of_[vertex]] = static_cast<i32>(polygon);
             }
@@ -60,6 +64,7 @@ public:
                 if (point < 0) broken();
                 point_of_[vertex] = static_cast<i32>(point);
             }
+            if (!ties_.empty()) code_tie(static_cast<i32>(vertex));
         }
         return points_;
     }
@@ -79,6 +84,23 @@ private:
         history_ = (2 * history_ + is_old) % histories;
         if (!is_old) point_of_[vertex] = static_cast<i32>(points_++);
         return is_old;
+    }
+
+    // Code which of the point's earlier vertices a vertex is tied to. `ties_` becomes the first one that was met.
+    void code_tie(i32 vertex) {
+        i32 &latest = latest_class_[point_of_[vertex]];
+        int turn = 0;
+        for (i32 other = latest; other >= 0 && turn < most_classes; other = earlier_class_[other], ++turn) {
+            BitModel &model = tied_[least(turn, class_turns - 1) * histories + tie_history_];
+            const bool is_tied = coder_.bit(model, mode != Mode::decode && ties_[other] == ties_[vertex]);
+            tie_history_ = (2 * tie_history_ + is_tied) % histories;
+            if (!is_tied) continue;
+            if (mode == Mode::decode) ties_[vertex] = other;
+            return;
+        }
+        if (mode == Mode::decode) ties_[vertex] = vertex;
+        earlier_class_[vertex] = latest;
+        latest = vertex;
     }
 
     // Code a number from 1 on: its number of digits, then the digits below the first.
@@ -148,37 +170,59 @@ private:
 
     RangeCoder<mode> &coder_;
     const CornerTable &corners_;
-    std::vector<i32> &point_of_;
+    std::vector<i32> &point_of_, &ties_;
     std::vector<bool> is_met_;
     std::vector<i32> latest_;          // last corner at each point, or -1
     std::vector<i32> earlier_;         // for each corner, the previous one at the same point
     std::vector<bool> edge_met_;       // whether another polygon runs along the edge from each corner, the other way
     std::vector<i32> tried_, within_;  // for each point, the last corner that tried it, the last polygon that has it
+    // Sets of tied vertices by the first one met: the latest set at each point, and for each set the one before.
+    std::vector<i32> latest_class_, earlier_class_;
     i64 points_ = 0;
-    int history_ = 0;
+    int history_ = 0, tie_history_ = 0;
     std::array<BitModel, histories * places * 4> old_;
+    std::array<BitModel, class_turns * histories> tied_;
     std::array<BitModel, histories> isolated_;
     std::array<BitModel, 3 * ranks * places * 2> candidates_;
     std::array<BitModel, most_digits + 1> digits_;
 };
 
-// Code the point of each vertex, numbered in the order in which they are visited: read when encoding, written when
-// decoding. Return the number of points. CorruptError if the bits name an unknown point.
-template <Mode mode> i64 code_welds(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of) {
-    return WeldCoder<mode>(coder, corners, point_of).code();
+// Code the point of each vertex, numbered in the order in which they are visited, and its tie unless `ties` is empty:
+// read when encoding, written when decoding. Return the number of points. CorruptError if the bits name an unknown
+// point.
+template <Mode mode> i64 code_welds(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of,
+                                    std::vector<i32> &ties) {
+    return WeldCoder<mode>(coder, corners, point_of, ties).code();
+}
+
+// Name each set of tied vertices by its first vertex, in place of the first one that was met.
+void name_ties(std::vector<i32> &ties) {
+    std::vector<i32> first(ties.size(), -1);
+    for (i32 vertex = 0; vertex < static_cast<i32>(ties.size()); ++vertex) {
+        i32 &named = first[ties[vertex]];
+        if (named < 0) named = vertex;
+        ties[vertex] = named;
+    }
 }
 
 // Return the point of each vertex, numbered in the order in which the corners and then the other vertices visit them;
-// empty if no two vertices share one.
-template <class Place> std::vector<i32> shared_points(const Polygons &mesh, std::span<const Place> grid) {
+// empty if no two vertices share one. Tied vertices share one; a point has as many sets of them as are examined.
+template <class Place> std::vector<i32> shared_points(const Polygons &mesh, std::span<const Place> grid, Ties ties) {
     const i64 vertices = static_cast<i64>(grid.size());
+    const auto tie_of = [&](i32 vertex) { return ties.empty() ? 0 : ties[vertex]; };
     std::vector<i32> by_place(vertices), place(vertices);
     std::iota(by_place.begin(), by_place.end(), 0);
-    std::sort(by_place.begin(), by_place.end(), [&](i32 a, i32 b) { return grid[a] < grid[b]; });
-    i32 places = 0;
-    for (i64 k = 0; k < vertices; ++k) {
-        if (k > 0 && grid[by_place[k]] != grid[by_place[k - 1]]) ++places;
-        place[by_place[k]] = places;
+    std::sort(by_place.begin(), by_place.end(),
+              [&](i32 a, i32 b) { return grid[a] != grid[b] ? grid[a] < grid[b] : tie_of(a) < tie_of(b); });
+    i32 places = 0, classes = 1;
+    for (i64 k = 1; k < vertices; ++k) {
+        const i32 before = by_place[k - 1], own = by_place[k];
+        if (tie_of(own) != tie_of(before)) ++classes;
+        if (grid[own] != grid[before] || classes > most_classes) {
+            ++places;
+            classes = 1;
+        }
+        place[own] = places;
     }
     if (vertices == 0 || places + 1 == vertices) return {};
     std::vector<i32> number(places + 1, -1), point_of(vertices);
@@ -200,11 +244,11 @@ Polygons welded(Polygons mesh, const std::vector<i32> &point_of, i64 points) {
 
 // The surface for prediction: the mesh, or the mesh with its welds, which are coded first.
 struct Surface {
-    Surface(const Polygons &mesh, std::span<const Vector> grid, const std::vector<i32> *point_of)
+    Surface(const Polygons &mesh, std::span<const Vector> grid, const std::vector<i32> *point_of, Ties ties = {})
         : points(grid.begin(), grid.end()) {
         if (point_of) {
-            std::vector<i32> coded = *point_of;
-            const i64 count = code_welds(coder, CornerTable(mesh), coded);
+            std::vector<i32> coded = *point_of, coded_ties(ties.begin(), ties.end());
+            const i64 count = code_welds(coder, CornerTable(mesh), coded, coded_ties);
             points.resize(count);
             for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) points[(*point_of)[vertex]] = grid[vertex];
             corners.emplace(welded(mesh, *point_of, count));
@@ -254,8 +298,8 @@ std::vector<Vector> at_vertices(std::span<const Vector> points, const std::vecto
 }  // namespace
 
 std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const Vector> grid,
-                                          std::span<const std::array<double, 3>> wanted) {
-    std::vector<i32> point_of = shared_points(mesh, wanted);
+                                          std::span<const std::array<double, 3>> wanted, Ties ties) {
+    std::vector<i32> point_of = shared_points(mesh, wanted, ties);
     const bool is_welded = !point_of.empty();
     std::vector<Vector> points(grid.begin(), grid.end());
     std::vector<std::array<double, 3>> of_points(wanted.begin(), wanted.end());
@@ -272,10 +316,12 @@ std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const 
     return Smoothing{fitted->weights, std::move(point_of), std::move(found), fitted->error_ratio};
 }
 
-CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing) {
-    const std::vector<i32> point_of = smoothing ? smoothing->point_of : shared_points(mesh, grid);
-    const bool must_weld = smoothing && !point_of.empty();  // smoothing works across the welds
-    const u8 always = smoothing ? smooths_points : 0;
+CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing,
+                                Ties ties) {
+    const std::vector<i32> point_of = smoothing ? smoothing->point_of : shared_points(mesh, grid, ties);
+    // Smoothing works across the welds, and vertices of one point are tied.
+    const bool must_weld = (smoothing || !ties.empty()) && !point_of.empty();
+    const u8 always = static_cast<u8>((smoothing ? smooths_points : 0) | (ties.empty() ? 0 : ties_vertices));
     CodedReference best{0, {}};
     std::optional<Surface> best_surface;
     const auto try_also = [&](u8 kind, const Surface &surface) {
@@ -286,22 +332,25 @@ CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> gr
     };
     if (!must_weld) try_also(always, best_surface.emplace(mesh, grid, nullptr));
     if (!point_of.empty()) {
-        Surface welds(mesh, grid, &point_of);
+        Surface welds(mesh, grid, &point_of, ties);
         if (try_also(always | welds_points, welds)) best_surface.emplace(std::move(welds));
     }
     try_also(best.kind | matches_residuals, *best_surface);
     return best;
 }
 
-std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8> data) {
+DecodedReference decode_reference(Polygons mesh, u8 kind, std::span<const u8> data) {
     RangeCoder<Mode::decode> coder(data);
+    DecodedReference found;
     const bool is_welded = kind & welds_points;
     const i64 vertices = mesh.vertices;
     i64 points = vertices;
     std::vector<i32> point_of;
     if (is_welded) {
         point_of.resize(vertices);
-        points = code_welds(coder, CornerTable(mesh), point_of);
+        if (kind & ties_vertices) found.ties.resize(vertices);
+        points = code_welds(coder, CornerTable(mesh), point_of, found.ties);
+        name_ties(found.ties);
         mesh = welded(std::move(mesh), point_of, points);
     }
     const CornerTable corners(std::move(mesh));
@@ -316,8 +365,8 @@ std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8>
         throw CorruptError(Section("REST"), "does not end with its coordinates; get the file again");
     }
     if (kind & smooths_points) predictor.grid = smoothed(corners, predictor.grid, of_smoothing);
-    if (!is_welded) return std::move(predictor.grid);
-    return at_vertices(predictor.grid, point_of);
+    found.grid = is_welded ? at_vertices(predictor.grid, point_of) : std::move(predictor.grid);
+    return found;
 }
 
 }  // namespace pdeanim

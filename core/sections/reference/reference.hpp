@@ -111,7 +111,12 @@ std::optional<FittedSmoothing> fit_smoothing(const CornerTable &corners, std::sp
                                              std::span<const std::array<double, 3>> wanted);
 
 // Bits of a kind of prediction.
-constexpr u8 welds_points = 1, matches_residuals = 2, smooths_points = 4;
+constexpr u8 welds_points = 1, matches_residuals = 2, smooths_points = 4, ties_vertices = 8;
+constexpr u8 reference_kinds = 16;
+
+// Vertices that lie on the same point in every frame: of each vertex, the first one that it coincides with, mostly
+// itself. Empty if no vertices are tied.
+using Ties = std::span<const i32>;
 
 struct CodedReference {
     u8 kind = 0;
@@ -129,12 +134,18 @@ struct Smoothing {
 // Choose the smoothing of a frame; nothing if it comes hardly closer to the wanted positions. wanted: of each vertex
 // [steps]; vertices of equal positions are welded.
 std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const Vector> grid,
-                                          std::span<const std::array<double, 3>> wanted);
+                                          std::span<const std::array<double, 3>> wanted, Ties ties);
 
-// smoothing: null to leave the frame as it is.
-CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing);
+// smoothing: null to leave the frame as it is. Tied vertices have equal coordinates.
+CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing,
+                                Ties ties);
 
-// Undo `encode_reference`, in 1/64 steps if the kind smooths; CorruptError if the bytes are damaged.
-std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8> data);
+struct DecodedReference {
+    std::vector<Vector> grid;  // of each vertex, in 1/64 steps if the kind smooths
+    std::vector<i32> ties;     // see Ties
+};
+
+// Undo `encode_reference`; CorruptError if the bytes are damaged.
+DecodedReference decode_reference(Polygons mesh, u8 kind, std::span<const u8> data);
 
 }  // namespace pdeanim

@@ -226,7 +226,7 @@ def _parts(basis: SpaceBasis, most: int) -> Int64Array:
 
 def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
     """Return the elements that consist mostly of given vertices."""
-    given = np.zeros(basis.order.size, np.int64)
+    given = np.zeros(basis.vertices, np.int64)
     given[vertices] = 1
     found: Int64Array = np.flatnonzero(
         2 * np.add.reduceat(given[basis.order], basis.starts[:-1]) > np.diff(basis.starts)

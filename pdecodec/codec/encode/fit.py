@@ -186,6 +186,8 @@ class GroupFitter:
         The bound, or the spacing of float32 if that is larger: a finer model would only describe rounding.
     residual_step : float [scene units]
     tuning : Tuning
+    places : int, optional
+        Number of vertices that are not tied to others. Default: all.
 
     Attributes
     ----------
@@ -205,8 +207,9 @@ class GroupFitter:
         unit: float,
         residual_step: float,
         tuning: Tuning,
+        places: int | None = None,
     ) -> None:
-        self.tuning = tuning
+        self.tuning, self.places = tuning, places or len(reference)
         self.points, self.times, self._reference, self._first = points, times, reference, first
         self.bound, self.unit, self.residual_step = bound, unit, residual_step
         self.is_heavy = points.nbytes >= tuning.heavy_group_bytes
@@ -229,7 +232,7 @@ class GroupFitter:
     @property
     def is_large(self) -> bool:
         """Return whether the mesh is large, so that full fits are avoided."""
-        return len(self._reference) > self.tuning.small_mesh_vertices
+        return self.places > self.tuning.small_mesh_vertices
 
     def prepare(self, choice: Candidate) -> None:
         """Compute what fits of a temporal basis and origin share, before several threads would each compute it."""
@@ -273,6 +276,7 @@ class GroupFitter:
             unit=self.unit,
             residual_step=self.residual_step,
             tuning=self.tuning,
+            places=self.places,
         )
         other.is_heavy = self.is_heavy
         return other
@@ -313,7 +317,7 @@ class GroupFitter:
         """
         choice = replace(self.first_choice, time=time)
         some = self._some_rows(basis, choice)
-        positions = self.frames * len(self._reference) * len(some) / max(1, basis.functions)
+        positions = self.frames * basis.order.size * len(some) / max(1, basis.functions)
         sizes = np.abs(some).ravel()
 
         tuning, rounded = self.tuning, self.tuning.dead_zones[0][0]

@@ -82,6 +82,7 @@ class PaperEncoder(Encoder):
         paper, self._rounded_up_at = settings.paper, Tuning().dead_zones[0][0]
         self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
         sampled = [(self._read(*part), part) for part in self._sampled_segments()]
+        self._ties = self._find_ties(self._first[np.newaxis])
         finest = FINEST_STEP * self._scale
         fine = quantise_reference(self._first, finest)
         errors: dict[float, float] = {}
@@ -109,6 +110,7 @@ class PaperEncoder(Encoder):
             functions=SPACE_FUNCTIONS,
             rate=rate,
             affine=False,
+            ties=self._ties,
         )
 
     def _segments(self) -> list[tuple[int, int]]:

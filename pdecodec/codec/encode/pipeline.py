@@ -30,7 +30,7 @@ from pdecodec.codec.container import (
 )
 from pdecodec.codec.encode.field_sections import encode_fields
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
-from pdecodec.codec.encode.reference import References
+from pdecodec.codec.encode.reference import References, TieFinder
 from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json
 from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
@@ -40,12 +40,18 @@ from pdecodec.codec.sections.connectivity import encode_connectivity
 from pdecodec.codec.sections.description import encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.groups import GroupEntry, write_group_table
-from pdecodec.codec.sections.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
+from pdecodec.codec.sections.reference import (
+    NO_TIES,
+    ReferenceFrame,
+    decode_reference,
+    encode_reference,
+    quantise_reference,
+)
 from pdecodec.codec.sections.residuals import LAST_BINADE, residual_step
 from pdecodec.codec.sections.space_basis import SpaceBasis, encode_model
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.jumps import JumpFinder
 from pdecodec.mesh.metrics import frame_scale, median_edge
 from pdecodec.mesh.sequence import MeshSequence, Progress
@@ -82,6 +88,7 @@ class Encoder(ABC):
         self._entries: list[GroupEntry] = []
         self._largest_square, self._sum_of_squares = 0.0, 0.0
         self._residuals = self._coefficients = 0
+        self._ties: Int32Array = NO_TIES
         self._questions: list[Question] = []
         self._fields: list[FieldReport] = []
 
@@ -138,14 +145,25 @@ class Encoder(ABC):
 
     def _set_reference(self, step: float) -> None:
         """Quantise frame 0 with a step [scene units]; displacements start from what the decoder makes of it."""
-        shape = quantise_reference(self._first, step)
+        shape = quantise_reference(self._first, step, self._ties)
         self._reference_bytes = encode_reference(shape, self._sequence.objects)
         self._reference: ReferenceFrame = decode_reference(self._reference_bytes, self._sequence.objects)
 
     def _read(self, begin: int, end: int) -> Float32Array:
-        block = self._sequence.frames_per_block
-        parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
+        parts = list(self._blocks(begin, end))
         return np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
+
+    def _blocks(self, begin: int, end: int) -> Iterator[Float32Array]:
+        block = self._sequence.frames_per_block
+        return (checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block))
+
+    def _find_ties(self, points: Float32Array) -> Int32Array:
+        """Ties of the whole clip, whose first frames are given: others are read if vertices coincide in these."""
+        finder = TieFinder(points[0])
+        blocks = itertools.chain([points], self._blocks(len(points), self._sequence.frame_count))
+        while not finder.is_empty and (block := next(blocks, None)) is not None:
+            finder.add(block)
+        return finder.ties
 
     def _write_group(self, encoded: EncodedGroup, spools: Sequence[Spool]) -> None:
         self._largest_square = max(self._largest_square, encoded.largest_square)
@@ -230,7 +248,7 @@ def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Arra
     # False for NaN, too: then both minimum and maximum are NaN.
     if points.size and not -FARTHEST <= float(points.min()) <= float(points.max()) <= FARTHEST:
         frame, vertex, axis = np.argwhere(~(np.abs(points) <= FARTHEST))[0]
-        name, index = _owner(sequence, int(vertex))
+        name, index = owner_of(sequence, int(vertex))
         what = f"farther than {FARTHEST:g}" if np.isfinite(points[frame, vertex, axis]) else "not at a finite position"
         raise InputError(
             f"vertex {index} of object '{name}' is {what}; repair or cut the sequence there",
@@ -240,7 +258,8 @@ def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Arra
     return points
 
 
-def _owner(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
+def owner_of(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
+    """Return the name of the object that has a vertex, and the vertex's number in it."""
     for item in sequence.objects:
         if vertex < item.vertex_count:
             return item.name, vertex
@@ -333,6 +352,7 @@ class AutoEncoder(Encoder):
         """Return the parts of the first group; its motion decides how long groups are."""
         self._ranges = self._group_ranges(self._plan.group_frames)
         points = self._read(*self._ranges[0])
+        self._ties = self._find_ties(points)
         longer = self._group_ranges(self._plan.smooth_group_frames)
         with ThreadPoolExecutor(1) as beside:
             search = ModelSearch(
@@ -345,11 +365,11 @@ class AutoEncoder(Encoder):
                 functions=self._plan.functions,
                 tuning=self._tuning,
                 patches=EarlyPatches(self._sequence.objects),
-                references=References(self._sequence.objects, beside),
+                references=References(self._sequence.objects, beside, self._ties),
                 beside=beside,
             )
             look = search.first_look() if len(longer) < len(self._ranges) else None
-            if look and look.bits < self._tuning.smooth_bits * points[..., 0].size:
+            if look and look.bits < self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied):
                 self._ranges, look = longer, None
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
                 search = replace(search, points=points, is_smooth=True)
@@ -382,6 +402,7 @@ class AutoEncoder(Encoder):
             self._first,
             times=self._sequence.times[begin:end],
             tuning=self._tuning,
+            places=self._space.order.size,
             **steps,
         )
 
@@ -391,7 +412,7 @@ class AutoEncoder(Encoder):
         Steps are `coarser` indices above those that leave the usual mean error.
         """
         frames = sum(part.group.entry.frames for part in before)
-        is_smooth = _bits(before) < self._tuning.smooth_bits * frames * fitter.points.shape[1]
+        is_smooth = _bits(before) < self._tuning.smooth_bits * frames * fitter.places
         dense = not is_smooth and (len(before) > 1 or is_dense(fitter))
         groups = encode_by_rule(fitter, self._space, is_dense=dense, coarser=coarser)
         return side_by_side(*(partial(self._encoded, group) for group in groups))

@@ -234,7 +234,7 @@ class Division:
 def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     """Return the group as the candidate that costs least, or halves, halves of halves, that cost less together."""
     fitter, tuning = search.fitter, search.fitter.tuning
-    frames, vertices = fitter.points.shape[:2]
+    frames, vertices = fitter.frames, fitter.places
     if not tuning.divides_groups or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
         return Division([search.choose(choices)])
     # Poses are those of all frames: parts are compared in shapes.
@@ -448,7 +448,12 @@ class ModelSearch:
     @property
     def _positions(self) -> int:
         """Of the whole clip."""
-        return self.times.size * len(self.points[0])
+        return self.times.size * self._places
+
+    @property
+    def _places(self) -> int:
+        """Number of vertices that are not tied to others."""
+        return len(self.points[0]) - self.references.tied
 
     @property
     def _is_by_rule(self) -> bool:
@@ -537,7 +542,7 @@ class ModelSearch:
 
     def _quantised(self, step: float) -> ReferenceFrame:
         if self.times.size == 1:
-            return quantise_reference(self.points[0], step)  # within the bound without residuals
+            return quantise_reference(self.points[0], step, self.references.ties)  # within the bound without residuals
         return self.references.frame(self.points[0], step)
 
     def _fitter(self, reference: ReferenceFrame) -> GroupFitter:
@@ -550,6 +555,7 @@ class ModelSearch:
             unit=self.unit,
             residual_step=self.residual_step,
             tuning=self.tuning,
+            places=self._places,
         )
 
     def _bases(self, reference: ReferenceFrame) -> SpatialBases:
@@ -593,7 +599,7 @@ class ModelSearch:
 
     @property
     def _is_large(self) -> bool:
-        return len(self.points[0]) > self.tuning.small_mesh_vertices
+        return self._places > self.tuning.small_mesh_vertices
 
     def _cost(self, model: _Model) -> float:
         """Return the bits of the first frames, with their share of what is there once."""

@@ -50,5 +50,11 @@ class SpatialBases:
     def _build(self, space: tuple[SpaceKind, int]) -> SpaceBasis:
         kind, points = space
         return trial_space_basis(
-            kind, self._objects, self._reference.grid, points=points, functions=self._functions, early=self._patches
+            kind,
+            self._objects,
+            self._reference.grid,
+            points=points,
+            functions=self._functions,
+            early=self._patches,
+            ties=self._reference.ties,
         )

@@ -14,6 +14,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts
+from pdecodec.codec.sections.reference import NO_TIES
 from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
@@ -39,7 +40,11 @@ class EarlyPatches:
 
 
 def build_patches(
-    objects: Sequence[MeshObject], reference: Int64Array, points: int, early: Patches | None = None
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    points: int,
+    early: Patches | None = None,
+    ties: Int32Array = NO_TIES,
 ) -> Patches:
     """Return the patches of a mesh.
 
@@ -52,8 +57,10 @@ def build_patches(
         Largest number of vertices of a patch.
     early : Patches, optional
         The result of :func:`early_patches`, which is used unless vertices coincide.
+    ties : (vertices,) int32, optional
+        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
     """
-    return _core.build_patches(core_parts([item.connectivity for item in objects]), reference, points, early)
+    return _core.build_patches(core_parts([item.connectivity for item in objects]), reference, points, ties, early)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -20,11 +20,11 @@ from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldW
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
-WELDED, MATCHED, SMOOTHED = 1, 2, 4
+WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
 """Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier ones, the
-decoded frame is smoothed."""
+decoded frame is smoothed, welded vertices may be tied."""
 
-PREDICTORS = 8
+PREDICTORS = 16
 """Number of combinations of these flags."""
 
 SMOOTH_DIVISIONS = 64
@@ -37,6 +37,9 @@ shape keeps all of its 24 bits.
 
 HEADER_BYTES = 33
 """Size of step, origin and predictor [bytes]."""
+
+NO_TIES: Int32Array = np.zeros(0, np.int32)
+"""Ties where no vertices are tied."""
 
 
 class CodedGrid(NamedTuple):
@@ -72,6 +75,8 @@ class ReferenceFrame:
     is_smoothed : bool
     coded : CodedGrid, optional
         The coded grid from which smoothing makes `grid`, if it is known.
+    ties : (vertices,) int32
+        The first of the vertices that have the position of each in every frame; empty if no vertices are tied.
     """
 
     grid: Int64Array
@@ -79,6 +84,12 @@ class ReferenceFrame:
     step: float
     is_smoothed: bool = False
     coded: CodedGrid | None = None
+    ties: Int32Array = field(default_factory=lambda: NO_TIES)
+
+    @property
+    def tied(self) -> Int32Array:
+        """(n,) int32: the vertices that are tied to an earlier one."""
+        return np.flatnonzero(self.ties != np.arange(self.ties.size)).astype(np.int32)
 
     @property
     def coded_step(self) -> float:
@@ -96,23 +107,27 @@ class ReferenceFrame:
         return self.origin + self.grid * self.step
 
 
-def quantise_reference(points: Float32Array, step: float) -> ReferenceFrame:
+def quantise_reference(points: Float32Array, step: float, ties: Int32Array = NO_TIES) -> ReferenceFrame:
     """Round a frame to a grid of `step`, or a coarser one if coordinates would exceed :data:`LARGEST_BITS`.
 
     Parameters
     ----------
     points : (vertices, 3) float32
     step : float [scene units]
+    ties : (vertices,) int32, optional
+        As in the result.
     """
     wide = points.astype(np.float64)
     origin = wide.min(axis=0)
     extent = float((wide - origin).max())
     if extent > 0:
         step = max(step, math.ldexp(extent, -LARGEST_BITS + 1))
-    return ReferenceFrame(np.rint((wide - origin) / step).astype(np.int64), origin, step)
+    return ReferenceFrame(np.rint((wide - origin) / step).astype(np.int64), origin, step, ties=ties)
 
 
-def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshObject]) -> ReferenceFrame:
+def quantise_smoothly(
+    points: Float32Array, step: float, objects: Sequence[MeshObject], ties: Int32Array = NO_TIES
+) -> ReferenceFrame:
     """Round a frame to a grid, and smooth it if that brings it closer to the points.
 
     Parameters
@@ -122,14 +137,16 @@ def quantise_smoothly(points: Float32Array, step: float, objects: Sequence[MeshO
         Step of the grid, before smoothing.
     objects : sequence of MeshObject
         Objects that have the vertices of `points`.
+    ties : (vertices,) int32, optional
+        As in the result.
     """
-    frame, mesh = quantise_reference(points, step), polygons_of(objects)
+    frame, mesh = quantise_reference(points, step, ties), polygons_of(objects)
     wanted = (points.astype(np.float64) - frame.origin) / frame.step
-    found = _core.smooth_reference(mesh.starts, mesh.vertex, mesh.faces, frame.grid, wanted)
+    found = _core.smooth_reference(mesh.starts, mesh.vertex, mesh.faces, frame.grid, wanted, ties)
     if found is None:
         return frame
     coded = CodedGrid(frame.grid, found.weights, found.points, found.error_ratio)
-    return ReferenceFrame(found.grid, frame.origin, frame.step / SMOOTH_DIVISIONS, True, coded)
+    return ReferenceFrame(found.grid, frame.origin, frame.step / SMOOTH_DIVISIONS, True, coded, ties)
 
 
 def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
@@ -144,7 +161,7 @@ def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> by
     mesh = polygons_of(objects)
     grid, weights, points, _ = shape.coded or (shape.grid, None, np.zeros(0, np.int32), 1.0)
     predictor, data = _core.encode_reference(
-        mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(grid), weights, points
+        mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(grid), weights, points, shape.ties
     )
     writer = FieldWriter()
     writer.numbers("ddddB", shape.coded_step, *shape.origin.tolist(), predictor)
@@ -166,10 +183,15 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
         raise section_fault("REST", f"names predictor {predictor}, this decoder has 0 to {PREDICTORS - 1}")
     if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
         raise section_fault("REST", "has a quantisation step or an origin out of range")
+    if predictor & TIED and not predictor & WELDED:
+        raise section_fault("REST", "ties vertices that it does not weld")
     mesh = polygons_of(objects)
-    grid = _core.decode_reference(mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:])
+    grid, ties = _core.decode_reference(
+        mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:]
+    )
     is_smoothed = bool(predictor & SMOOTHED)
-    return ReferenceFrame(grid, np.array(origin), step / SMOOTH_DIVISIONS if is_smoothed else step, is_smoothed)
+    step = step / SMOOTH_DIVISIONS if is_smoothed else step
+    return ReferenceFrame(grid, np.array(origin), step, is_smoothed, ties=ties)
 
 
 class Polygons(NamedTuple):

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.elements import EarlyPatches, Patches, build_patches, extract_curves
-from pdecodec.mesh.arrays import Float64Array, Int64Array
+from pdecodec.codec.sections.reference import NO_TIES
+from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import thread_count
 
@@ -105,8 +106,10 @@ class SpaceBasis:
     ----------
     form : SpaceForm
     patches : Patches
-    order : (vertices,) int32
-        Vertices of the mesh, element after element.
+    order : (points,) int32
+        Vertices of the mesh, element after element, but for those that are tied to others.
+    vertices : int
+        Number of vertices, tied ones included.
     starts : (elements + 1,) int64
         Element e holds ``order[starts[e]:starts[e + 1]]``.
     functions : int
@@ -121,7 +124,7 @@ class SpaceBasis:
             SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
             patches, reference, layout, thread_count(),
         )  # fmt: skip
-        self.order, self.starts = patches.order, patches.starts
+        self.order, self.starts, self.vertices = patches.order, patches.starts, len(reference)
         self.functions, self.coefficient_starts = self.core.functions, self.core.coefficient_starts
 
     @property
@@ -205,6 +208,7 @@ def build_space_basis(
     functions: int,
     rate: float = 0.0,
     affine: bool = True,
+    ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
     """Build a space basis for an encoder: one that all decoders build alike.
 
@@ -220,9 +224,11 @@ def build_space_basis(
         r of Eqs. 14 and 16 over half a piece.
     affine : bool
         False uses only the functions of Eqs. 14 and 16.
+    ties : (vertices,) int32, optional
+        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
     """
     form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
-    return clear_space_basis(SpaceBasis(form, _elements(form, objects, reference, None), reference), reference)
+    return clear_space_basis(SpaceBasis(form, _elements(form, objects, reference, None, ties), reference), reference)
 
 
 def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
@@ -250,17 +256,23 @@ def trial_space_basis(
     points: int,
     functions: int,
     early: EarlyPatches | None = None,
+    ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
     """Build a space basis for estimates. If it is chosen, :func:`clear_space_basis` must check it, which takes most of
     the work because it makes the functions.
     """
     form = SpaceForm(kind, points, functions)
     patches = early.of(points) if early and kind == "patch" else None
-    return SpaceBasis(form, _elements(form, objects, reference, patches), reference)
+    return SpaceBasis(form, _elements(form, objects, reference, patches, ties), reference)
 
 
 def decode_space_basis(
-    form: SpaceForm, layout: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
+    form: SpaceForm,
+    layout: bytes,
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    early: Patches | None = None,
+    ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
     """Return the space basis of a file.
 
@@ -274,20 +286,24 @@ def decode_space_basis(
         Grid coordinates of the reference frame.
     early : Patches, optional
         The result of `pdecodec.codec.sections.elements.early_patches`; remade if the reference frame changes them.
+    ties : (vertices,) int32, optional
+        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
 
     Raises
     ------
     CorruptFileError
         If the layout does not end where the partition tree does.
     """
-    return SpaceBasis(form, _elements(form, objects, reference, early), reference, layout)
+    return SpaceBasis(form, _elements(form, objects, reference, early, ties), reference, layout)
 
 
-def _elements(form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None) -> Patches:
+def _elements(
+    form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None, ties: Int32Array
+) -> Patches:
     if form.kind == "patch":
-        return build_patches(objects, reference, form.points, early)
+        return build_patches(objects, reference, form.points, early, ties)
     curves = extract_curves(objects, reference)
-    return _core.cut_curves(curves.order, curves.starts, form.points)
+    return _core.cut_curves(curves.order, curves.starts, form.points, ties)
 
 
 def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array:
