@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pdecodec import (
     ArraySequence,
     ChangingSequence,
     Connectivity,
+    CorruptFileError,
     EncodeSettings,
     MeshObject,
     MeshSequence,
@@ -27,6 +29,7 @@ from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.metrics import frame_scale
 from spec.accepted import Choices, encoded
 from spec.decoder import animation as independent
+from spec.sealing import seal, take_apart
 from tests.codec.test_fields import clip_with_fields
 from tests.codec.test_round_trip import CLIPS
 from tests.support.decoders import assert_same
@@ -68,6 +71,32 @@ def test_it_decodes_fields_to_the_last_bit(settings: dict[str, Any]) -> None:
                 for field, found in zip(run.fields, other.fields, strict=True):
                     values = np.array(found.frames, field.dtype).reshape(field.shape(run.frame_count, run.objects))
                     np.testing.assert_array_equal(values, run.read_field(field.name, 0, run.frame_count))
+
+
+def test_damaged_headers_of_fields_are_refused_or_read_by_both_decoders() -> None:
+    data = encode(clip_with_fields(3), effort="fast").data
+    assert data is not None
+    parts = take_apart(data)
+    number = next(index for index, part in enumerate(parts) if part.kind == "FLDS")
+    headers, outcomes = parts[number].content, set()
+    for place in range(0, len(headers), 11):
+        for value in (headers[place] ^ 1, 255 - headers[place]):
+            changed = headers[:place] + bytes([value]) + headers[place + 1 :]
+            sealed = seal([*parts[:number], replace(parts[number], content=changed), *parts[number + 1 :]])
+            is_read = True
+            try:
+                with open_animation(sealed) as animation:
+                    for field in animation.fields:
+                        animation.read_field(field.name, 0, 3)
+            except CorruptFileError:
+                is_read = False
+            outcomes.add(is_read)
+            if is_read:
+                independent.decode(sealed)
+            else:
+                with pytest.raises(independent.CorruptFileError):
+                    independent.decode(sealed)
+    assert outcomes == {True, False}
 
 
 def bending_strips() -> ArraySequence:
