@@ -156,7 +156,15 @@ SPECIFICATIONS: Mapping[str, Specification] = {
     **dict.fromkeys(("vtu", "vtp", "vtk", "pvtu", "pvd", "series"), _VTK),
     "exodus": Specification(
         ("coord", "connect", "time_whole", "displacements", "eb_names"),
-        ("other variables", "node sets", "side sets", "info_records", "qa_records"),
+        (
+            "other variables",
+            "node sets",
+            "side sets",
+            "element attributes",
+            "info_records",
+            "qa_records",
+            "other arrays",
+        ),
     ),
     "ply": Specification(
         (

@@ -164,12 +164,12 @@ class FrameChanges:
         lost += sorted(self._absent)
         lost += [f"changes of {kind}" for kind in sorted(self._frames.keys() - self._absent)]
         return (
-            *(one for item in objects for one in _kept_of(item)),
+            *(one for item in objects for one in kept_of(item)),
             *(Content(f"/{kind}", kind, "dropped") for kind in dict.fromkeys(lost)),
         )
 
 
-def _kept_of(item: MeshObject) -> Iterator[Content]:
+def kept_of(item: MeshObject) -> Iterator[Content]:
     """List positions, faces, lines, and attributes of an object, labels of attributes one by one."""
     faces, lines = item.connectivity.face_count, item.connectivity.line_count
     for kind in ["positions", *["faces"] * bool(faces), *["lines"] * bool(lines)]:

@@ -21,7 +21,7 @@ from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
-from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, not_kept_data
+from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, not_kept_data
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
@@ -63,8 +63,19 @@ _VARIABLES = {
 }
 """Names of variables in a notice, by the array that lists them."""
 
-_NAMED_PARTS = {"eb_names": "blocks", "ns_names": "node sets", "ss_names": "side sets"}
-"""Parts of a mesh that have names, by the array that lists them."""
+_SETS = (
+    ("node sets", "ns_names", r"node_ns(\d+)"),
+    ("side sets", "ss_names", r"elem_ss(\d+)"),
+    ("element attributes", "", r"attrib(\d+)"),
+)
+"""Kinds of parts that are not kept: the array that has their names, if any, and arrays that each has one of."""
+
+_KNOWN = re.compile(
+    r"coord[xyz]?|coor_names|connect\d+|time_whole|time_step|four|(num|len)_\w+|(eb|ns|ss)_(names|status|prop\d+)"
+    r"|(node|dist_fact)_ns\d+|(elem|side|dist_fact)_ss\d+|attrib(_name)?\d+|\w+_var_tab|name_\w+_var|vals_\w+"
+    r"|(node|elem)_num_map|elem_map|info_records|qa_records"
+)
+"""Names of arrays that are read, and of those that describe what :data:`_VARIABLES` and :data:`_SETS` name."""
 
 _RECORDS = ("info_records", "qa_records")
 """Arrays in which programs record what they did."""
@@ -141,10 +152,17 @@ class ExodusSequence(MeshSequence):
         attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
         blocks = self._block_names(cells)
         self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
+        kept = {
+            "nodal variables": used,
+            "blocks": [label for attribute in blocks for label in attribute.labels],
+            "times": ["time_whole"] if times.size else [],
+        }
+        lost = self._dropped(used, kept["blocks"])
+        self.list_contents = lambda: contents_of(self.objects, kept, lost)
         self.notices = (
             *notices,
             *self.notices,
-            *not_kept_data(self._dropped(used, blocks)),
+            *not_kept_data(lost),
             *left_out_notice(self._gather, len(self._rest)),
         )
         self.metadata = {}
@@ -160,8 +178,11 @@ class ExodusSequence(MeshSequence):
         rows[list(labels)] = np.arange(len(labels))
         return (Attribute(GROUP, "face", rows[cells.blocks], labels=tuple(labels.values())),)
 
-    def _dropped(self, used: Sequence[str], kept: Sequence[Attribute]) -> dict[str, list[str]]:
-        """Return names of data that are not kept, by kind: variables not in `used`, blocks not in `kept`, and sets."""
+    def _dropped(self, used: Sequence[str], labels: Sequence[str]) -> dict[str, list[str]]:
+        """Return names of data that are not kept, by kind: variables not in `used`, blocks not in `labels`, and sets.
+
+        Blocks without names lose nothing but their numbers.
+        """
         places = dict(_VARIABLES)
         for place in self._variables:
             if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
@@ -171,12 +192,14 @@ class ExodusSequence(MeshSequence):
             for place, kind in places.items()
         }
         kinds["records"] = [name for name in _RECORDS if name in self._variables]
-        # Blocks and sets without names lose nothing but their numbers.
-        labels = [label for attribute in kept for label in attribute.labels]
-        return kinds | {
-            kind: [name for name in self._names(place) if name and (place != "eb_names" or name not in labels)]
-            for place, kind in _NAMED_PARTS.items()
-        }
+        kinds["blocks"] = [name for name in self._names("eb_names") if name and name not in labels]
+        for kind, names, pattern in _SETS:
+            numbers = sorted(int(found[1]) for place in self._variables if (found := re.fullmatch(pattern, place)))
+            listed = dict(enumerate(self._names(names), 1))
+            kinds[kind] = [
+                listed.get(number) or str(number) for number in sorted({*numbers, *(k for k in listed if listed[k])})
+            ]
+        return kinds | {"other arrays": [name for name in self._variables if not _KNOWN.fullmatch(name)]}
 
     def _names(self, place: str) -> list[str]:
         """Return the names that an array of the file lists; empty if the array does not exist."""

@@ -96,6 +96,7 @@ def _sequence(
     reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope), displacement)
     sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
+    sequence.list_contents = lambda: reader.contents(files, sequence.runs[0].objects)
     return sequence
 
 

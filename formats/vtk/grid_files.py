@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
-from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, not_kept_data
+from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.mesh.arrays import Int64Array
+from pdecodec.mesh.sequence import Content, Fate, MeshObject
 
 TIME = "TimeValue"
 """Name of the field data in which VTK stores the time of a data set."""
@@ -167,8 +168,21 @@ class GridReader:
         """Return notices about the files of frames: what moves the mesh, and which data are not kept."""
         geometry = {tuple(self._geometry.get(path, b"") for path in files) for files in frames}
         moves = len(frames) < 2 or len(geometry) > 1
-        kept = {name: None for name in self._point_data if name != self._chosen}
         return (
             *motion_notices(self._chosen, self._vectors, self._asked, moves=moves),
-            *not_kept_data({"point data": kept, "cell data": self._cell_data, "field data": self._field_data}),
+            *not_kept_data(self._lost()),
         )
+
+    def contents(self, frames: Sequence[Sequence[Path]], objects: Sequence[MeshObject]) -> tuple[Content, ...]:
+        """List what the files of frames hold."""
+        kept = {"point data": [] if self._chosen is None else [self._chosen]}
+        has_times = any(time is not None for time in self._times.values())
+        times: Fate = "dropped" if self.time_notices(frames) else "coded"
+        return (
+            *contents_of(objects, kept, self._lost()),
+            *[Content(f"/field data/{TIME}", "field data", times)] * has_times,
+        )
+
+    def _lost(self) -> dict[str, Iterable[str]]:
+        others = [name for name in self._point_data if name != self._chosen]
+        return {"point data": others, "cell data": self._cell_data, "field data": self._field_data}

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, Notice, damaged
+from pdecodec.formats.base.frame_meshes import kept_of
+from pdecodec.mesh.sequence import Content, Fate, MeshObject
 
 NO_DISPLACEMENT = "none"
 """Value of the option ``displacement`` that adds no vectors."""
@@ -83,6 +85,22 @@ def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
         return ()
     head = ", ".join(listed[:-1])
     return (f"{head} and {listed[-1]} are not kept" if head else f"{listed[0]} are not kept",)
+
+
+def contents_of(
+    objects: Iterable[MeshObject], kept: Mapping[str, Iterable[str]], lost: Mapping[str, Iterable[str]]
+) -> tuple[Content, ...]:
+    """List what files hold: objects, and data by kind that are kept, or lost (as :func:`not_kept_data` says)."""
+    fates: tuple[tuple[Fate, Mapping[str, Iterable[str]]], ...] = (("coded", kept), ("dropped", lost))
+    return (
+        *(one for item in objects for one in kept_of(item)),
+        *(
+            Content(f"/{kind}/{name}", kind, fate)
+            for fate, data in fates
+            for kind, names in data.items()
+            for name in dict.fromkeys(names)
+        ),
+    )
 
 
 def quoted(names: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, damaged, naming_file
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
-from pdecodec.formats.vtk.motion import choose_vectors, motion_notices, moved, not_kept_data
+from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.formats.vtk.xdmf_cells import cells_of
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.formats.vtk.xdmf_grids import Grids, Part, Step
@@ -86,11 +86,17 @@ class XdmfSequence(MeshSequence):
         self.objects = tuple(objects)
         self._topologies = [self._items.key(part.topology) for part in first]
         self.metadata = {}
+        kept = {
+            "times": ["Time"] if self._steps[0].time is not None else [],
+            "point data": [] if self._moving is None else [self._moving],
+        }
+        lost = _dropped([*self._steps, *timeline.others], grids.loose, self._moving) | grids.information()
+        self.list_contents = lambda: contents_of(self.objects, kept, lost)
         self.notices = (
             *notices,
             *timeline.notices,
             *motion_notices(self._moving, vectors, displacement, moves=self._geometry_moves(vectors)),
-            *not_kept_data(_dropped([*self._steps, *timeline.others], grids.loose, self._moving) | grids.information()),
+            *not_kept_data(lost),
             *left_out,
         )
 

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -229,12 +230,80 @@ def pc2(folder: Path) -> tuple[Path, Counter[str]]:
     return folder / "x.pc2", Counter(("times", "positions"))
 
 
+def vtu(folder: Path) -> tuple[Path, Counter[str]]:
+    """A grid with data on points, cells and the whole, and meshio's list of them."""
+    import meshio
+
+    from tests.formats.test_specifications import array
+    from tests.formats.test_specifications import vtu as written
+
+    heat = array("heat", "Float32", "1 2 3")
+    fields = array("TimeValue", "Float64", "0.5") + array("run", "Int32", "7")
+    path = written(folder, heat, array("part", "Int32", "1") + array("stress", "Float32", "2"), fields)
+    mesh = meshio.read(path)
+    counts = {"point data": len(mesh.point_data), "cell data": len(mesh.cell_data), "field data": fields.count("Name=")}
+    return path, Counter({**counts, "positions": 1, "faces": len(mesh.cells)})
+
+
+def xdmf(folder: Path) -> tuple[Path, Counter[str]]:
+    """A grid with attributes, a set and notes, and how often its XML has each kind of element."""
+    from tests.formats.test_specifications import ITEM
+    from tests.formats.test_specifications import xdmf as written
+
+    path = written(
+        folder,
+        f'<Time Value="2"/><Attribute Name="a" Center="Node">{ITEM}</Attribute>'
+        f'<Attribute Name="b" Center="Cell">{ITEM}</Attribute><Attribute Name="c" Center="Grid">{ITEM}</Attribute>'
+        f'<Set Name="rim" SetType="Node">{ITEM}</Set><Information Name="by" Value="hand"/>',
+    )
+    listed = Counter(one.tag for one in ElementTree.parse(path).iter())
+    kinds = {"times": "Time", "sets": "Set", "information": "Information", "positions": "Geometry", "faces": "Topology"}
+    counts = Counter({kind: listed[tag] for kind, tag in kinds.items()})
+    return path, counts + Counter({"point data": 1, "cell data": 1, "grid data": 1})
+
+
+def exodus(folder: Path) -> tuple[Path, Counter[str]]:
+    """A file with variables, blocks, sets and records, and what h5py lists of it."""
+    import h5py
+
+    from tests.support.exodus_files import write_exodus
+
+    names = {"name_elem_var": ["stress"], "eb_names": ["plate"], "ns_names": ["rim", ""], "name_glo_var": ["energy"]}
+    moves = {f"displ_{axis}": np.zeros((3, 4)) for axis in "xyz"}
+    write_exodus(folder / "x.e", {**moves, "temp": np.zeros((3, 4))}, listed=names)
+    with h5py.File(folder / "x.e", "a") as file:
+        for name in (
+            "node_ns1",
+            "node_ns2",
+            "elem_ss1",
+            "side_ss1",
+            "attrib1",
+            "qa_records",
+            "assembly1",
+            "num_el_blk",
+        ):
+            file[name] = np.ones(1, np.int32)
+        kinds = {"name_nod_var": "nodal variables", "name_elem_var": "element variables", "eb_names": "blocks"}
+        counts = Counter({kind: len(file[place]) for place, kind in kinds.items()})
+        parts = {"node_ns": "node sets", "elem_ss": "side sets", "attrib": "element attributes"}
+        counts.update(parts[name[:-1]] for name in file if name[:-1] in parts)
+    rest = ("records", "other arrays", "times", "positions", "faces", "global variables")
+    return folder / "x.e", counts + Counter(rest)
+
+
+DATA = ("point data", "cell data")
 LAYOUT = {
     "coded": ("points", "times", "name", "face_counts", "field_warm"),
     "implied": ("faces",),
     "dropped": ("heat", "field_odd", "name", "colour of the year"),
 }
 EXPECTED = {
+    vtu: {"coded": ("positions", "faces", "field data"), "dropped": (*DATA, "field data")},
+    xdmf: {"coded": ("positions", "faces", "times"), "dropped": (*DATA, "grid data", "sets", "information")},
+    exodus: {
+        "coded": ("positions", "faces", "times", "nodal variables", "blocks"),
+        "dropped": ("nodal variables", "node sets", "side sets", "element attributes", "records", "other arrays"),
+    },
     npz: LAYOUT,
     hdf5: {**LAYOUT, "implied": ("faces", "groups"), "dropped": (*LAYOUT["dropped"], "attributes")},
     mdd: {"coded": ("times", "positions"), "dropped": ("bytes after the last frame",)},

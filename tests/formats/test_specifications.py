@@ -246,6 +246,8 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
         "side sets": (lambda folder: exodus(folder, listed={"ss_names": ["lid"]}), "side sets 'lid'"),
         "info_records": (lambda folder: exodus(folder, "info_records"), "records 'info_records'"),
         "qa_records": (lambda folder: exodus(folder, "qa_records"), "records 'qa_records'"),
+        "element attributes": (lambda folder: exodus(folder, "attrib1"), "element attributes '1'"),
+        "other arrays": (lambda folder: exodus(folder, "assembly1"), "other arrays 'assembly1'"),
     },
     **{
         name: {
