@@ -3,8 +3,8 @@
 Candidates of a group differ in temporal basis, origin and steps; of a whole clip, in the step of the reference frame
 and the spatial basis, too, which are chosen on its first frames. What a candidate costs is counted or estimated by
 :mod:`pdecodec.codec.encode.cost`. One rule prunes everywhere: a candidate that costs more than
-`Tuning.early_exit_ratio` times the best one, before its steps are tuned, is not looked at further. What the search
-looked at is also what it tells (:class:`pdecodec.codec.encode.report.Question`); nothing is encoded to explain it.
+`Tuning.early_exit_ratio` times the best one, before its steps are tuned, is dropped. The search returns the candidates
+that it compared (:class:`pdecodec.codec.encode.report.Question`); nothing is encoded again to explain a choice.
 """
 
 from __future__ import annotations
@@ -34,29 +34,30 @@ from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import side_by_side
 
 GROUP_BITS = 8 * 32
-"""What a group costs besides its chunks: its entry in section GRUP."""
+"""Bits of a group besides its chunks: its entry in section GRUP."""
 
 TIME_STEP_BITS = 8 * 8
-"""What the step of stored functions of time takes in section GRUP; cosines have none."""
+"""Bits of the step of stored functions of time in section GRUP; cosines have none."""
 
 ESTIMATE_NOISE_BITS = 8 * 8
-"""A step that is estimated to save less is no better: where motion takes next to nothing, a sample misses residuals."""
+"""Estimated saving below which a step is not better: where motion costs almost nothing, a sample misses residuals."""
 
 EFFORT_BITS = 8.0 * 16
-"""What it takes at most to say in a file that it was made with more effort."""
+"""Largest number of bits that recording another effort takes in a file."""
 
 FINER_REFERENCE_BITS = 0.001
-"""Bits a position that a reference frame of half the usual step may take more, to be taken without a search: on regular
-meshes of cloths and ropes it takes next to nothing, and the motion 1 to 8 % less."""
+"""Bits per position that a reference frame of half the usual step may add to be taken without a search. On
+regular meshes of cloths and ropes it adds almost nothing, and the motion takes 1 to 8 % less.
+"""
 
 SMALL_MESH_PATIENCE = 2
-"""Steps of the reference frame that are tried beyond the best one on small meshes."""
+"""Number of steps of the reference frame that are tried beyond the best one on small meshes."""
 
 Item = TypeVar("Item")
 
 
 def keep_close(items: Iterable[Item], cost: Callable[[Item], float], ratio: float) -> list[Item]:
-    """Return the items that cost at most `ratio` times the least, by rising cost: the search's one way to prune."""
+    """Return the items that cost at most `ratio` times the least, by rising cost: the search's way to prune."""
     ordered = sorted(items, key=cost)
     most = ratio * cost(ordered[0]) if math.isfinite(ratio) else ratio  # that costs may be zero
     return [item for item in ordered if cost(item) <= most]
@@ -64,7 +65,7 @@ def keep_close(items: Iterable[Item], cost: Callable[[Item], float], ratio: floa
 
 @dataclass(frozen=True, eq=False)
 class ChosenGroup:
-    """A group, how it is to be encoded, and what that takes [bits]."""
+    """A group with its search, its candidate and the bits that it costs."""
 
     search: GroupSearch
     choice: Candidate
@@ -75,23 +76,23 @@ class ChosenGroup:
         return self.search.fitter
 
     def tuned(self) -> ChosenGroup:
-        """Return the group with the steps nearby that cost least."""
+        """Return the group with the cheapest steps nearby."""
         return self.search.tune(self.choice) if self.fitter.moves else self
 
 
 class GroupSearch:
-    """Candidates of one group in one spatial basis, by what they take.
+    """Candidates of one group in one spatial basis, with their cost.
 
     Parameters
     ----------
     fitter : GroupFitter
     basis : SpaceBasis
     like : GroupSearch, optional
-        Of the same points, in another spatial basis or from another reference frame.
+        Search of the same points in another spatial basis or from another reference frame.
     part_of : GroupSearch, optional
-        Of more frames in the same spatial basis.
+        Search of more frames in the same spatial basis.
     compares_bases : bool
-        Whether searches in other spatial bases are to look at the same vertices.
+        Whether searches in other spatial bases sample the same vertices.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class GroupSearch:
         self._found: dict[Candidate, float] = {}
 
     def part(self, frames: slice) -> GroupSearch:
-        """Return a search of some of the frames, as a group of their own."""
+        """Return a search of some of the frames as a group of their own."""
         return GroupSearch(self.fitter.part_of_found(frames), self.basis, part_of=self)
 
     def prepare(self, choice: Candidate) -> None:
@@ -117,7 +118,7 @@ class GroupSearch:
         self._counter.prepare(choice)
 
     def candidates(self, usual: Candidate, origins: Sequence[Origin] = ORIGINS) -> list[Candidate]:
-        """Return the temporal bases and origins that are worth tuning: the best ones with the steps of `usual`."""
+        """Return the temporal bases and origins that are worth tuning, the best ones at the steps of `usual`."""
         if not self.fitter.moves:
             return [usual]
         ratio = self._tuning.untuned_exit_ratio
@@ -134,7 +135,9 @@ class GroupSearch:
         return list(dict.fromkeys((starts[0], *close))) if self.fitter.is_large else close
 
     def choose(self, candidates: Sequence[Candidate]) -> ChosenGroup:
-        """Walk the first candidate's step downhill; then those of others that are close with the same step."""
+        """Walk the first candidate's step downhill, then the steps of other candidates that are close at the
+        same step.
+        """
         stride = self._tuning.step_stride
         choice = self._walk(candidates[0], "step", stride)
         rivals = [replace(other, step=choice.step) for other in candidates[1:]]
@@ -146,7 +149,7 @@ class GroupSearch:
         return self.chosen(choice)
 
     def tune(self, choice: Candidate) -> ChosenGroup:
-        """Return a choice with the steps nearby that cost least, those of functions of time included."""
+        """Return a candidate with the cheapest steps nearby, those of the functions of time included."""
         stride, near = self._tuning.step_stride, self._tuning.step_stride // 2
         costs = {way: self._found.get(replace(choice, step=choice.step + way * stride)) for way in (1, -1)}
         if None in costs.values():
@@ -159,18 +162,18 @@ class GroupSearch:
         return self.chosen(choice)
 
     def chosen(self, choice: Candidate) -> ChosenGroup:
-        """Return a choice with what it takes."""
+        """Return a candidate with its cost."""
         return ChosenGroup(self, choice, self.bits(choice))
 
     def look(self, choices: Sequence[Candidate]) -> None:
-        """Count at once what those take that have not been looked at."""
+        """Compute the costs of candidates that are not known yet, all at once."""
         new = [choice for choice in choices if choice not in self._found]
         origins = [[choice for choice in new if choice.origin == origin] for origin in ORIGINS]
         for found in side_by_side(*(partial(self._count, some) for some in origins if some)):
             self._found.update(found)
 
     def _count(self, choices: Sequence[Candidate]) -> dict[Candidate, float]:
-        """Count what candidates of one origin take: they share what :meth:`BitCounter.prepare` computes."""
+        """Compute the costs of candidates of one origin, which share what :meth:`BitCounter.prepare` computes."""
         for choice in choices:
             self._counter.prepare(choice)
         bits = side_by_side(*(partial(self._counter.bits, choice) for choice in choices))
@@ -180,12 +183,12 @@ class GroupSearch:
         }
 
     def bits(self, choice: Candidate) -> float:
-        """Return what a candidate takes."""
+        """Return the bits of a candidate."""
         self.look([choice])
         return self._found[choice]
 
     def _walk(self, start: Candidate, axis: str, stride: int) -> Candidate:
-        """Walk both ways along one of a candidate's steps while the next costs less."""
+        """Walk both ways along one of a candidate's steps, as long as the next step costs less."""
 
         def neighbour(choice: Candidate, way: int) -> Candidate:
             changes: dict[str, int] = {axis: getattr(choice, axis) + way * stride}
@@ -201,7 +204,7 @@ class GroupSearch:
         return best
 
     def explain(self, chosen: Candidate) -> list[Question]:
-        """Return what else was looked at, with the least that each alternative took."""
+        """Return the decisions with all alternatives that were compared, each with its least cost."""
 
         def question(what: str, name: Callable[[Candidate], str], found: Iterable[Candidate]) -> Question | None:
             least: dict[str, float] = {}
@@ -225,19 +228,19 @@ class GroupSearch:
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """The groups that frames are divided into, and what else was looked at."""
+    """The groups that frames are divided into, and the decision about it."""
 
     groups: list[ChosenGroup]
     question: Question | None = None
 
 
 def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
-    """Return the group as the candidate that costs least, or halves, halves of halves, that cost less together."""
+    """Return the group with its cheapest candidate, or its halves, divided again, if they cost less together."""
     fitter, tuning = search.fitter, search.fitter.tuning
     frames, vertices = fitter.frames, fitter.places
     if not tuning.divides_groups or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
         return Division([search.choose(choices)])
-    # Poses are those of all frames: parts are compared in shapes.
+    # Poses are frames of the whole group; its parts are compared in shapes.
     kinds: list[TimeFunctions] = ["shapes" if item.time == "poses" else item.time for item in choices]
     usual = replace(fitter.first_choice, time=kinds[0], origin=choices[0].origin)
     whole = _untuned(search, usual, tuple(dict.fromkeys(kinds)))
@@ -266,16 +269,16 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
 
 @dataclass(frozen=True)
 class _Untuned:
-    """What a group takes with usual steps in the temporal basis that suits it best [bits], and which come close."""
+    """Bits of a group at usual steps in its best temporal basis, and the temporal bases that are close to it."""
 
     bits: float
     close: tuple[TimeFunctions, ...]
 
 
 def _division(search: GroupSearch, whole: _Untuned, usual: Candidate) -> tuple[float, list[int]]:
-    """Return bits and lengths of the division that costs least with usual steps, in which the whole takes so much.
+    """Return bits and lengths of the cheapest division at usual steps, given the cost of the whole.
 
-    Halves are divided further only where they cost little more than the whole.
+    Halves are divided further only if they cost little more than the whole.
     """
     frames, ratio = search.fitter.frames, search.fitter.tuning.early_exit_ratio
     middle = frames // 2
@@ -291,7 +294,7 @@ def _division(search: GroupSearch, whole: _Untuned, usual: Candidate) -> tuple[f
 
 
 def _untuned(search: GroupSearch, usual: Candidate, kinds: tuple[TimeFunctions, ...]) -> _Untuned:
-    """Return what a group takes in some temporal bases, with usual steps."""
+    """Return the cost of a group at usual steps in some temporal bases."""
     choices = [replace(usual, time=time) for time in kinds]
     search.look(choices)
     close = keep_close(choices, search.bits, search.fitter.tuning.early_exit_ratio)
@@ -299,9 +302,9 @@ def _untuned(search: GroupSearch, usual: Candidate, kinds: tuple[TimeFunctions, 
 
 
 def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, coarser: int = 0) -> list[FinishedGroup]:
-    """Fit a group in full with the steps that leave the usual mean error, or so many indices coarser ones.
+    """Fit a group in full without a search, `coarser` indices above the steps that leave the usual mean error.
 
-    In trajectories, or where motion is dense in cosines, as short groups.
+    It is fitted in trajectories, or if motion is dense, in cosines as short groups.
     """
     time: TimeFunctions = "cosines" if is_dense else "trajectories"
     count = -(-fitter.frames // fitter.tuning.dense_group) if is_dense else 1
@@ -316,28 +319,28 @@ def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, co
 
 
 def is_dense(fitter: GroupFitter) -> bool:
-    """Return whether frames have so little in common that a group takes about as many trajectories as there are."""
+    """Return whether frames have so little in common that a group needs almost as many trajectories as there can be."""
     frames, vertices, tuning = fitter.frames, int(fitter.points.shape[1]), fitter.tuning
     if not tuning.dense_group < frames < vertices:
-        return False  # a trajectory for each of few vertices tells nothing about frames
+        return False  # with few vertices, a trajectory for each says nothing about the frames
     most = min(3 * frames, vertices)
     return fitter.displacements("reference").count("trajectories") > tuning.dense_share * most
 
 
 @dataclass(frozen=True, eq=False)
 class FinishedModel:
-    """What a clip is encoded with, its first groups, and what else was looked at.
+    """The model of a clip with its first groups, and the decisions that led to it.
 
     Attributes
     ----------
     reference : ReferenceFrame
     reference_data : bytes
-        The section of the reference frame.
+        Section of the reference frame.
     basis : SpaceBasis
     groups : list of FinishedGroup
     questions : list of Question
     effort : str or None
-        Another effort that finds the very same.
+        Another effort that gives the same file.
     """
 
     reference: ReferenceFrame
@@ -350,7 +353,7 @@ class FinishedModel:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A reference frame, a spatial basis to try on it, choices of the first groups, and what else was looked at."""
+    """A reference frame, a spatial basis on it, the choices of the first groups, and the decisions so far."""
 
     reference: ReferenceFrame
     basis: SpaceBasis
@@ -365,9 +368,9 @@ class _Model:
 
 @dataclass(frozen=True, eq=False)
 class FirstLook:
-    """What a clip's first frames take about, encoded as suits most clips [bits].
+    """Approximate bits of a clip's first frames, encoded as most clips are.
 
-    Where nothing else is tried, also what was found on the way: a search takes its memory for more.
+    If nothing else is tried, also the objects made for it; a search does not keep them, to save memory.
     """
 
     bits: float
@@ -376,24 +379,24 @@ class FirstLook:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelSearch:
-    """A search for what a clip costs least with.
+    """Search for the cheapest model of a clip.
 
     Attributes
     ----------
     points : (n, vertices, 3) float32 [scene units]
-        The clip's first frames.
+        First frames of the clip.
     times : (frames,) float64 [s]
-        Of the whole clip: the reference frame is there for all of them.
+        Times of the whole clip, over which the cost of the reference frame is spread.
     objects : sequence of MeshObject
     bound, unit, residual_step : float [scene units]
-        As :class:`pdecodec.codec.encode.fit.GroupFitter` takes them.
+        As for :class:`pdecodec.codec.encode.fit.GroupFitter`.
     functions : int
-        Of a patch at most.
+        Largest number of functions of a patch.
     tuning : Tuning
     patches : EarlyPatches
     references : References
     beside : ThreadPoolExecutor
-        Makes what is needed later.
+        Makes ahead what is needed later.
     is_smooth : bool
         Whether these frames are known to take few bits.
     """
@@ -434,9 +437,9 @@ class ModelSearch:
         return min(found, key=self._finished_cost)
 
     def first_look(self) -> FirstLook:
-        """Return what the first frames take about, encoded as suits most clips."""
+        """Return the approximate cost of the first frames, encoded as most clips are."""
         if self._is_by_rule:
-            _ = self._reference_by_rule  # begins
+            _ = self._reference_by_rule  # starts it
             reference, space = self._finer_reference or self._usual_reference, self.tuning.spatial_bases[-1]
         else:
             reference, space = self._usual_reference, self.tuning.spatial_bases[0]
@@ -447,7 +450,7 @@ class ModelSearch:
 
     @property
     def _positions(self) -> int:
-        """Of the whole clip."""
+        """Return the number of positions of the whole clip."""
         return self.times.size * self._places
 
     @property
@@ -457,11 +460,11 @@ class ModelSearch:
 
     @property
     def _is_by_rule(self) -> bool:
-        """Whether nothing is tried."""
+        """Return whether the clip is encoded by rule, without a search."""
         return self._positions > self.tuning.searched_positions
 
     def _by_rule(self, look: FirstLook | None) -> FinishedModel:
-        """Return what suits most clips, without a search."""
+        """Return the model that suits most clips, without a search."""
         reference, fitter, known = self._reference_by_rule.result(), None, None
         if look and look.found:
             looked_at, fitter, known = look.found
@@ -481,12 +484,12 @@ class ModelSearch:
 
     @cached_property
     def _reference_by_rule(self) -> Future[ReferenceFrame]:
-        """The reference frame of the usual step, or of half of it where that takes little more."""
+        """Return the reference frame of the usual step, or of half of it if that costs little more."""
         usual, finer = self._usual_reference, self._finer_reference
         little_more = FINER_REFERENCE_BITS * self._positions
 
         def reference() -> ReferenceFrame:
-            # Of many a regular mesh all of it takes no more than that: the other one need not be made.
+            # On regular meshes the whole section is often that small: then the other one is not needed.
             if finer and (
                 8 * len(self.references.data(finer)) < little_more
                 or 8 * (len(self.references.data(finer)) - len(self.references.data(usual))) < little_more
@@ -504,9 +507,9 @@ class ModelSearch:
 
     @cached_property
     def _finer_reference(self) -> ReferenceFrame | None:
-        """That of half the usual step."""
+        """Return the reference frame of half the usual step."""
         steps, usual = self._reference_steps()
-        finer = usual + 2  # steps are halves and thirds of halves
+        finer = usual + 2  # each second step is half as large
         return self._quantised(steps[finer]) if finer < len(steps) else None
 
     def _for_this_bound(self) -> FinishedModel:
@@ -524,13 +527,13 @@ class ModelSearch:
             model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
         questions = [item for item in model.questions if item]
-        del model  # and with it all that was found out on the way
+        del model  # frees everything that the search computed
         basis = made.result()
         finished = side_by_side(*(partial(finish, fitter, choice, basis) for fitter, choice in groups))
         return FinishedModel(reference, self.references.data(reference), basis, finished, questions)
 
     def _reference_steps(self) -> tuple[list[float], int]:
-        """Return the steps of the reference frame that are worth trying, and which of them is the usual one."""
+        """Return the steps of the reference frame to try, and the index of the usual one."""
         if self.times.size == 1:
             return [SINGLE_FRAME_STEP * self.unit], 0
         steps = reference_steps(self.points[0], self.unit, self.tuning)
@@ -562,15 +565,17 @@ class ModelSearch:
         return SpatialBases(self.objects, reference, self.functions, self.patches, self.beside)
 
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
-        """Return the model with the reference frame, finer or else coarser, that costs least with all else as it is."""
+        """Return the model with the cheapest step of the reference frame, finer or else coarser, and all else
+        unchanged.
+        """
         if not any(group.bits for group in usual.groups):
-            # One pose keeps the bound: of a coarser one, which does not, motion would be made that there is none of.
+            # If one pose keeps the bound, do not try a coarser one that breaks it: its error would be coded as motion.
             start -= sum(step > self.unit for step in steps)
             steps = [step for step in steps if step <= self.unit]
         for group in usual.groups:
-            group.fitter.prepare(group.choice)  # from which those of other reference frames follow
+            group.fitter.prepare(group.choice)  # results for other reference frames follow from these
         costs, best = {usual.reference.coded_step: self._cost(usual)}, usual
-        # The bits of the reference frame are what another one can save at most.
+        # Another reference frame can save at most all bits of this one.
         most = self._cost(usual) + self._share_of(self.references.data(usual.reference))
         patience: float = 1 if self._is_large else SMALL_MESH_PATIENCE
         if self._is_tiny:
@@ -594,7 +599,7 @@ class ModelSearch:
 
     @property
     def _is_tiny(self) -> bool:
-        """Whether a full search takes so little time that nothing is pruned."""
+        """Return whether the clip is so small that a full search is quick, so that nothing is pruned."""
         return self.tuning.searches_small_references and self._positions <= self.tuning.small_clip_positions
 
     @property
@@ -602,23 +607,23 @@ class ModelSearch:
         return self._places > self.tuning.small_mesh_vertices
 
     def _cost(self, model: _Model) -> float:
-        """Return the bits of the first frames, with their share of what is there once."""
+        """Return the bits of the first frames with their share of the reference frame and the spatial basis."""
         bits = sum(group.bits for group in model.groups)
         return self._share_of(self.references.data(model.reference), model.basis.layout) + bits
 
     def _finished_cost(self, model: FinishedModel) -> float:
         bits = sum(group.fitted.measured(model.basis).bits + GROUP_BITS for group in model.groups)
         bits += 0.0 if model.effort else EFFORT_BITS
-        # Forms of curves take more than those of patches.
+        # Descriptions of curves take more bits than those of patches.
         described = encode_model(model.basis, self.residual_step)
         return self._share_of(model.reference_data, described) + bits
 
     def _share_of(self, *once: bytes) -> float:
-        """Return the first frames' share of the bits of what is there once for all frames."""
+        """Return the first frames' share of bits that are stored once for all frames."""
         return 8.0 * len(self.points) / self.times.size * sum(map(len, once))
 
     def _with_reference(self, step: float) -> _Model:
-        """Search all else with one step of the reference frame."""
+        """Search everything else, given a step of the reference frame."""
         reference = self._quantised(step)
         fitter, bases = self._fitter(reference), self._bases(reference)
         first = self.tuning.spatial_bases[0]
@@ -633,7 +638,7 @@ class ModelSearch:
         groups, first_group = division.groups, division.groups[0]
         explained = first_group.search.explain(first_group.choice)
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
-            # The temporal basis changed: rank the spatial bases again.
+            # The temporal basis changed: compare the spatial bases again.
             other, question = self._best_space([(group.fitter, group.choice) for group in groups], searches)
             if other != space:
                 space = other
@@ -651,7 +656,7 @@ class ModelSearch:
         )
 
     def _with_other_reference(self, model: _Model, step: float) -> _Model:
-        """Return a model with another reference frame and all else as it is, functions of time included."""
+        """Return a model with another reference frame and everything else unchanged, functions of time included."""
         reference = self._quantised(step)
         self.references.begin(reference)
         basis = self._bases(reference).basis(model.space)
@@ -671,7 +676,7 @@ class ModelSearch:
     def _best_space(
         self, groups: Sequence[tuple[GroupFitter, Candidate]], searches: Searches
     ) -> tuple[tuple[SpaceKind, int], Question | None]:
-        """Return kind and size of the spatial basis in which the groups take fewest bits, and what others take."""
+        """Return kind and size of the spatial basis in which the groups cost least, and the decision."""
         moving = [(fitter, choice) for fitter, choice in groups if fitter.moves]
         kinds = self._space_kinds
         if not moving or len(kinds) == 1:
@@ -679,7 +684,7 @@ class ModelSearch:
 
         def prepare(fitter: GroupFitter, choice: Candidate) -> None:
             fitter.prepare(choice)
-            searches.search(fitter, kinds[0])  # whose vertices the others look at
+            searches.search(fitter, kinds[0])  # its vertices are sampled in the other bases, too
 
         def bits(fitter: GroupFitter, choice: Candidate, space: tuple[SpaceKind, int]) -> float:
             return searches.search(fitter, space).bits(choice)
@@ -702,7 +707,7 @@ class ModelSearch:
 
 
 class Searches:
-    """Searches in several spatial bases on one reference frame, each made once."""
+    """Cache of searches in several spatial bases on one reference frame."""
 
     def __init__(self, bases: SpatialBases) -> None:
         self.bases = bases
@@ -710,7 +715,7 @@ class Searches:
         self._first_searches: dict[GroupFitter, GroupSearch] = {}
 
     def search(self, fitter: GroupFitter, space: tuple[SpaceKind, int]) -> GroupSearch:
-        """Return a search that looks at the vertices that the first one of the same frames does."""
+        """Return a search that samples the vertices of the first search of the same frames."""
         if (fitter, space) not in self._searches:
             search = GroupSearch(fitter, self.bases.basis(space), self._first_searches.get(fitter), compares_bases=True)
             self._searches[fitter, space] = search

@@ -58,7 +58,7 @@ class Tuning:
     early_exit_ratio : float
         Cost over the best one's beyond which a candidate or division is dropped.
     untuned_exit_ratio : float
-        The same for temporal bases and origins, before steps are walked and a spatial basis is chosen.
+        Cost over the best one's beyond which a temporal basis or origin is dropped before steps are searched.
     bits_worth_dividing : float [bits per position]
         Cost below which a group is not divided.
     divides_groups : bool
