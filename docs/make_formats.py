@@ -34,7 +34,8 @@ CONVENTIONS = """\
   triangles. glTF cuts vertices at hard edges, UV seams and material borders. They stay cut; those that shared a normal
   have one number in `shared_normal` and share it in every frame. A note gives the number of normals of a glTF file that
   differ by more than 5 degrees from those computed from its faces. Formats with one normal per vertex get normals only
-  for meshes without hard edges.
+  for meshes without hard edges. No conversion keeps normals that were made by hand or taken from another mesh:
+  positions change from frame to frame, and such normals belong to the frame that stores them.
 - **Size of glTF.** Unless the motion has few functions of time, each frame is a morph target. Positions and normals of
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes per row and frame, twice the positions.
   `--quantize` (KHR_mesh_quantization, which viewers must support) makes it 12: positions of 16 bits, normals of 8, at

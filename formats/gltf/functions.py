@@ -16,7 +16,7 @@ LEAST_PROBED_COLUMNS = 256
 """Coordinates in the first sample that functions are found from. It doubles until it has two for each function."""
 
 PROBING_ROUNDS = 12
-"""Times that functions of a sample are sought for one bound, then there are none."""
+"""Times that functions of a sample are sought for one bound: more samples would hold most coordinates."""
 
 NEAR_BOUND_RATIO, AIM_RATIO = 8.0, 0.95
 """Up to this ratio of an error to the bound a few more functions are needed; else the sample lacks a motion. How much
@@ -209,7 +209,7 @@ def find_functions(
     for bound in bounds:
         aim, least = bound, int(known is None)
         for _ in range(PROBING_ROUNDS):
-            if size < wanted and 2 * probe.estimate(aim) > size:
+            if size < wanted and 2 * probe.estimate(aim) > probe.columns:
                 more, size = order[size : 2 * size], 2 * size
             else:
                 functions = probe.find_fewest(aim, least=least)
@@ -245,6 +245,11 @@ class _Probe:
         self._basis = np.linalg.qr(np.column_stack([np.ones(len(rows)), known]))[0]
         self._allowed = most
         self._analyse(0)
+
+    @property
+    def columns(self) -> int:
+        """Number of coordinates."""
+        return int(self._rows.shape[1])
 
     def add(self, rows: Float64Array) -> None:
         """Add coordinates (samples, columns)."""
