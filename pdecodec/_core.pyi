@@ -214,6 +214,19 @@ def encode_field_chunk(
         If a value exceeds 2^36, or arrays do not match the domain.
     """
 
+def encode_transformed_field_chunk(
+    domain: FieldDomain,
+    values: Int64Array,
+    functions: Int64Array,
+    coefficients: Int64Array,
+    digits: NDArray[np.uint8],
+    levels: int,
+    step: int,
+) -> bytes:
+    """The same, from functions of time (frames, 1, functions) times coefficients (rows, components, functions) of so
+    many digits behind the point, at most 2^digits in size; what they leave is coded as a remainder.
+    """
+
 def decode_field_chunk(domain: FieldDomain, data: bytes, frames: int, components: int) -> FieldChunk:
     """Undo `encode_field_chunk`; CorruptFileError if the chunk is damaged."""
 

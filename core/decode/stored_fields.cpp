@@ -18,6 +18,10 @@ constexpr i64 most_components = 1 << 16, longest_text = 1 << 16;
 // Peak memory of a header or a group's row, most of it Python's.
 constexpr u64 bytes_per_field = 4096, bytes_per_field_group = 256;
 
+// Peak memory while a chunk is decoded, of each of its numbers: in a chunk of one frame, or with as many functions of
+// time as frames, what the coder keeps of a frame is as large as all frames.
+constexpr u64 bytes_at_work = 64;
+
 CorruptError wrong_header(const std::string &what) { return CorruptError(Section("FLDS"), what); }
 
 std::string read_text(FieldReader &fields) {
@@ -262,7 +266,7 @@ const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index)
         kept_.pop_back();
     }
     TakenMemory taken(run_.memory(), size, what);
-    const TakenMemory at_work(run_.memory(), 9 * count * static_cast<u64>(numbers), what);
+    const TakenMemory at_work(run_.memory(), bytes_at_work * count * static_cast<u64>(numbers), what);
     const std::vector<u8> data = chunk(own);
     std::vector<i64> values(count * static_cast<std::size_t>(numbers));
     std::vector<u8> kinds;

@@ -166,8 +166,11 @@ public:
         return bit;
     }
 
+    static constexpr int learning_shift = 14;  // learning rate of the weights, as a power of two
+
     // Code a bit with the mixed predictions of several distinct inputs; inputs and weights learn.
-    template <std::size_t inputs> bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit) {
+    template <std::size_t inputs> bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit,
+                                             int shift = learning_shift) {
         std::array<i32, inputs> opinions;
         i64 total = 0;
         for (std::size_t i = 0; i < inputs; ++i) {
@@ -179,7 +182,7 @@ public:
         const auto learn = [&](bool found) {
             const i32 miss = (found ? 65536 : 0) - probability;
             for (std::size_t i = 0; i < inputs; ++i) {
-                weights[i] += (opinions[i] * miss + (1 << (learning_shift - 1))) >> learning_shift;
+                weights[i] += (opinions[i] * miss + (1 << (shift - 1))) >> shift;
                 chosen[i]->adapt(found);
             }
             return found;
@@ -259,8 +262,6 @@ public:
     }
 
 private:
-    static constexpr int learning_shift = 14;  // learning rate of the weights, as a power of two
-
     // A narrow interval is widened by whole words: rarely, so that a processor predicts the branch.
     static constexpr int word_bytes = 4, word_bits = 8 * word_bytes;
 

@@ -61,7 +61,9 @@ class Contexts:
     def bit(self, *name: object) -> int:
         return self._sound(self._coder.bit(self._models, self._model(name)))
 
-    def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
+    def mixed(
+        self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None, shift: int = 14
+    ) -> int:
         """Read a mixed bit, and shift it into a history if given. Names of the inputs start with `of`, or else
         with the weights' name.
         """
@@ -69,7 +71,7 @@ class Contexts:
             self._weights[weights] = [FIRST_WEIGHTS[len(names)]] * len(names)
         family = weights if of is None else of
         inputs = [self._model((*family, place, *name)) for place, name in enumerate(names)]
-        bit = self._sound(self._coder.mixed(self._models, inputs, self._weights[weights]))
+        bit = self._sound(self._coder.mixed(self._models, inputs, self._weights[weights], shift))
         if into:
             into.add(bit)
         return bit

@@ -14,7 +14,8 @@ from spec.decoder.mesh import Mesh
 NEIGHBOURS = 4
 SPAN = 16
 LARGEST_PREDICTION = 2**37
-MAX_LEVELS, HAS_KINDS = 8, 16
+MAX_LEVELS, HAS_KINDS, IS_TRANSFORMED = 8, 16, 32
+MAX_FUNCTIONS, MAX_DIGITS_BEHIND = 64, 22
 MAX_DIGITS = 44
 HASH = 0x9E3779B97F4A7C15
 ONE = 65536
@@ -142,6 +143,7 @@ class ChunkReader:
         self._weights = {(way, c): list(w) for way, w in FIRST_WEIGHTS.items() for c in range(components)}
         self._followers: dict[tuple[int, int], Slot] = defaultdict(Slot)
         self._hits = [0] * 4
+        self._uses: dict[tuple[object, ...], int] = defaultdict(int)
 
     def read(self) -> None:
         for references in schedule(len(self.values), self.levels):
@@ -337,7 +339,10 @@ class ChunkReader:
                     name = (witnesses[which].confidence, is_one, *position)
                     self._contexts.trust(("remainder", 3 + which, *name), is_one, FIRST_TRUST)
                 inputs.append(name)
-            bit = self._contexts.mixed(("remainder", mask, *position), *inputs, of=("remainder",))
+            weights = ("remainder", mask, *position)
+            shift = 12 if self._uses[weights] < 64 else 13 if self._uses[weights] < 1024 else 14
+            self._uses[weights] += 1
+            bit = self._contexts.mixed(weights, *inputs, of=("remainder",), shift=shift)
             for which in [which for which in witnesses if int(expect(witnesses[which].remainder)) != bit]:
                 del witnesses[which]
             return bit
@@ -380,8 +385,40 @@ def learn(weights: list[int], changes: list[int], miss: int) -> None:
         weights[i] = clamp(weights[i] + (gain * change >> 8), -4 * ONE, 4 * ONE)
 
 
-def read_chunk(data: bytes, neighbours: list[list[int]], frames: int, components: int) -> ChunkReader:
-    """Read a chunk: values, kinds (None if all are numbers) and step."""
+@dataclass
+class Chunk:
+    """A chunk of FDAT: values and kinds (None if all are numbers) frame by frame, and the parts of a step."""
+
+    values: list[list[int]]
+    kinds: list[list[int]] | None
+    step: int
+
+
+def read_predicted(data: bytes, neighbours: list[list[int]], frames: int, components: int) -> Chunk:
+    """24.3 to 24.7: read a chunk that is only predicted."""
     reader = ChunkReader(data, neighbours, frames, components)
     reader.read()
-    return reader
+    return Chunk(reader.values, reader.kinds, reader.step)
+
+
+def read_chunk(data: bytes, neighbours: list[list[int]], frames: int, components: int) -> Chunk:
+    """24.2: read a chunk."""
+    if not data or data[0] != IS_TRANSFORMED:
+        return read_predicted(data, neighbours, frames, components)
+    require(len(data) >= 2 and 1 <= data[1] <= min(MAX_FUNCTIONS, frames) and len(data) >= 10 + data[1], "a damaged head")
+    count = data[1]
+    digits, sizes, parts = data[2 : 2 + count], data[2 + count : 10 + count], data[10 + count :]
+    first, second = int.from_bytes(sizes[:4], "little"), int.from_bytes(sizes[4:], "little")
+    require(first + second <= len(parts), "a transformed chunk is too short")
+    functions = read_predicted(parts[:first], [[]], frames, count).values
+    coefficients = read_predicted(parts[first : first + second], neighbours, 1, components * count).values[0]
+    for i, coefficient in enumerate(coefficients):
+        own = digits[i % count]
+        require(own <= MAX_DIGITS_BEHIND and abs(coefficient) <= 2 << own, "a coefficient is out of range")
+    chunk = read_predicted(parts[first + second :], neighbours, frames, components)
+    for values, weights in zip(chunk.values, functions, strict=True):
+        for i in range(len(values)):
+            own = coefficients[i * count : (i + 1) * count]
+            values[i] += sum(w * c >> d for w, c, d in zip(weights, own, digits, strict=True))
+            require(abs(values[i]) <= LARGEST_PREDICTION, "a value of a field is out of range")
+    return chunk

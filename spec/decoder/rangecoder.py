@@ -65,15 +65,17 @@ class RangeDecoder:
         models[index] = adapt_model(models[index], bit)
         return bit
 
-    def mixed(self, models: list[int], inputs: list[int], weights: list[int]) -> int:
-        """3.5: read a bit with several models, given by their indices."""
+    def mixed(self, models: list[int], inputs: list[int], weights: list[int], shift: int = 14) -> int:
+        """3.5: read a bit with several models, given by their indices; weights learn the faster, the smaller the
+        shift.
+        """
         stretched = [STRETCH[models[index] >> COUNT_BITS + 10] for index in inputs]
         total = sum(weight * s for weight, s in zip(weights, stretched, strict=True)) >> 16
         probability = clamp_probability(SQUASH[min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT) + LOGISTIC_LIMIT])
         bit = self.bit_with(probability)
         miss = 65536 * bit - probability
         for i, (index, s) in enumerate(zip(inputs, stretched, strict=True)):
-            weights[i] += s * miss + 8192 >> 14
+            weights[i] += s * miss + (1 << shift - 1) >> shift
             models[index] = adapt_model(models[index], bit)
         return bit
 

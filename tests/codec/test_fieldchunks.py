@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pdecodec import CorruptFileError, _core
-from pdecodec.codec.encode.fields import choose_coding, encode_chunk, field_quantiser
+from pdecodec.codec.encode.fields import PREDICTIONS, TRANSFORMS, choose_coding, encode_chunk, field_quantiser
 from spec.decoder.fieldchunks import neighbours_of_rows, read_chunk
+from spec.decoder.fields import CorruptFileError as PlainError
 from spec.decoder.mesh import Mesh
 
 SITES = {"vertex": 0, "face": 1, "corner": 2, "object": 3}
@@ -104,6 +105,50 @@ def test_a_smooth_field_costs_less_with_frames_between_frames() -> None:
     values = np.rint(1e4 * np.sin(times + np.arange(at.rows)[:, None] / 5)).astype(np.int64)
     sizes = {levels: len(_core.encode_field_chunk(at, values, None, levels, 15)) for levels in (0, 4)}
     assert sizes[4] < sizes[0]
+
+
+def waves(at: _core.FieldDomain, frames: int) -> np.ndarray:
+    """Return a field of two functions of time, a little noise, and two components."""
+    times, rows = np.arange(frames)[:, None, None] / 20, np.arange(at.rows)[:, None] / 9
+    noise = np.random.default_rng(2).uniform(-1e-4, 1e-4, (frames, at.rows, 2))
+    return (np.sin(times + rows * [1, 2]) + noise).astype(np.float32)
+
+
+def test_few_functions_of_time_cost_less_and_keep_the_bound() -> None:
+    at, values = domain("vertex"), waves(domain("vertex"), 120)
+    quantiser = field_quantiser(values.dtype, -1.0, 1.0, 1e-3)
+    coding = choose_coding(at, quantiser, values)
+    assert coding in TRANSFORMS
+    chunks = [encode_chunk(at, quantiser, values, one) for one in (coding, *PREDICTIONS)]
+    assert len(chunks[0]) < 0.8 * min(len(one) for one in chunks[1:])
+    for chunk in chunks:
+        found = _core.decode_field_chunk(at, chunk, 120, 2)
+        assert np.abs(quantiser.restore(found) - values).max() <= 1e-3
+
+
+def test_the_plain_decoder_finds_the_same_transform() -> None:
+    at = domain("face")
+    quantiser = field_quantiser(np.dtype("f4"), -1.0, 1.0, 1e-3)
+    chunk = encode_chunk(at, quantiser, waves(at, 16), TRANSFORMS[0])
+    assert chunk[0] == 32
+    found, read = (
+        _core.decode_field_chunk(at, chunk, 16, 2),
+        read_chunk(chunk, neighbours_of_rows("face", MESHES), 16, 2),
+    )
+    assert (np.ravel(read.values).tolist(), read.step) == (found.values.ravel().tolist(), found.step)
+
+
+def test_damaged_transforms_are_refused() -> None:
+    at = domain("vertex")
+    quantiser = field_quantiser(np.dtype("f4"), -1.0, 1.0, 1e-3)
+    data = encode_chunk(at, quantiser, waves(at, 20), TRANSFORMS[0])
+    assert data[0] == 32
+    for place, value in ((1, 0), (1, 65), (2, 23), (4, 255), (10, 2)):
+        damaged = data[:place] + bytes([value]) + data[place + 1 :]
+        with pytest.raises(CorruptFileError):
+            _core.decode_field_chunk(at, damaged, 20, 2)
+        with pytest.raises(PlainError):
+            read_chunk(damaged, neighbours_of_rows("vertex", MESHES), 20, 2)
 
 
 @settings(max_examples=40, deadline=None)

@@ -51,6 +51,41 @@ nb::bytes py_encode_field_chunk(const FieldDomain &domain, const Block<i64> &val
     return to_bytes(data);
 }
 
+nb::bytes py_encode_transformed_field_chunk(const FieldDomain &domain, const Block<i64> &values,
+                                            const Block<i64> &functions, const Block<i64> &coefficients,
+                                            const Flat<u8> &digits, int levels, int step) {
+    const std::size_t count = digits.size();
+    require(count >= 1 && count <= FieldTransform::most_functions && count <= values.shape(0) &&
+                functions.shape(0) == values.shape(0) && functions.shape(1) == 1 && functions.shape(2) == count &&
+                coefficients.shape(0) == values.shape(1) && coefficients.shape(1) == values.shape(2) &&
+                coefficients.shape(2) == count && static_cast<i64>(values.shape(1)) == domain.rows(),
+            "values, functions, coefficients and digits do not fit together");
+    require(levels >= 0 && levels <= most_field_levels && step >= 1 && step <= 255 && step % 2 == 1,
+            "levels are 0 to 8, a step is odd and below 256");
+    std::vector<u8> data;
+    {
+        nb::gil_scoped_release release;
+        FieldTransform transform{.digits = {digits.data(), digits.data() + count},
+                                 .functions = {functions.data(), functions.data() + functions.size()},
+                                 .coefficients = {coefficients.data(), coefficients.data() + coefficients.size()}};
+        for (std::size_t i = 0; i < transform.coefficients.size(); ++i) {
+            const int own = transform.digits[i % count];
+            require(own <= FieldTransform::most_digits && size_of(transform.coefficients[i]) <= i64{1} << own,
+                    "a coefficient is out of range");
+        }
+        for (std::size_t i = 0; i < functions.size(); ++i) {
+            require(size_of(functions.data()[i]) <= largest_field_value, "a function exceeds 2^36");
+        }
+        for (std::size_t i = 0; i < values.size(); ++i) {
+            require(size_of(values.data()[i]) <= largest_field_value, "a value exceeds 2^36");
+        }
+        data = encode_transformed_field_chunk(domain, {values.data(), values.size()}, static_cast<i64>(values.shape(0)),
+                                              static_cast<int>(values.shape(2)),
+                                              {static_cast<u8>(levels), static_cast<u8>(step)}, std::move(transform));
+    }
+    return to_bytes(data);
+}
+
 nb::object py_decode_field_chunk(const FieldDomain &domain, const nb::bytes &data, i64 frames, int components) {
     require(frames >= 0 && components >= 1, "frames and components are counts");
     std::vector<i64> values;
@@ -77,6 +112,8 @@ void bind_fields(nb::module_ &module) {
         .def_prop_ro("rows", &FieldDomain::rows);
     module.def("encode_field_chunk", &py_encode_field_chunk, "domain"_a, "values"_a, "kinds"_a.none(), "levels"_a,
                "step"_a);
+    module.def("encode_transformed_field_chunk", &py_encode_transformed_field_chunk, "domain"_a, "values"_a,
+               "functions"_a, "coefficients"_a, "digits"_a, "levels"_a, "step"_a);
     module.def("decode_field_chunk", &py_decode_field_chunk, "domain"_a, "data"_a, "frames"_a, "components"_a);
 }
 

@@ -12,7 +12,9 @@ namespace pdeanim {
 
 namespace {
 
-constexpr u8 has_kinds = 16;  // flag of a chunk's first byte, above the levels
+// The first byte of a chunk has the levels, and flags above them.
+constexpr u8 has_kinds = 16, is_transformed = 32;
+constexpr u8 function_step = 5;  // of functions of time: their errors add up to less than a step of the remainder
 
 // What predicts a frame: `before` and `after` at the same distance, `second` and `beyond` farther away on either side;
 // -1 for none.
@@ -291,22 +293,20 @@ private:
     std::unique_ptr<RemainderModel> model_ = std::make_unique<RemainderModel>();
 };
 
-}  // namespace
-
-std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
-                                   i64 frames, int components, FieldCoding coding) {
-    std::vector<i64> decoded(values.begin(), values.end());
-    std::vector<u8> own_kinds(kinds.begin(), kinds.end());
-    RangeCoder<Mode::encode> coder;
-    FieldCoder<Mode::encode>(coder, domain, frames, components, coding, decoded, own_kinds).code();
-    std::vector<u8> data = {static_cast<u8>(coding.levels | (kinds.empty() ? 0 : has_kinds)), coding.step};
-    const std::vector<u8> coded = coder.finish();
-    data.insert(data.end(), coded.begin(), coded.end());
-    return data;
+void append(std::vector<u8> &data, std::span<const u8> more) {
+    const std::size_t size = data.size();
+    data.resize(size + more.size());
+    std::copy(more.begin(), more.end(), data.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
-FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
-                               std::span<i64> values, std::vector<u8> &kinds) {
+// A domain of one row, for functions of time.
+FieldDomain single_row() {
+    const ConnectivityView object{};
+    return FieldDomain(FieldSite::object, {&object, 1});
+}
+
+FieldCoding decode_predicted(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+                             std::span<i64> values, std::vector<u8> &kinds) {
     if (data.size() < 2 || data[0] >= 2 * has_kinds || data[0] % has_kinds > most_field_levels || data[1] % 2 == 0) {
         throw CorruptError("a chunk of a field has an unknown method");
     }
@@ -315,6 +315,109 @@ FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> da
     RangeCoder<Mode::decode> coder(data.subspan(2));
     FieldCoder<Mode::decode>(coder, domain, frames, components, coding, values, kinds).code();
     if (!coder.is_finished()) throw CorruptError("a chunk of a field does not end with its values");
+    return coding;
+}
+
+// Read functions of time and coefficients; what follows them in `data` is left there.
+FieldTransform decode_transform(const FieldDomain &domain, std::span<const u8> &data, i64 frames, int components) {
+    constexpr std::size_t head = 2, sizes = 8;
+    const std::size_t count = data.size() < head ? 0 : data[1];
+    if (count == 0 || count > FieldTransform::most_functions || static_cast<i64>(count) > frames ||
+        data.size() < head + count + sizes) {
+        throw CorruptError("a transformed chunk of a field has a damaged head");
+    }
+    FieldTransform found;
+    found.digits.assign(data.begin() + head, data.begin() + head + count);
+    data = data.subspan(head + count);
+    const auto size_at = [&](int first) {
+        return static_cast<std::size_t>(data[first]) | static_cast<std::size_t>(data[first + 1]) << 8 |
+               static_cast<std::size_t>(data[first + 2]) << 16 | static_cast<std::size_t>(data[first + 3]) << 24;
+    };
+    const std::size_t of_functions = size_at(0), of_coefficients = size_at(4);
+    data = data.subspan(sizes);
+    if (of_functions > data.size() || of_coefficients > data.size() - of_functions) {
+        throw CorruptError("a transformed chunk of a field is too short");
+    }
+    std::vector<u8> kinds;
+    found.functions.resize(frames * count);
+    decode_predicted(single_row(), data.first(of_functions), frames, static_cast<int>(count), found.functions, kinds);
+    found.coefficients.resize(domain.rows() * components * count);
+    decode_predicted(domain, data.subspan(of_functions, of_coefficients), 1, static_cast<int>(components * count),
+                     found.coefficients, kinds);
+    for (std::size_t i = 0; i < found.coefficients.size(); ++i) {
+        const int digits = found.digits[i % count];
+        if (digits > FieldTransform::most_digits || size_of(found.coefficients[i]) > i64{2} << digits) {
+            throw CorruptError("a coefficient of a field is out of range");
+        }
+    }
+    data = data.subspan(of_functions + of_coefficients);
+    return found;
+}
+
+}  // namespace
+
+void FieldTransform::add_to(std::span<i64> values, i64 frames, i64 width) const {
+    const std::size_t count = digits.size();
+    for (i64 frame = 0; frame < frames; ++frame) {
+        for (i64 i = 0; i < width; ++i) {
+            i64 sum = 0;
+            for (std::size_t k = 0; k < count; ++k) {
+                sum += (functions[frame * count + k] * coefficients[i * count + k]) >> digits[k];
+            }
+            values[frame * width + i] += sum;
+        }
+    }
+}
+
+std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
+                                   i64 frames, int components, FieldCoding coding) {
+    std::vector<i64> decoded(values.begin(), values.end());
+    std::vector<u8> own_kinds(kinds.begin(), kinds.end());
+    RangeCoder<Mode::encode> coder;
+    FieldCoder<Mode::encode>(coder, domain, frames, components, coding, decoded, own_kinds).code();
+    std::vector<u8> data(2);
+    data[0] = static_cast<u8>(coding.levels | (kinds.empty() ? 0 : has_kinds));
+    data[1] = coding.step;
+    append(data, coder.finish());
+    return data;
+}
+
+std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::span<const i64> values, i64 frames,
+                                               int components, FieldCoding coding, FieldTransform transform) {
+    const int count = static_cast<int>(transform.digits.size());
+    const FieldCoding of_time{.levels = coding.levels, .step = function_step};
+    const std::vector<u8> functions = encode_field_chunk(single_row(), transform.functions, {}, frames, count, of_time);
+    std::vector<u8> kinds;
+    decode_predicted(single_row(), functions, frames, count, transform.functions, kinds);
+    const std::vector<u8> coefficients =
+        encode_field_chunk(domain, transform.coefficients, {}, 1, components * count, {});
+    std::vector<i64> remainder(values.size());
+    transform.add_to(remainder, frames, domain.rows() * components);
+    for (std::size_t i = 0; i < values.size(); ++i) remainder[i] = values[i] - remainder[i];
+    std::vector<u8> data(2);
+    data[0] = is_transformed;
+    data[1] = static_cast<u8>(count);
+    append(data, transform.digits);
+    for (const std::size_t size : {functions.size(), coefficients.size()}) {
+        for (int shift = 0; shift < 32; shift += 8) data.push_back(static_cast<u8>(size >> shift));
+    }
+    append(data, functions);
+    append(data, coefficients);
+    append(data, encode_field_chunk(domain, remainder, {}, frames, components, coding));
+    return data;
+}
+
+FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+                               std::span<i64> values, std::vector<u8> &kinds) {
+    if (data.empty() || data[0] != is_transformed) {
+        return decode_predicted(domain, data, frames, components, values, kinds);
+    }
+    const FieldTransform transform = decode_transform(domain, data, frames, components);
+    const FieldCoding coding = decode_predicted(domain, data, frames, components, values, kinds);
+    transform.add_to(values, frames, domain.rows() * components);
+    for (const i64 value : values) {
+        if (size_of(value) > largest_field_prediction) throw CorruptError("a value of a field is out of range");
+    }
     return coding;
 }
 

@@ -1,4 +1,4 @@
-// Chunks of FDAT: the values of one field in a group of frames, as whole numbers (section 18 of the specification).
+// Chunks of FDAT: the values of one field in a group of frames, as whole numbers (section 24 of the specification).
 //
 // Values are predicted from frames already decoded and from neighbours on the mesh; the remainder is coded bit by bit
 // with mixed models, which also know values that may return. Begin here, then read field_chunk.cpp, which goes through
@@ -29,6 +29,23 @@ constexpr int field_kinds = 4;
 // values that are no numbers only the kind is kept.
 std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
                                    i64 frames, int components, FieldCoding coding);
+
+// Functions of time and coefficients, in whole numbers: together an approximation of a field.
+struct FieldTransform {
+    static constexpr int most_functions = 64, most_digits = 22;
+
+    // Add what the functions make of the coefficients to frames of `width` values.
+    void add_to(std::span<i64> values, i64 frames, i64 width) const;
+
+    std::vector<u8> digits;         // of each function: digits of its coefficients behind the point
+    std::vector<i64> functions;     // frames x functions, in units
+    std::vector<i64> coefficients;  // rows x components x functions, at most 2^(digits + 1) in size
+};
+
+// Encode values as functions of time, coefficients and a remainder. `functions` (frames x digits.size()) are coded to
+// within two units, and `coefficients` (at most 2^digits in size) as they are.
+std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::span<const i64> values, i64 frames,
+                                               int components, FieldCoding coding, FieldTransform transform);
 
 // Decode to `values` and to `kinds`, which is resized, and stays empty if all values are numbers. CorruptError if the
 // bytes are damaged.

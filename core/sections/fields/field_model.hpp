@@ -117,7 +117,10 @@ private:
             }
             chosen[inputs - candidates + i] = &by_candidate_[i][position][kind];
         }
-        bit = coder.template mixed<inputs>(chosen, weights_[position][witnesses_].data(), bit);
+        u16 &uses = uses_[position][witnesses_];
+        const int shift = uses < 64 ? 12 : uses < 1024 ? 13 : 14;
+        uses += uses < 1024;
+        bit = coder.template mixed<inputs>(chosen, weights_[position][witnesses_].data(), bit, shift);
         witnesses_ &= bit ? expected : ~expected;
         return bit;
     }
@@ -126,6 +129,7 @@ private:
     int witnesses_ = 0;  // a bit for each candidate
     std::array<std::array<BitModel, candidate_kinds>, positions> by_candidate_[candidates];
     std::array<std::array<Weights<inputs>, 1 << candidates>, positions> weights_;
+    std::array<std::array<u16, 1 << candidates>, positions> uses_{};
     std::vector<std::array<Models, classes>> by_expected_ = std::vector<std::array<Models, classes>>(2);
     Relative<7> by_sizes_;
     std::array<Relative<7>, 3> by_across_;

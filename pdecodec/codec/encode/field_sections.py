@@ -116,7 +116,7 @@ def encode_field(
     domain = domain_of(field, sequence.objects)
     started, largest_error, coding = spool.length, 0.0, None
     groups = []
-    for first, in_chunk, frames in _divide(survey.changes, group_frames(domain.rows * field.components)):
+    for first, in_chunk, frames in _divide(survey.changes, group_frames(sequence.frame_count, domain.rows * field.components)):
         values = sequence.read_field(field.name, first, first + in_chunk)
         values = np.ascontiguousarray(values.reshape(in_chunk, -1, field.components))
         if coding is None or field.is_exact:
@@ -132,7 +132,7 @@ def encode_field(
                 way = choose_coding(domain, own, values)
                 data = encode_chunk(domain, own, values, way)
             largest_error = max(largest_error, error)
-        unit = 0.0 if own.step is None else own.step / way[1]
+        unit = 0.0 if own.step is None else own.step / way.fractions
         code = QUANTISED if own.step is not None else HALVES if own.planes == 2 else EXACT
         groups.append(FieldGroupEntry(frames, 0, in_chunk, code, unit, len(data), zlib.crc32(data)))
         spool.append(data)

@@ -8,27 +8,54 @@ exact field (integers, booleans, floats whose bits must come back) as the number
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.mesh.arrays import Int64Array
+from pdecodec.system.shares import thread_count
 
 Kinds = NDArray[np.uint8]
 
 LARGEST_VALUE = 2**36
 """Largest magnitude of a whole number in a chunk."""
 
-CODINGS = ((0, 1), (1, 1), (6, 15))
-"""Ways to code a chunk that an encoder tries: levels of frames between frames, and the fractions of a step. Without the
-second, fields of the shared clips cost 0.3 % more; without the third, smooth ones up to three times as much."""
+
+class FieldCoding(NamedTuple):
+    """A way to code the chunks of a field.
+
+    Attributes
+    ----------
+    levels : int
+        Frames of which every 2^levels-th is coded first.
+    fractions : int
+        Units in a step; odd.
+    left_over : float
+        Root mean square that functions of time leave [bounds]; 0 without functions of time.
+    """
+
+    levels: int
+    fractions: int
+    left_over: float = 0.0
+
+
+PREDICTIONS = (FieldCoding(0, 1), FieldCoding(1, 1), FieldCoding(6, 15))
+"""Predictions that an encoder tries. Without the third, smooth fields cost up to three times as much."""
+
+TRANSFORMS = (FieldCoding(6, 15, 1.0), FieldCoding(6, 15, 0.5), FieldCoding(6, 15, 0.25))
+"""Transforms that an encoder tries for fields of few functions of time."""
+
+MAX_FUNCTIONS = 64
+MAX_COEFFICIENT_DIGITS = 22
+MAX_FUNCTION_SHARE = 1 / 6
+"""More functions of time, as a share of the frames or of the values of a frame, are not tried."""
 
 GROUP_VALUES = 1 << 20
 """Values of a group of frames, about: as many as decode in a tenth of a second."""
 
-MAX_GROUP_FRAMES = 256
+MAX_GROUP_FRAMES = 512
 TRIAL_VALUES = 1 << 16
 """Values of the frames, about, on which ways to code a chunk are compared."""
 
@@ -100,7 +127,7 @@ def field_quantiser(dtype: np.dtype[Any], least: float, most: float, bound: floa
         return FieldQuantiser(dtype, None)
     largest = max(abs(least), abs(most), float(np.finfo(dtype).tiny))
     step = 2.0 * bound * (1.0 - 2.0**-20) - 2.0 * float(np.spacing(dtype.type(largest / 2)))
-    is_fine_enough = step > bound and largest / step * max(one for _, one in CODINGS) < LARGEST_VALUE
+    is_fine_enough = step > bound and largest / step * max(one.fractions for one in PREDICTIONS) < LARGEST_VALUE
     return FieldQuantiser(dtype, step if is_fine_enough else None)
 
 
@@ -137,13 +164,14 @@ def exact_values(numbers: Int64Array, dtype: np.dtype[Any]) -> NDArray[Any]:
     return np.where(bits < 0, np.bitwise_not(bits ^ np.iinfo(bits.dtype).min), bits).view(dtype)
 
 
-def group_frames(width: int) -> int:
-    """Return how many frames of `width` values a group should have."""
-    return min(max(GROUP_VALUES // max(width, 1), 1), MAX_GROUP_FRAMES)
+def group_frames(frames: int, width: int) -> int:
+    """Return how many frames a group should have, of a field of so many frames of `width` values."""
+    most = min(max(GROUP_VALUES // max(width, 1), 1), MAX_GROUP_FRAMES)
+    return -(-frames // -(-frames // most))
 
 
-def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]) -> tuple[int, int]:
-    """Return the one of `CODINGS` that makes the first frames of a field smallest.
+def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]) -> FieldCoding:
+    """Return the coding that makes the first frames of a field smallest.
 
     Parameters
     ----------
@@ -152,13 +180,50 @@ def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: 
     values : array, (frames, rows, components)
         A group of frames.
     """
-    width = max(values[0].size, 1)
-    trial = values[: max(TRIAL_VALUES // width, MIN_TRIAL_FRAMES)]
-    return min(CODINGS, key=lambda coding: (len(encode_chunk(domain, quantiser, trial, coding)), coding))
+    predictions = [one for one in PREDICTIONS if quantiser.step is not None or one.fractions == 1]
+    frames = max(TRIAL_VALUES // max(values[0].size, 1), MIN_TRIAL_FRAMES)
+    best = min(predictions, key=lambda coding: len(encode_chunk(domain, quantiser, values[:frames], coding)))
+    if quantiser.step is None or kinds_of(values) is not None:
+        return best
+    least = len(encode_chunk(domain, quantiser, values, best))
+    motion = spectrum(quantiser.quantise(values, TRANSFORMS[0].fractions)[0])
+    for coding in TRANSFORMS:
+        if function_count(motion, coding) is None:
+            break
+        size = len(encode_chunk(domain, quantiser, values, coding))
+        if size < least:
+            best, least = coding, size
+    return best
+
+
+class Spectrum(NamedTuple):
+    """Rows of a field (values of a frame, frames), and the functions of time that hold most of their energy, the
+    greatest first.
+    """
+
+    rows: NDArray[np.float64]
+    functions: _core.Eigen
+
+
+def spectrum(numbers: Int64Array) -> Spectrum:
+    """Decompose whole numbers (frames, rows, components) into functions of time."""
+    rows = np.ascontiguousarray(numbers.reshape(len(numbers), -1).T, np.float64)
+    energy = _core.sums_of_squares(rows, False, thread_count())
+    return Spectrum(rows, _core.symmetric_eigen(energy, True, thread_count()))
+
+
+def function_count(motion: Spectrum, coding: FieldCoding) -> int | None:
+    """Return how many functions of time leave what `coding` allows; None if too many."""
+    size = motion.rows.size
+    allowed = size * (coding.left_over * coding.fractions / 2.0) ** 2
+    most = min(int(min(motion.rows.shape) * MAX_FUNCTION_SHARE), MAX_FUNCTIONS)
+    left = np.cumsum(np.maximum(motion.functions.values, 0.0)[::-1])[::-1]
+    counts = np.flatnonzero(left[: most + 1] <= allowed)
+    return int(counts[0]) if len(counts) and counts[0] > 0 else None
 
 
 def encode_chunk(
-    domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any], coding: tuple[int, int]
+    domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any], coding: FieldCoding
 ) -> bytes:
     """Encode a group of frames of a field as a chunk of FDAT.
 
@@ -167,11 +232,35 @@ def encode_chunk(
     domain : FieldDomain
     quantiser : FieldQuantiser
     values : array, (frames, rows, components)
-    coding : (int, int)
-        Levels, and fractions of a step, as `choose_coding` finds; exact values take whole steps.
+    coding : FieldCoding
+        As `choose_coding` finds; a group for which it has no functions of time is predicted.
     """
-    levels, fractions = coding
-    if quantiser.step is None:
-        fractions = 1
-    numbers, kinds = quantiser.quantise(values, fractions)
-    return _core.encode_field_chunk(domain, numbers, kinds, levels, fractions)
+    numbers, kinds = quantiser.quantise(values, coding.fractions)
+    if coding.left_over > 0.0 and kinds is None:
+        motion = spectrum(numbers)
+        count = function_count(motion, coding)
+        if count is not None:
+            return encode_transformed(domain, numbers, motion, count, coding)
+    return _core.encode_field_chunk(domain, numbers, kinds, coding.levels, coding.fractions)
+
+
+def encode_transformed(
+    domain: _core.FieldDomain, numbers: Int64Array, motion: Spectrum, count: int, coding: FieldCoding
+) -> bytes:
+    """Encode whole numbers by `count` functions of time, their coefficients and a remainder."""
+    directions = np.ascontiguousarray(motion.functions.vectors[:count])
+    projected = _core.multiply_rows(motion.rows, np.ascontiguousarray(directions.T), 1, thread_count())
+    largest = np.maximum(np.abs(projected).max(axis=0), 1.0)
+    functions = np.rint(directions * largest[:, None]).astype(np.int64)
+    sizes = np.abs(functions).max(axis=1)
+    digits = np.array([min(int(size).bit_length(), MAX_COEFFICIENT_DIGITS + 1) - 1 for size in sizes]).clip(0)
+    coefficients = np.rint(projected / largest * 2.0**digits).astype(np.int64)
+    return _core.encode_transformed_field_chunk(
+        domain,
+        numbers,
+        np.ascontiguousarray(functions.T)[:, None, :],
+        coefficients.reshape(*numbers.shape[1:], count),
+        digits.astype(np.uint8),
+        coding.levels,
+        coding.fractions,
+    )
