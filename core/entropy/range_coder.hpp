@@ -169,8 +169,8 @@ public:
     static constexpr int learning_shift = 14;  // learning rate of the weights, as a power of two
 
     // Code a bit with the mixed predictions of several distinct inputs; inputs and weights learn.
-    template <std::size_t inputs> bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit,
-                                             int shift = learning_shift) {
+    template <std::size_t inputs>
+    bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit, int shift = learning_shift) {
         std::array<i32, inputs> opinions;
         i64 total = 0;
         for (std::size_t i = 0; i < inputs; ++i) {

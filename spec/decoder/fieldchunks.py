@@ -405,8 +405,8 @@ def read_chunk(data: bytes, neighbours: list[list[int]], frames: int, components
     """24.2: read a chunk."""
     if not data or data[0] != IS_TRANSFORMED:
         return read_predicted(data, neighbours, frames, components)
-    require(len(data) >= 2 and 1 <= data[1] <= min(MAX_FUNCTIONS, frames) and len(data) >= 10 + data[1], "a damaged head")
-    count = data[1]
+    count = data[1] if len(data) >= 2 else 0
+    require(1 <= count <= min(MAX_FUNCTIONS, frames) and len(data) >= 10 + count, "a transformed chunk: a damaged head")
     digits, sizes, parts = data[2 : 2 + count], data[2 + count : 10 + count], data[10 + count :]
     first, second = int.from_bytes(sizes[:4], "little"), int.from_bytes(sizes[4:], "little")
     require(first + second <= len(parts), "a transformed chunk is too short")

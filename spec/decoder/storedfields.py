@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from spec.decoder.fieldchunks import ChunkReader, neighbours_of_rows, read_chunk
+from spec.decoder.fieldchunks import Chunk, neighbours_of_rows, read_chunk
 from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
 
@@ -98,7 +98,7 @@ def read_group(
     return [decoded[min(skipped + frame, in_chunk - 1)] for frame in range(frames)]
 
 
-def values_of(reader: ChunkReader, frame: int, code: int, unit: float, kind: str) -> Iterator[Value]:
+def values_of(reader: Chunk, frame: int, code: int, unit: float, kind: str) -> Iterator[Value]:
     """25.3: turn the whole numbers of a frame into values."""
     numbers = reader.values[frame]
     if code == HALVES:

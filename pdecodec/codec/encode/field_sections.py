@@ -116,7 +116,9 @@ def encode_field(
     domain = domain_of(field, sequence.objects)
     started, largest_error, coding = spool.length, 0.0, None
     groups = []
-    for first, in_chunk, frames in _divide(survey.changes, group_frames(sequence.frame_count, domain.rows * field.components)):
+    for first, in_chunk, frames in _divide(
+        survey.changes, group_frames(sequence.frame_count, domain.rows * field.components)
+    ):
         values = sequence.read_field(field.name, first, first + in_chunk)
         values = np.ascontiguousarray(values.reshape(in_chunk, -1, field.components))
         if coding is None or field.is_exact:
