@@ -238,12 +238,17 @@ def _encode(
     if preset is not None and report.bound is not None:
         kept = "" if report.normal_p99 is None else f", 99 % of the normals within {report.normal_p99:.3g} degrees"
         say(f"preset {preset}: tolerance {report.bound / report.scale:.4g}{kept}")
-    of_fields = f"with {byte_size(report.field_bytes)} of fields " if report.field_bytes else ""
+    without_fields = report.file_bytes - report.field_bytes
+    of_positions = ratio(report.raw_bytes, without_fields)
+    if report.field_bytes:
+        of_positions = (
+            f"{byte_size(report.field_bytes)} of fields; positions {byte_size(report.raw_bytes)} -> "
+            f"{byte_size(without_fields)}, {of_positions}"
+        )
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
         f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "
-        f"out {byte_size(report.file_bytes)} {of_fields}"
-        f"({ratio(report.raw_bytes, report.file_bytes - report.field_bytes)}), "
+        f"out {byte_size(report.file_bytes)} ({of_positions}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
     for one in report.fields:

@@ -137,6 +137,20 @@ def test_what_is_hardly_meant_is_a_warning(
     assert len(warnings) == len(set(warnings)) <= 2
 
 
+@pytest.mark.parametrize("has_field", [True, False])
+def test_an_input_that_rests_lost_no_motion(
+    has_field: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, output = str(tmp_path / "a.npz"), str(tmp_path / "a.pdeanim")
+    heat = {"heat": np.random.default_rng(1).random((8, 50))} if has_field else {}
+    write_sequence(ArraySequence(np.random.default_rng(1).random((1, 50, 3)).repeat(8, axis=0), fields=heat), source)
+    assert run(["encode", source, output]) == 0
+    text = capsys.readouterr().err
+    assert ("warning: nothing moves: all frames of the input are the same" in text) == (not has_field)
+    assert "smaller one keeps motion" not in text
+    assert (" of fields; positions 4.8 kB -> " in text) == has_field
+
+
 def test_a_percentage_is_the_fraction_that_it_stands_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = str(tmp_path / "a.npz")
     points = np.random.default_rng(1).random((1, 50, 3)) + 0.03 * np.sin(np.arange(8))[:, None, None]

@@ -88,6 +88,7 @@ class Encoder(ABC):
         self._entries: list[GroupEntry] = []
         self._largest_square, self._sum_of_squares = 0.0, 0.0
         self._residuals = self._coefficients = 0
+        self._is_still = True  # no frame that was read differs from the first
         self._ties: Int32Array = NO_TIES
         self._questions: list[Question] = []
         self._fields: list[FieldReport] = []
@@ -151,7 +152,9 @@ class Encoder(ABC):
 
     def _read(self, begin: int, end: int) -> Float32Array:
         parts = list(self._blocks(begin, end))
-        return np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
+        points = np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
+        self._is_still = self._is_still and all(np.array_equal(frame, self._first) for frame in points[::-1])
+        return points
 
     def _blocks(self, begin: int, end: int) -> Iterator[Float32Array]:
         block = self._sequence.frames_per_block
@@ -228,6 +231,7 @@ class Encoder(ABC):
             median_edge=median_edge(self._first, self._sequence.connectivity),
             alternatives=tuple(self._questions),
             fields=tuple(self._fields),
+            is_still=self._is_still,
         )
 
     def _jumps(self) -> Sequence[int]:

@@ -176,6 +176,8 @@ class EncodeReport:
         Vertices of all frames together, if that is not vertices times frames.
     fields : tuple of FieldReport
         What became of each field that is kept.
+    is_still : bool
+        Whether all frames of the input that were read have the same positions.
     rounding : float [scene units]
         Largest distance of the float32 positions that were encoded, from which errors count, to the input's positions.
     size_limit : int or None [bytes]
@@ -214,6 +216,7 @@ class EncodeReport:
     median_edge: float | None = None
     preset: str | None = None
     normal_p99: float | None = None
+    is_still: bool = False
 
     @property
     def raw_bytes(self) -> int:
@@ -239,7 +242,9 @@ class EncodeReport:
         found: list[str] = []
         if self.frames == 1:
             found.append("there is one frame, so nothing moves; name a pattern or a folder for a sequence of files")
-        elif self.runs == 1 and not self.coefficients and not self.residuals:
+        elif self.is_still and not self.fields:
+            found.append("nothing moves: all frames of the input are the same")
+        elif self.runs == 1 and not self.is_still and not self.coefficients and not self.residuals:
             found.append("nothing moves: every frame lies within the tolerance of one pose; a smaller one keeps motion")
         if self.bound is not None and self.bound > COARSE_TOLERANCE * self.scale:
             share = self.bound / self.scale
