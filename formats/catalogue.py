@@ -248,8 +248,10 @@ BUILT_IN = (
         write_with="a .xdmf file",
         keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
         "names of blocks (groups of faces), times, displacements (nodal variables of every axis that begin with disp, "
-        "or those that a setting names)",
-        loses="other variables, names of sets and of blocks of lines (all named), nodes that are not on the surface, "
+        "or those that a setting names), other nodal variables and element variables on faces (fields; components are "
+        "gathered to vectors and tensors)",
+        loses="element variables of inner elements and bars, other variables, "
+        "names of sets and of blocks of lines (all named), nodes that are not on the surface, "
         "elements of splines",
     ),
     Format(

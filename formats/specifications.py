@@ -155,9 +155,9 @@ SPECIFICATIONS: Mapping[str, Specification] = {
     ),
     **dict.fromkeys(("vtu", "vtp", "vtk", "pvtu", "pvd", "series"), _VTK),
     "exodus": Specification(
-        ("coord", "connect", "time_whole", "displacements", "eb_names"),
+        ("coord", "connect", "time_whole", "displacements", "eb_names", "nodal variables", "element variables"),
         (
-            "other variables",
+            "variables of sets, edges and the whole",
             "node sets",
             "side sets",
             "element attributes",

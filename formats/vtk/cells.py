@@ -83,19 +83,22 @@ class Cells:
 
     Attributes
     ----------
-    blocks : (faces,) int64
-        Block of each face that :meth:`connectivity` returned last.
+    owners : (faces,) int64
+        Cell of each face that :meth:`connectivity` returned last, counted in the order of adding.
+    count : int
+        Number of cells.
     """
 
     def __init__(self, *, vtk: bool = False) -> None:
         self._vtk = vtk
-        self._faces: list[tuple[Int64Array, int]] = []
+        self._faces: list[tuple[Int64Array, Int64Array]] = []
         self._lines: list[Int64Array] = []
-        self._solids: list[tuple[str, Int64Array, int]] = []
-        self.blocks: Int64Array = np.zeros(0, np.int64)
+        self._solids: list[tuple[str, Int64Array, Int64Array]] = []
+        self.owners: Int64Array = np.zeros(0, np.int64)
+        self.count = 0
 
-    def add(self, kind: str, rows: NDArray[np.integer], block: int = 0) -> None:
-        """Add cells (cells, nodes) of a kind to a block.
+    def add(self, kind: str, rows: NDArray[np.integer]) -> None:
+        """Add cells (cells, nodes) of a kind.
 
         The nodes of "polyline" and "polygon" are the border; those of "line", "triangle", "quad", "tetra",
         "pyramid", "wedge" and "hexahedron" are numbered as in finite elements.
@@ -106,8 +109,10 @@ class Cells:
             If a cell of this kind cannot have that number of nodes.
         """
         nodes = np.asarray(rows, np.int64)
+        numbers = np.arange(self.count, self.count + len(nodes))
+        self.count += len(nodes)
         if kind in _SOLIDS and nodes.shape[1] >= _SOLIDS[kind].corners:
-            self._solids.append((kind, nodes, block))
+            self._solids.append((kind, nodes, numbers))
             return
         if kind not in ("polygon", "polyline"):
             if (kind, nodes.shape[1]) not in _FLAT:
@@ -119,7 +124,7 @@ class Cells:
         if kind in ("polyline", "line"):
             self._lines.append(nodes)
         else:
-            self._faces.append((nodes, block))
+            self._faces.append((nodes, numbers))
 
     def connectivity(
         self, points: NDArray[np.floating], *, only_used: bool = False
@@ -132,8 +137,7 @@ class Cells:
         faces = [*self._faces, *self._surface(points)]
         curved = any(len(border) and border.shape[1] > 4 for border, _ in self._faces)
         whole = join_cells(nodes, [rows for rows, _ in faces], self._lines)
-        owners = (np.broadcast_to(block, len(np.atleast_2d(rows))) for rows, block in faces)
-        self.blocks = np.concatenate([np.zeros(0, np.int64), *owners])
+        self.owners = np.concatenate([np.zeros(0, np.int64), *(numbers for _, numbers in faces)])
         if not (self._solids or curved or only_used):
             return whole, None
         used = np.zeros(nodes, bool)
@@ -145,8 +149,8 @@ class Cells:
         corners, ends = numbers[whole.face_indices], numbers[whole.line_indices]
         return Connectivity(int(used.sum()), whole.face_counts, corners, whole.line_counts, ends), np.flatnonzero(used)
 
-    def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array | int]]:
-        """Return borders of faces of only one solid, (faces, nodes) of one size or (nodes,), and their blocks."""
+    def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array]]:
+        """Return borders of faces of only one solid, (faces, nodes) of one size or (nodes,), and their cells."""
         nodes = len(points)
         borders: dict[int, list[Int64Array]] = {}
         corners: dict[int, list[Int64Array]] = {}
@@ -156,29 +160,29 @@ class Cells:
         volumes = dict.fromkeys(_SOLIDS, 0.0)
         for kind, rows, _ in self._solids:
             volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)
-        for kind, rows, block in self._solids:
+        for kind, rows, numbers in self._solids:
             for face, border in self._sides(kind, rows.shape[1]):
                 if volumes[kind] < 0:
                     face, border = face[::-1], [border[0], *border[:0:-1]]
                 key = len(face)
                 corners.setdefault(key, []).append(np.sort(rows[:, face], axis=1))
-                # Up to 8 nodes along the border, then the block.
+                # Up to 8 nodes along the border, then the cell.
                 padded = np.pad(rows[:, border], ((0, 0), (0, 9 - len(border))), constant_values=-1)
-                padded[:, 8] = block
+                padded[:, 8] = numbers
                 borders.setdefault(key, []).append(padded)
-        found: list[tuple[Int64Array, Int64Array | int]] = []
+        found: list[tuple[Int64Array, Int64Array]] = []
         for key in sorted(borders):
             whole = np.concatenate(borders[key])
             _, first, counts = np.unique(np.concatenate(corners[key]), axis=0, return_index=True, return_counts=True)
             outer = whole[np.sort(first[counts == 1])]
             sizes = (outer[:, :8] >= 0).sum(axis=1)
             for size in np.unique(sizes).tolist():
-                rows, blocks = outer[sizes == size, :size], outer[sizes == size, 8]
+                rows, owners = outer[sizes == size, :size], outer[sizes == size, 8]
                 flat = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
-                found.append((rows[~flat], blocks[~flat]))
+                found.append((rows[~flat], owners[~flat]))
                 # If a cell has the same node twice, some of its sides have fewer corners.
-                thin = ((row[row != np.roll(row, 1)], at) for row, at in zip(rows[flat], blocks[flat], strict=True))
-                found += [(row, int(at)) for row, at in thin if row.size >= 3]
+                thin = ((row[row != np.roll(row, 1)], at) for row, at in zip(rows[flat], owners[flat], strict=True))
+                found += [(row, np.array([at])) for row, at in thin if row.size >= 3]
         return found
 
     def _sides(self, kind: str, nodes: int) -> list[tuple[list[int], list[int]]]:

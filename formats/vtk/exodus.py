@@ -7,7 +7,6 @@ variables that Exodus' own programs use as displacements, see :func:`displacemen
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,18 @@ from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.vtk.exodus_variables import (
+    AXES,
+    Part,
+    StoredField,
+    displacements,
+    dtype_of,
+    store_fields,
+    vectors_of,
+)
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, not_kept_data
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
 from pdecodec.system.reading import FileScope, open_regular
@@ -40,17 +49,6 @@ KINDS = {
 
 _SHELLS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle", 7: "triangle", 8: "quad", 9: "quad"}
 """Kinds of shells by number of nodes."""
-
-AXES = "xyz"
-
-_COMPONENT_NAME = re.compile(r"(?P<base>.+?)_?(?P<axis>[xyz])", re.IGNORECASE | re.DOTALL)
-"""Pattern of the name of a nodal variable that is one component of a vector."""
-
-_DISPLACEMENT = "disp"
-"""Prefix, in lower case, of names that SEACAS and ParaView use for displacements: displ_x, DISPX, displacement_x."""
-
-_PARTIAL_DISPLACEMENTS = ("disp", "displ", "displacement", "displacements")
-"""Names of displacements that count even with fewer components: nodes then do not move along the other axes."""
 
 _VARIABLES = {
     "name_nod_var": "nodal variables",
@@ -136,10 +134,16 @@ class ExodusSequence(MeshSequence):
             self._moving[axis] = self._variables[f"vals_nod_var{number}"]
             self._check_variable(self._moving[axis], times.size, nodal[number - 1])
             used.append(nodal[number - 1])
-        if times.size and self._moving:
+        cells, spans = self._cells()
+        connectivity, self._gather = cells.connectivity(self._rest)
+        attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
+        blocks = self._block_names(spans, cells.owners)
+        self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
+        kept = self._find_fields(times, len(coordinates), used, spans, cells.owners)
+        if times.size and (self._moving or self._stored):
             self.times, self.fps, notices = timing_of_stored(times, fps)
             lacking = [letter for axis, letter in enumerate(AXES[: len(coordinates)]) if axis not in self._moving]
-            if lacking:
+            if self._moving and lacking:
                 self.notices = (*self.notices, f"the displacements have no components along {', '.join(lacking)}")
         else:
             self.times, self.fps, notices = np.zeros(1), rate_or_default(None, fps)[0], ()
@@ -147,39 +151,90 @@ class ExodusSequence(MeshSequence):
                 notices = (
                     f"the shape stands still, one of {times.size} time steps is read: nothing displaces its nodes",
                 )
-        cells = self._cells()
-        connectivity, self._gather = cells.connectivity(self._rest)
-        attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
-        blocks = self._block_names(cells)
-        self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
-        kept = {
-            "nodal variables": used,
+        kept |= {
             "blocks": [label for attribute in blocks for label in attribute.labels],
             "times": ["time_whole"] if times.size else [],
         }
-        lost = self._dropped(used, kept["blocks"])
+        lost = self._dropped(kept)
         self.list_contents = lambda: contents_of(self.objects, kept, lost)
         self.notices = (
             *notices,
             *self.notices,
             *not_kept_data(lost),
             *left_out_notice(self._gather, len(self._rest)),
+            *self._inner_notice(kept["element variables"], cells),
         )
         self.metadata = {}
 
-    def _block_names(self, cells: Cells) -> tuple[Attribute, ...]:
+    def _find_fields(
+        self, times: Float64Array, axes: int, used: Sequence[str], spans: Mapping[int, slice], owners: Int64Array
+    ) -> dict[str, list[str]]:
+        """Keep the variables on nodes and faces as fields, and return the names of all that are kept, by kind.
+
+        An element variable belongs to the faces of its elements; faces of blocks that lack it are NaN. Those that
+        move the mesh are in `used`, and are no fields.
+        """
+        self._stored: dict[str, StoredField] = {}
+        kept = {"nodal variables": list(used), "element variables": list[str]()}
+        if not self._moving and not _are_steps(times):
+            return kept
+        whole = slice(None)
+        nodes = Part(whole if self._gather is None else self._gather, whole, "vals_nod_var{}", len(self._rest))
+        faces = []
+        for number, span in spans.items():
+            own = np.flatnonzero((owners >= span.start) & (owners < span.stop))
+            if own.size:
+                size = span.stop - span.start
+                faces.append(Part(owners[own] - span.start, own, f"vals_elem_var{{}}eb{number}", size))
+
+        def find(name: str, part: Part) -> Any:
+            return self._variables[name] if self._has_values(name, times.size, part) else None
+
+        others = ["" if name in used else name for name in self._names("name_nod_var")]
+        kept["nodal variables"] += store_fields(self._stored, "vertex", others, axes, [nodes], find)
+        kept["element variables"] += store_fields(self._stored, "face", self._names("name_elem_var"), axes, faces, find)
+        self.fields = tuple(one.field for one in self._stored.values())
+        return kept
+
+    def _has_values(self, name: str, steps: int, part: Part) -> bool:
+        """Return whether a variable has a value for every step and element of a part, all of them in the file."""
+        if name not in self._variables:
+            return False
+        try:
+            variable = self._variables[name]
+            self._check_variable(variable, steps, name)
+        except InputError:
+            return False
+        return bool(len(variable.shape) == 2 and variable.shape[1] == part.values and dtype_of(variable).kind == "f")
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        try:
+            return self._stored[field.name].read(start, stop, field.row_count(self.objects), _fill_of)
+        except _DAMAGE as error:
+            raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
+
+    def _inner_notice(self, kept: Sequence[str], cells: Cells) -> tuple[str, ...]:
+        """Return a notice that counts elements without faces, whose values are not kept."""
+        inner = cells.count - np.unique(cells.owners).size
+        if not kept or not inner:
+            return ()
+        return (f"{inner} of {cells.count} elements have no face on the surface: their element variables are not kept",)
+
+    def _block_names(self, spans: Mapping[int, slice], owners: Int64Array) -> tuple[Attribute, ...]:
         """Return groups of faces by the names of their blocks; none if no block with faces has a name."""
-        names = self._names("eb_names")
-        there = np.unique(cells.blocks).tolist()
+        names, numbers = self._names("eb_names"), np.array(list(spans), np.int64)
+        starts = [span.start for span in spans.values()]
+        block_of_face = numbers[np.searchsorted(starts, owners, side="right") - 1] if owners.size else owners
+        there = np.unique(block_of_face).tolist()
         labels = {block: names[block - 1] for block in there if block <= len(names) and names[block - 1]}
         if not labels:
             return ()
         rows = np.full(max(there) + 1, -1, np.int32)
         rows[list(labels)] = np.arange(len(labels))
-        return (Attribute(GROUP, "face", rows[cells.blocks], labels=tuple(labels.values())),)
+        return (Attribute(GROUP, "face", rows[block_of_face], labels=tuple(labels.values())),)
 
-    def _dropped(self, used: Sequence[str], labels: Sequence[str]) -> dict[str, list[str]]:
-        """Return names of data that are not kept, by kind: variables not in `used`, blocks not in `labels`, and sets.
+    def _dropped(self, kept: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+        """Return names of data that are not in `kept`, by kind: variables, blocks and sets.
 
         Blocks without names lose nothing but their numbers.
         """
@@ -188,11 +243,11 @@ class ExodusSequence(MeshSequence):
             if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
                 places.setdefault(place, f"{place[5:-4]} variables")
         kinds = {
-            kind: [name for name in self._names(place) if name not in used or place != "name_nod_var"]
+            kind: [name for name in self._names(place) if name not in kept.get(kind, ())]
             for place, kind in places.items()
         }
         kinds["records"] = [name for name in _RECORDS if name in self._variables]
-        kinds["blocks"] = [name for name in self._names("eb_names") if name and name not in labels]
+        kinds["blocks"] = [name for name in self._names("eb_names") if name and name not in kept["blocks"]]
         for kind, names, pattern in _SETS:
             numbers = sorted(int(found[1]) for place in self._variables if (found := re.fullmatch(pattern, place)))
             listed = dict(enumerate(self._names(names), 1))
@@ -228,8 +283,9 @@ class ExodusSequence(MeshSequence):
             return np.asarray(self._variables["node_num_map"][:], np.int64)
         return np.arange(1, len(self._rest) + 1)
 
-    def _cells(self) -> Cells:
-        cells = Cells()
+    def _cells(self) -> tuple[Cells, dict[int, slice]]:
+        """Return the elements, and which of them each block has."""
+        cells, spans = Cells(), dict[int, slice]()
         # A block without elements has no such variable, but the next one may.
         numbers = sorted(int(key[7:]) for key in self._variables if re.fullmatch(r"connect\d+", key))
         for number in numbers:
@@ -247,8 +303,9 @@ class ExodusSequence(MeshSequence):
                     code="unsupported-feature",
                     path=self._path,
                 )
-            cells.add(kind, rows, number)
-        return cells
+            spans[number] = slice(cells.count, cells.count + len(rows))
+            cells.add(kind, rows)
+        return cells, spans
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -266,59 +323,21 @@ class ExodusSequence(MeshSequence):
         return to_float32(points if self._gather is None else points[:, self._gather])
 
     def close(self) -> None:
-        self._moving = {}
+        self._moving, self._stored = {}, {}
         if self._variables is not None:
             self._variables.close()
-
-
-def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
-    """Return the vectors formed by nodal variables: for each axis the number of its variable, from 1.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the variables, such as ``displ_x``, ``displ_y``, ``displ_z``; case does not matter.
-    axes : int
-        Number of axes of the coordinates.
-
-    Returns
-    -------
-    dict
-        By names without axes, such as ``displ``: all vectors with a component for every axis, and those named as
-        displacements with fewer.
-    """
-    found: dict[tuple[str, bool], tuple[str, dict[int, int]]] = {}
-    for number, name in enumerate(names, 1):
-        part = _COMPONENT_NAME.fullmatch(name)
-        if part is not None:
-            key = part["base"].lower(), "_" in name[part.end("base") :]
-            axis = AXES.index(part["axis"].lower())
-            found.setdefault(key, (part["base"], {}))[1].setdefault(axis, number)
-    vectors = [
-        (base, dict(sorted(parts.items())))
-        for (lower, _), (base, parts) in found.items()
-        if set(range(axes)) <= set(parts) or lower in _PARTIAL_DISPLACEMENTS
-    ]
-    bases = Counter(base for base, _ in vectors)
-    # Two vectors of the same name, ``disp_x`` and ``dispx``, are named by their first variable.
-    return {base if bases[base] == 1 else names[min(parts.values()) - 1]: parts for base, parts in vectors}
-
-
-def displacements(vectors: Mapping[str, Mapping[int, int]], axes: int) -> list[str]:
-    """Return the vectors that SEACAS and ParaView use as displacements: names that begin with ``disp``.
-
-    Vectors with a component for every axis take precedence over those with fewer.
-    """
-    named = [name for name in vectors if name.lower().startswith(_DISPLACEMENT)]
-    return [name for name in named if len(vectors[name]) >= axes] or named
 
 
 def _fill_of(variable: Any) -> float:
     """Return the value that netCDF returns for unwritten values of a variable; NaN if there is none."""
     own = variable.attrs.get("_FillValue") if hasattr(variable, "attrs") else getattr(variable, "_FillValue", None)
-    dtype = np.dtype(variable.dtype if hasattr(variable, "dtype") else variable.data.dtype)
-    fill = NETCDF_FILL.get(dtype.str[1:], np.nan) if own is None else float(np.asarray(own).reshape(-1)[0])
+    fill = NETCDF_FILL.get(dtype_of(variable).str[1:], np.nan) if own is None else float(np.asarray(own).reshape(-1)[0])
     return fill or np.nan  # 0 also occurs as a real value
+
+
+def _are_steps(times: Float64Array) -> bool:
+    """Return whether times are finite and increase."""
+    return bool(times.size and np.isfinite(times).all() and (np.diff(times) > 0).all())
 
 
 class _Variables(Mapping[str, Any]):
@@ -326,6 +345,7 @@ class _Variables(Mapping[str, Any]):
 
     def __init__(self, path: Path) -> None:
         self.scope = FileScope(path)
+        self._opened: dict[str, Any] = {}
         with open_regular(path) as file:
             classic = file.read(3) == b"CDF"
         if classic:
@@ -336,12 +356,12 @@ class _Variables(Mapping[str, Any]):
             self._held = h5py.File(path, "r")
 
     def __getitem__(self, name: str) -> Any:
-        if isinstance(self._held, dict):
-            return self._held[name]
-        found = linked_item(self._held, name, self.scope)
-        if found is None:
-            raise KeyError(name)
-        return found
+        if name not in self._opened:
+            found = self._held[name] if isinstance(self._held, dict) else linked_item(self._held, name, self.scope)
+            if found is None:
+                raise KeyError(name)
+            self._opened[name] = found
+        return self._opened[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._held if isinstance(self._held, dict) else self._held.get(name, getlink=True) is not None
@@ -353,6 +373,7 @@ class _Variables(Mapping[str, Any]):
         return len(self._held)
 
     def close(self) -> None:
+        self._opened = {}
         if not isinstance(self._held, dict):
             self._held.close()
 

@@ -302,7 +302,15 @@ EXPECTED = {
     xdmf: {"coded": ("positions", "faces", "times"), "dropped": (*DATA, "grid data", "sets", "information")},
     exodus: {
         "coded": ("positions", "faces", "times", "nodal variables", "blocks"),
-        "dropped": ("nodal variables", "node sets", "side sets", "element attributes", "records", "other arrays"),
+        "dropped": (
+            "element variables",
+            "global variables",
+            "node sets",
+            "side sets",
+            "element attributes",
+            "records",
+            "other arrays",
+        ),
     },
     npz: LAYOUT,
     hdf5: {**LAYOUT, "implied": ("faces", "groups"), "dropped": (*LAYOUT["dropped"], "attributes")},

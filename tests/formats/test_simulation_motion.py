@@ -51,12 +51,10 @@ def test_exodus_is_moved_by_what_its_programs_take_for_displacements(tmp_path: P
              for name in names}  # fmt: skip
     write_exodus(tmp_path / "x.e", nodal)
     assert moved_by(tmp_path / "x.e") == along(1)
-    assert moved_by(tmp_path / "x.e", "none") == along(1, [0.0])
+    assert moved_by(tmp_path / "x.e", "none") == along(1, [0.0] * 3)
     with open_sequence(tmp_path / "x.e") as read:
         assert read.notices[0].startswith("the vectors 'disp".replace("disp", names[0][:4]))
-        assert any("nodal variables 'vel_x', 'vel_y', 'vel_z' are not kept" in line for line in read.notices) == (
-            len(names) > 3
-        )
+        assert [field.name for field in read.fields] == ["vel"] * (len(names) > 3)
 
 
 @pytest.mark.parametrize(
@@ -71,10 +69,10 @@ def test_exodus_is_moved_by_what_its_programs_take_for_displacements(tmp_path: P
 )
 def test_other_vectors_of_exodus_move_nothing_unless_they_are_asked_for(tmp_path: Path, names: tuple[str, ...]) -> None:
     write_exodus(tmp_path / "x.e", dict.fromkeys(names, STILL) | {names[0]: RISE})
-    assert moved_by(tmp_path / "x.e") == along(0, [0.0])
+    assert moved_by(tmp_path / "x.e") == along(0, [0.0] * 3)
     base = names[0][:-1].rstrip("_")
     with open_sequence(tmp_path / "x.e") as read:
-        assert f"nodal variables '{names[0]}'" in read.notices[-1]
+        assert [field.name for field in read.fields] == ([base] if base else list(names))
         asks = any(f"nothing says that {base!r} is its displacement" in line for line in read.notices)
         assert asks == bool(base)
     if base:
@@ -114,13 +112,13 @@ def test_variables_blocks_and_sets_of_exodus_are_named_and_blocks_behind_an_empt
         "ns_names": ["", "clamped"],
         "ss_names": ["left"],
     }
-    write_exodus(tmp_path / "x.e", {"heat": RISE}, blocks={1: [[1, 2, 3]], 3: [[1, 3, 4]]}, kind="TRI3", listed=listed)
+    write_exodus(tmp_path / "x.e", {}, blocks={1: [[1, 2, 3]], 3: [[1, 3, 4]]}, kind="TRI3", listed=listed)
     with open_sequence(tmp_path / "x.e") as read:
         assert read.connectivity.face_indices.tolist() == [0, 1, 2, 0, 2, 3]
         assert read.notices == (
             "the shape stands still, one of 3 time steps is read: nothing displaces its nodes",
-            "nodal variables 'heat', element variables 'stress_xx', 'vonmises', side set variables 'traction', global "
-            "variables 'energy', assembly_red variables 'area', node sets 'clamped' and side sets 'left' are not kept",
+            "element variables 'stress_xx', 'vonmises', side set variables 'traction', global variables 'energy', "
+            "assembly_red variables 'area', node sets 'clamped' and side sets 'left' are not kept",
         )
 
 
@@ -143,6 +141,64 @@ def test_named_blocks_of_exodus_are_groups_of_faces(tmp_path: Path, kind: str) -
         assert not any("blocks" in line for line in read.notices)
 
 
+def test_variables_of_exodus_are_fields_on_nodes_and_on_the_faces_of_their_elements(tmp_path: Path) -> None:
+    layers = np.concatenate([SQUARE + np.array([0, 0, z]) for z in range(4)])
+    blocks = {1: [list(range(1, 9)), list(range(5, 13))], 2: [list(range(9, 17))]}
+    pairs = ("xx", "yy", "zz", "xy", "yz", "zx")
+    stress = {f"S{pair}": {1: np.array([[k, 10 + k]] * 3)} for k, pair in enumerate(pairs)}
+    load = {1: np.array([[1, 2], [3, 4], [5, 6.0]]), 2: np.array([[7], [8], [np.nan]])}
+    nodal = {"vel_x": RISE, "heat": np.arange(48).reshape(3, 16), "vel_y": STILL, "vel_z": 2 * RISE, "flux_x": RISE}
+    write_exodus(tmp_path / "x.e", nodal, points=layers, blocks=blocks, kind="HEX8", elements={**stress, "load": load})
+    with open_sequence(tmp_path / "x.e") as read:
+        told = [(one.name, one.domain, one.components, str(one.dtype)) for one in read.fields]
+        assert told == [
+            ("vel", "vertex", 3, "float64"),
+            ("heat", "vertex", 1, "float64"),
+            ("flux_x", "vertex", 1, "float64"),
+            ("S", "face", 6, "float64"),
+            ("load", "face", 1, "float64"),
+        ]
+        np.testing.assert_array_equal(read.read_field("vel", 1, 3)[:, 0], [[0.1, 0, 0.2], [0.2, 0, 0.4]])
+        np.testing.assert_array_equal(read.read_field("heat", 2, 3)[0], np.arange(32, 48))
+        ends = np.cumsum(read.connectivity.face_counts)[:-1]
+        heights = np.array([layers[face, 2].mean() for face in np.split(read.connectivity.face_indices, ends)])
+        element = np.minimum(heights.astype(int), 2)
+        found = read.read_field("load", 0, 3)
+        np.testing.assert_array_equal(found[1], np.array([3, 4, 8])[element])
+        assert np.isnan(found[2]).tolist() == (element == 2).tolist()  # netCDF's NaN
+        tensor = read.read_field("S", 0, 1)[0]
+        np.testing.assert_array_equal(tensor[element == 1], [[10, 11, 12, 13, 14, 15]] * 4)
+        assert np.isnan(tensor[element == 2]).all()  # a block that lacks the variable
+        assert not any("variables" in line for line in read.notices)
+
+
+def test_variables_of_exodus_that_cannot_be_placed_are_named(tmp_path: Path) -> None:
+    """Inner elements, bars, and values of fewer steps than there are times."""
+    write_exodus(
+        tmp_path / "x.e",
+        {"heat": RISE},
+        blocks={1: [[1, 2], [2, 3]]},
+        kind="BAR2",
+        elements={"load": {1: np.ones((3, 2))}},
+    )
+    with h5py.File(tmp_path / "x.e", "a") as file:
+        del file["vals_nod_var1"]
+        file["vals_nod_var1"] = np.zeros((2, 4))
+    with open_sequence(tmp_path / "x.e") as read:
+        assert (read.fields, read.frame_count) == ((), 1)
+        assert "nodal variables 'heat' and element variables 'load' are not kept" in read.notices
+    axes = np.meshgrid(*[np.arange(4)] * 3, indexing="ij")
+    ring = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    corners = np.concatenate([ring, ring + np.array([0, 0, 1])]) @ [16, 4, 1]
+    cells = [(np.dot(at, [16, 4, 1]) + corners + 1).tolist() for at in np.ndindex(3, 3, 3)]
+    points = np.stack(axes, axis=-1).reshape(-1, 3).astype(np.float64)
+    write_exodus(
+        tmp_path / "y.e", {}, points=points, blocks={1: cells}, kind="HEX8", elements={"load": {1: np.ones((3, 27))}}
+    )
+    with open_sequence(tmp_path / "y.e") as read:
+        assert "1 of 27 elements have no face on the surface: their element variables are not kept" in read.notices
+
+
 @pytest.mark.data
 def test_a_real_exodus_file_moves_in_all_of_its_steps(shared_data: Path) -> None:
     folder = shared_data / "fields" / "seacas_block_crush"
@@ -153,6 +209,11 @@ def test_a_real_exodus_file_moves_in_all_of_its_steps(shared_data: Path) -> None
         assert group.labels == ("block_1", "block_2")
         assert np.array_equal(read.times, expected["times"])
         assert (np.abs(np.diff(read.read_frames(0, 11), axis=0)).max(axis=(1, 2)) > 0).all()
+        assert np.array_equal(read.read_field("vel", 0, 11), expected["field_vel"][:, node.values - 1])
+        # Every face has the stress of one element, and the faces of solids those of most.
+        found, stress = read.read_field("stress", 3, 4)[0], expected["field_stress"][3]
+        assert {tuple(row) for row in found} <= {tuple(row) for row in stress}
+        assert len({tuple(row) for row in found}) > 0.7 * len({tuple(row) for row in stress})
 
 
 VELOCITY = SQUARE * 0 + [1, 0, 0]

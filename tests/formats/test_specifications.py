@@ -30,6 +30,11 @@ def has(*names: str) -> Callable[[MeshSequence], bool]:
     return lambda clip: set(names) <= attributes(clip)
 
 
+def has_field(name: str) -> Callable[[MeshSequence], bool]:
+    """Return a check whether there is a field of that name and domain."""
+    return lambda clip: name in [f"{field.name} {field.domain}" for field in clip.fields]
+
+
 def counts(vertices: int, faces: int = 1, lines: int = 0) -> Callable[[MeshSequence], bool]:
     whole = (vertices, faces, lines)
     return lambda clip: (clip.vertex_count, clip.connectivity.face_count, clip.connectivity.line_count) == whole
@@ -241,7 +246,15 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
             lambda clip: clip.read_frames(2, 3)[0, 0, 0] == 2,
         ),
         "eb_names": (lambda folder: exodus(folder, listed={"eb_names": ["shell"]}), has("group face")),
-        "other variables": (lambda folder: exodus(folder, nodal={"heat": np.zeros(3)}), "nodal variables 'heat'"),
+        "nodal variables": (lambda folder: exodus(folder, nodal={"heat": np.zeros(3)}), has_field("heat vertex")),
+        "element variables": (
+            lambda folder: exodus(folder, elements={"load": {1: np.zeros((3, 1))}}),
+            has_field("load face"),
+        ),
+        "variables of sets, edges and the whole": (
+            lambda folder: exodus(folder, listed={"name_glo_var": ["energy"]}),
+            "global variables 'energy'",
+        ),
         "node sets": (lambda folder: exodus(folder, listed={"ns_names": ["rim"]}), "node sets 'rim'"),
         "side sets": (lambda folder: exodus(folder, listed={"ss_names": ["lid"]}), "side sets 'lid'"),
         "info_records": (lambda folder: exodus(folder, "info_records"), "records 'info_records'"),

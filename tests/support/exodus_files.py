@@ -25,10 +25,12 @@ def write_exodus(
     blocks: Mapping[int, Sequence[Sequence[int]]] = {1: [[1, 2, 3, 4]]},
     kind: str = "SHELL4",
     listed: Mapping[str, Sequence[str]] = {},
+    elements: Mapping[str, Mapping[int, np.ndarray]] = {},
 ) -> None:
     """Write nodes, blocks of elements by number, and nodal variables (steps, nodes) or one number a step.
 
-    `listed` are further lists of names, by the variables that hold them.
+    `listed` are further lists of names, by the variables that hold them, and `elements` variables (steps, elements) by
+    block.
     """
     with h5py.File(path, "w") as file:
         for number in range(points.shape[1]):
@@ -37,10 +39,14 @@ def write_exodus(
         for number, cells in blocks.items():
             file[f"connect{number}"] = np.array(cells, np.int32)
             file[f"connect{number}"].attrs["elem_type"] = np.bytes_(kind.encode())
-        for place, names in {**listed, **({"name_nod_var": list(nodal)} if nodal else {})}.items():
+        own = {"name_nod_var": list(nodal), "name_elem_var": list(elements)}
+        for place, names in {**listed, **{place: names for place, names in own.items() if names}}.items():
             file[place] = names_of(names)
         for number, values in enumerate(nodal.values(), 1):
             shape = (len(times), len(points))
             file[f"vals_nod_var{number}"] = np.broadcast_to(
                 np.asarray(values, np.float64).reshape(len(times), -1), shape
             )
+        for number, of_blocks in enumerate(elements.values(), 1):
+            for block, found in of_blocks.items():
+                file[f"vals_elem_var{number}eb{block}"] = found.astype(np.float64)
