@@ -80,7 +80,7 @@ def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
     """Return the numbers of variables, from 1, by the names of the vectors and tensors that they form.
 
     A tensor is taken as one only with exactly the components of one of :data:`_TENSORS`, a vector with one for every
-    axis; other variables stand alone. A name that is taken already gets a number. Variables without a name are left out.
+    axis; other variables stand alone. A name that is taken already gets a number. Variables without names are left out.
     """
     tensors: dict[tuple[str, bool], tuple[str, dict[str, int]]] = {}
     for number, name in enumerate(names, 1):
