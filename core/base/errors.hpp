@@ -72,7 +72,7 @@ class MemoryLimit {
 public:
     explicit MemoryLimit(u64 bytes) : bytes_(bytes), left_(bytes) {}
 
-    // Start with what is left of another limit.
+    // Start with the memory that another limit has left.
     MemoryLimit(const MemoryLimit &other) : bytes_(other.bytes_), left_(other.left()) {}
 
     u64 left() const { return left_; }

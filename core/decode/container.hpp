@@ -22,7 +22,7 @@ public:
 
     u64 size() const { return size_; }
 
-    // Read bytes of the file from `offset` on, at most those of `into`; return how many there were.
+    // Fill `into` with the bytes of the file from `offset` on; return how many there were.
     virtual std::size_t read(u64 offset, std::span<u8> into) = 0;
 
 protected:

@@ -21,10 +21,10 @@
 
 namespace pdeanim {
 
-// The quantised coefficients of a group: one thread decodes them part by part, while others turn finished parts into
-// motion.
 Subbands view_of(const SubbandTable &table);
 
+// The quantised coefficients of a group: one thread decodes them part by part, while others turn finished parts into
+// motion.
 class GroupCoefficients {
 public:
     // The chunk of section COEF must outlive it. Memory of the coefficients is counted in `taken`.
@@ -79,7 +79,7 @@ struct DecodedGroup {
     std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
     std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums
     Residuals residuals;
-    TakenMemory taken;  // for functions of time and residuals
+    TakenMemory taken;  // memory taken for functions of time and residuals
 };
 
 // Return functions of time at the frames of a group, (frames, axes, functions), with as many axes as they have values

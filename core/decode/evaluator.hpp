@@ -79,7 +79,7 @@ private:
     RunSections &run_;
     GroupCache &groups_;
     Turns &turns_;
-    std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
+    std::optional<AnchoredReference<float>> anchored_single_;  // the reference frame; groups of both precisions need it
     std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<BrokenSpline> spline_;
     std::vector<ClosedForm> closed_forms_;

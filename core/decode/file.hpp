@@ -37,7 +37,7 @@ public:
     const std::vector<Run> &runs() const { return runs_; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
 
-    // Memory left for what is decoded of a run.
+    // Memory left for the decoded data of a run.
     const MemoryLimit &memory() const { return memory_; }
 
     // The run at a time [s]: the last one whose first frame is not later, else the first.

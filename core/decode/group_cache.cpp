@@ -111,7 +111,7 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
     }
 }
 
-// Return the groups that are not cached, in the order of their first times, as many as fit together.
+// Return the groups that are not cached, in the order of their first times, up to as many as fit in memory together.
 std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u64 &bytes_at_once) const {
     std::vector<std::size_t> wanted;
     i64 kept_bytes = 0;  // about, of those that are wanted

@@ -49,7 +49,7 @@ private:
     i64 kept_bytes_ = 0;
     Kept kept_;  // the latest first
     std::unordered_map<std::size_t, Kept::iterator> places_;
-    std::vector<bool> has_been_kept_;  // of each group
+    std::vector<bool> has_been_kept_;  // one entry per group
 };
 
 }  // namespace pdeanim

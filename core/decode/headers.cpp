@@ -125,7 +125,7 @@ std::vector<std::string> SequenceDescription::names(i64 objects, const TakeMemor
 
 namespace {
 
-constexpr i64 most_points[] = {256, 65535};  // by the kind of basis
+constexpr i64 most_points[] = {256, 65535};  // for each kind of basis
 constexpr int most_functions = 128;          // building them takes the square of their number
 constexpr int thresholds = 8;
 
@@ -168,7 +168,7 @@ namespace {
 
 constexpr std::array<SectionType, 3> chunk_sections = sections_where<3>(&SectionType::in_groups);
 constexpr u8 is_double = 4, last_basis = 3;  // bit of a group's kind: its positions are added up in float64
-constexpr i64 closed_functions = 4;          // of Eq. 12
+constexpr i64 closed_functions = 4;          // number of functions in Eq. 12
 
 bool is_step(double step) { return step > 0.0 && step <= limits::largest_step; }
 

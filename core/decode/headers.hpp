@@ -27,7 +27,7 @@ struct SequenceDescription {
 
     std::vector<double> times;    // [s], increasing
     std::vector<i64> jumps;       // frames before which the motion is discontinuous, increasing
-    std::vector<i64> run_frames;  // of each run of frames
+    std::vector<i64> run_frames;  // number of frames of each run
     double fps = 0.0;             // nominal frames per second
 
 private:
@@ -54,14 +54,14 @@ enum class TimeBasis { trajectories, shapes, cosines, closed_form };
 // One group of frames.
 struct Group {
     i64 first = 0, frames = 0;
-    i64 functions = 0;  // of time
+    i64 functions = 0;  // number of functions of time
     TimeBasis basis = TimeBasis::trajectories;
     bool is_single = false;                 // its positions are added up in float32
     double step = 0.0;                      // quantisation step of the coefficients [scene units]
     double time_step = 0.0;                 // quantisation step of the functions of time, if they are stored
     double alpha = 0.0;                     // rate of Eq. 12 over half the group
-    std::array<u64, 3> offsets{}, sizes{};  // of its chunks in TIME, COEF and CORR
-    u32 checksum = 0;                       // of all three chunks
+    std::array<u64, 3> offsets{}, sizes{};  // where its chunks start in TIME, COEF and CORR, and how long they are
+    u32 checksum = 0;                       // checksum of all three chunks together
 
     bool is_sampled() const { return basis == TimeBasis::trajectories || basis == TimeBasis::shapes; }
 

@@ -34,7 +34,7 @@ public:
     // Exclude other callers.
     std::unique_lock<std::recursive_mutex> take() { return std::unique_lock(lock_); }
 
-    // The same for a call that can be cancelled from now on.
+    // Like `take`, for a call that can be cancelled from now on.
     std::unique_lock<std::recursive_mutex> begin_call() {
         const u64 before = *cancels_;
         std::unique_lock guard(lock_);
@@ -60,10 +60,10 @@ private:
 struct Reference {
     std::vector<GridPoint> grid;
     std::array<double, 3> origin{};  // [scene units]
-    double step = 0.0;               // of the grid [scene units]
+    double step = 0.0;               // width of a grid cell [scene units]
     bool is_smoothed = false;
     std::vector<double> points;  // (vertices, 3) [scene units]
-    std::vector<i32> ties;       // of each vertex the first one that it is tied to; empty if none are
+    std::vector<i32> ties;       // for each vertex, the first one that it is tied to; empty without ties
 };
 
 // From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity ->
@@ -101,7 +101,7 @@ public:
     // Parts that are decoded on first use.
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
-    std::vector<ConnectivityView> views();  // of the connectivity of each object
+    std::vector<ConnectivityView> views();  // the connectivity of each object
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const std::vector<u8> &remarks();  // section META, unread
@@ -133,7 +133,7 @@ private:
     Turns &turns_;
     SequenceDescription sequence_;
     std::vector<u8> polygons_;            // section CONN after its head
-    std::vector<i64> first_vertices_{0};  // of each object, and the number of all
+    std::vector<i64> first_vertices_{0};  // first vertex of each object, then the number of all vertices
     std::optional<GroupTable> table_;
     Model model_;
 

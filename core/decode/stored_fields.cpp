@@ -210,7 +210,7 @@ const FieldDomain &StoredFields::domain(const FieldHeader &header) {
     return found->second;
 }
 
-// The first row of an object's, and their number; of all objects without one.
+// Return the first row of an object in a field, and the number of its rows; without an object, the rows of all objects.
 std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> object) {
     const FieldHeader &header = headers()[field];
     if (!object) return {0, domain(header).rows()};

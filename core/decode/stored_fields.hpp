@@ -33,10 +33,10 @@ constexpr int field_codes = 3;
 
 // Consecutive frames of a field: some frames of a chunk, the last of which holds for the rest.
 struct FieldGroup {
-    i64 first = 0, frames = 0;      // of the clip
+    i64 first = 0, frames = 0;      // frames of the clip
     i64 skipped = 0, in_chunk = 0;  // frames of the chunk, the skipped ones included
     FieldCode code = FieldCode::exact;
-    double unit = 0.0;  // of a quantised value
+    double unit = 0.0;  // width of a quantisation step
     u64 offset = 0, size = 0;
     u32 checksum = 0;
 };
@@ -46,8 +46,8 @@ struct FieldHeader {
     FieldSite site = FieldSite::vertex;
     FieldType type = FieldType::f32;
     i64 components = 1;
-    std::vector<i64> objects;          // that have it, increasing; empty: all
-    double smallest = 0, largest = 0;  // of the source, without NaN and infinities
+    std::vector<i64> objects;          // indices of the objects that have the field, ascending; empty if all have it
+    double smallest = 0, largest = 0;  // range of the source's values, without NaN and infinities
     double bound = 0;                  // largest error; 0: exact
     std::vector<FieldGroup> groups;
 

@@ -31,18 +31,17 @@ public:
 
 private:
     i64 size_, stride_;
-    std::vector<double> vectors_;  // of the reflections; v of the reflection that clears row i is in row i
+    std::vector<double> vectors_;  // vectors of the reflections: row i has the v of the reflection that clears row i
     std::vector<double> factors_;
 };
 
-// Row after row, from the last one up, is cleared except for the number beside the diagonal.
+// Rows are cleared one after the other, from the last one up, except for the number next to the diagonal.
 //
 // The reflection I - f v v^T from both sides subtracts v w^T + w v^T from the rows above, with p = f A v and w = p -
 // f/2 (p v) v. The next reflection needs only its own row of the rest, so one pass over the other rows subtracts the
 // change and multiplies by the next v.
-//
-// Of each row the numbers up to the end of the diagonal's block of eight are stored; those before that block stand for
-// their mirror images, too.
+// Each row is stored up to the end of the block of eight that holds its diagonal entry. Entries before that block also
+// stand for their mirror images.
 
 // The change to subtract: v w^T + w v^T.
 struct Change {

@@ -20,7 +20,7 @@ template <class Real> void multiply_rows(Real *out, const Real *rows, const doub
 template <class Real, class Row>
 void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads);
 
-// The same with other rows: out (columns x other_columns) = rows^T * others, in their precision.
+// out (columns x other_columns) = rows^T * others, summed block by block in their precision.
 template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
                                             i64 other_columns, int threads);
 

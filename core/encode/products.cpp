@@ -16,8 +16,8 @@ namespace {
 // Rows of a product that are computed together, and number of products from which threads pay off.
 constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
 
-// Sums of squares are added up in this many spans of rows, for this many columns together. The sums of a span are
-// double, made of blocks of rows that are added up in float or double.
+// To sum squares, the rows are divided into spans, and each pass treats several columns. Within a span, blocks of rows
+// are summed in the type of the rows, and the sums of blocks are added in double.
 constexpr i64 spans = 4, columns_at_once = 32;
 template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
 
@@ -29,7 +29,8 @@ struct SumSizes {
     i64 count, columns, other_columns;
 };
 
-// Sums of products of all columns of rows and of others; if these are the same, only the upper triangle is computed.
+// Sum the products of each column of `rows` with each column of `others`; if both are the same, only the upper
+// triangle.
 template <class Real, class Row, bool is_triangle>
 void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
     const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;

@@ -21,7 +21,7 @@ template <class Real> double take_displacements(std::span<const float> points, s
 // Dead zone of the quantiser of coefficients, wider among zeros.
 struct DeadZone {
     double round_up_at;        // numbers beyond a whole one by more than this (in steps) are rounded up
-    double round_up_alone_at;  // the same for a coefficient whose neighbours are all zero
+    double round_up_alone_at;  // the same bound for a coefficient whose neighbours are all zero
 };
 
 struct Quantised {

@@ -37,13 +37,15 @@ private:
     static constexpr i64 past_size = 1 << 16;
     static constexpr int longest_run = 15, decisions = 5;
 
-    std::vector<BitModel> one_, two_, three_;  // by the bytes before, the digits found, and hashes of both
-    std::array<std::array<BitModel, 2>, longest_run + 1> match_;  // by the run of matches and the digit proposed
+    // Contexts: the last one, two or three bytes, and the digits of this byte so far.
+    std::vector<BitModel> one_, two_, three_;
+    // Contexts: how long the match has held, and the digit that it predicts.
+    std::array<std::array<BitModel, 2>, longest_run + 1> match_;
     BitModel no_match_;
     std::array<Weights<4>, decisions> weights_;
     i64 count_ = 0, place_ = -1, run_ = 0;  // bytes so far; where the match goes on, or -1; how long it has held
     u32 last_ = 0;                          // the last four bytes
-    std::vector<i64> places_;               // by the hash of four bytes: 1 + the place in the past that followed them
+    std::vector<i64> places_;  // for each hash of four bytes, 1 + the position in the past that followed them
     std::vector<u8> past_;
 };
 

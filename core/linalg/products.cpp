@@ -44,7 +44,7 @@ PDEANIM_INLINE void add_tile(Real *out, i64 stride, const Real *left, const Real
     }
 }
 
-// The same for a tile that extends beyond the matrix: one row, through a buffer.
+// Multiply one row of a tile that extends beyond the matrix, through a buffer.
 template <class Shape, class Real>
 PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Real *left, const Real *panel, i64 depth) {
     Real sums[Shape::rows * Shape::width] = {};

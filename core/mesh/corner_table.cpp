@@ -98,7 +98,7 @@ namespace {
 
 constexpr int last_rank = 63;  // highest rank that is distinguished: 12 faces that lack only the vertex
 
-// The vertices of each rank, in the order in which they reached it.
+// For each rank, the vertices that have it, in the order in which they reached it.
 class RankQueues {
 public:
     explicit RankQueues(i64 vertices) : rank_(vertices), links_(vertices) {

@@ -26,7 +26,7 @@ struct ConnectivityView {
 // Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1
-    std::vector<i32> vertex;        // of each corner
+    std::vector<i32> vertex;        // vertex of each corner
     i64 faces = 0, vertices = 0;    // polygons from `faces` on are pieces of lines
 };
 
@@ -37,9 +37,10 @@ struct CornerTable {
     i32 vertex(i32 corner) const { return polygons.vertex[corner]; }
 
     Polygons polygons;
-    std::vector<i32> polygon, size;   // of each corner: its polygon, and the polygon's number of corners
+    std::vector<i32> polygon, size;   // polygon of each corner, and the polygon's number of corners
     std::vector<i32> next, previous;  // corner of the same polygon
-    // The corner whose edge lies on the edge of each corner, -1 for none; a corner's edge goes to the next corner.
+    // A corner's edge goes to the next corner of its face. For each corner, the corner of another face that has the
+    // same edge; -1 if there is none.
     // Corners of faces on one edge form a ring, in the order in which the edge's smaller vertex meets them: corner by
     // corner, first the edge from it, then the edge to it. In a piece of a line, it is the corner of the other piece at
     // the same vertex, if exactly two pieces meet there.
@@ -63,9 +64,8 @@ struct Neighbourhood {
 Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner);
 
 // Return an order of the vertices in which each has as many complete faces around it as possible.
-//
-// The next vertex is that of highest rank, of several the first to reach that rank. If no vertex has a rank, it is the
-// next vertex of any polygon; vertices without polygons come last.
+// The next vertex is the one of highest rank; of several, the first to reach that rank. If no vertex has a rank, it is
+// the next vertex of any polygon; vertices without polygons come last.
 std::vector<i32> prediction_order(const CornerTable &corners);
 
 }  // namespace pdeanim

@@ -49,8 +49,8 @@ private:
     const CornerTable &mesh_;
     std::span<const i32> twin_, diagonal_;
     std::vector<i64> edge_starts_ = {0}, path_starts_ = {0};
-    std::vector<i32> edges_, path_;  // of all loops
-    std::vector<i32> loop_of_;       // of each edge, or -1
+    std::vector<i32> edges_, path_;  // edges of all loops, and vertices of their paths
+    std::vector<i32> loop_of_;       // loop of each edge, or -1
 };
 
 EdgeLoops::EdgeLoops(const CornerTable &corners, std::span<const i32> twin, std::span<const i32> diagonal)

@@ -184,7 +184,7 @@ private:
     const Graph &graph_;
     CurveCover &cover_;
     std::vector<Vertex> vertices_;
-    std::vector<i32> ahead_, behind_;  // of the growing path, from its seed on
+    std::vector<i32> ahead_, behind_;  // vertices of the growing path on both sides of its seed
     i64 path_ = 0, steps_ = 0;
 };
 

@@ -90,7 +90,7 @@ private:
     }
 
     void find_pairs() {
-        // Triangles at corners of the border have one possibility, those along it two.
+        // A triangle at a corner of the border has one possible partner, a triangle along the border two.
         for (int borders = 2; borders >= 0; --borders) {
             for (i64 face = 0; face < faces_; ++face) {
                 if (!is_triangle_[face] || diagonal_[face] >= 0) continue;
@@ -321,7 +321,7 @@ private:
     i64 faces_;
     std::vector<bool> is_triangle_;  // three corners at three vertices
     std::vector<bool> waits_;        // whether a triangle is in the queue
-    std::vector<i32> diagonal_;      // of the pairs found so far
+    std::vector<i32> diagonal_;      // diagonals of the pairs found so far
     std::vector<i32> queue_;         // triangles to look at again, in a ring
     std::size_t head_ = 0, tail_ = 0, waiting_ = 0;
     std::vector<Vertex> vertices_;

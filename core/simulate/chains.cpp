@@ -10,8 +10,8 @@ namespace {
 // A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain.
 struct Link {
     StoredSlot direction[3];
-    // coupling: on the way to the link where the ends meet, its share of the next one that is left of it; then Eq. 6's
-    // change. right: what is left to the right of the equation.
+    // coupling: during elimination, the entry that couples this link to the next one towards the meeting point, divided
+    // by the pivot; afterwards the change of Eq. 6. right: the right-hand side of the equation so far.
     StoredSlot coupling, right, mass;  // mass: the inverse one of its first point
 };
 
@@ -144,7 +144,7 @@ template <class Slot> PDEANIM_INLINE void eliminate_backwards(const Places &plac
 }
 
 template <class Slot> struct Met {
-    Slot change, coupling;  // of the last link, and its coupling to the link beyond it
+    Slot change, coupling;  // change of the last link, and its coupling to the link beyond it
 };
 
 // `beyond`: the link after `link`, which the other end has reached; null if there is none.

@@ -6,7 +6,7 @@ namespace pdeanim::xpbd {
 namespace {
 
 struct PairSlots : DistanceSlots {
-    const double *inverse_masses;  // of both particles of each pair
+    const double *inverse_masses;  // inverse masses of both particles of each pair
 };
 
 template <bool is_damped, class Slot>

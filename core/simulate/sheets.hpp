@@ -36,7 +36,7 @@ struct Halves {
     i32 particles, middle;
 
     int of(i32 particle) const { return particle >= middle ? 1 : 0; }
-    // A particle behind the last one that cannot move; that of each half has a cache line of its own.
+    // For each half, a particle after the last one that cannot move, in a cache line of its own.
     i32 filler(int half) const { return particles + 2 * half; }
     std::array<std::size_t, 2> range(int half) const {
         const auto start = static_cast<std::size_t>(half == 0 ? 0 : middle);

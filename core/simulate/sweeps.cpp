@@ -47,7 +47,7 @@ using Matrix = std::array<std::array<double, 3>, 3>;
 // Both rows of a neo-Hookean constraint at the present positions.
 struct Rows {
     double size, determinant;                      // sqrt(tr(F^T F)) and det F
-    std::array<Point, 4> of_size, of_determinant;  // their gradients, by corner
+    std::array<Point, 4> of_size, of_determinant;  // gradients of both, corner by corner
 };
 
 // Gradients at the four corners of a function with this slope by the deformation gradient.

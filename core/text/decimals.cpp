@@ -57,7 +57,7 @@ Scaled scale(const Decimal &decimal) {
     return {low, low == static_cast<float>(value * (1.0 + margin))};
 }
 
-// The first significant digits of `digits.digits`.
+// Return the first significant digits of a decimal number without sign and exponent.
 Decimal keep_digits(const u8 *at, const u8 *end) {
     Decimal found{0, 0};
     int kept = 0;

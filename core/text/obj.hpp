@@ -40,7 +40,7 @@ std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::s
 
 // A number that the caller must read.
 struct UnreadNumber {
-    i64 array, place;  // its array, in the order of declaration in ObjScan, and its index there
+    i64 array, place;  // index of its array, in the order of declaration in ObjScan, and its index in that array
     i64 byte;          // where its token starts
 };
 
@@ -62,12 +62,12 @@ struct ObjScan {
     std::vector<float> vertex_extras;  // the next four, 0 for none: w, r g b, or r g b a; empty where no line has any
     std::vector<float> textures;       // three numbers of each vt line, 0 for none
     std::vector<float> normals;        // three numbers of each vn line
-    std::vector<i32> vertex_sizes;     // how many numbers stood on each v line
+    std::vector<i32> vertex_sizes;     // how many numbers each v line has
     i32 texture_size = 0;              // most numbers on a vt line
     std::vector<u8> is_face;           // 1 for each element that is a face; the others are lines and points
     std::vector<i32> element_sizes;    // corners of each
     std::vector<i32> corners;          // vertex, texture vertex and normal of each, from 0; -1 for none of the latter
-    std::vector<i64> others;           // of each other statement: its byte, vertices and elements before it
+    std::vector<i64> others;  // for each other statement: its byte, and how many vertices and elements stand before it
     std::vector<UnreadNumber> unread;  // in the order in which they must be read
 
     // The first fault and its byte; nothing after it is read.

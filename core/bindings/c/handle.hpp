@@ -22,9 +22,9 @@ struct pdeanim_animation {
     pdeanim::Animation::Options options;
     std::size_t run = 0;
     std::unique_ptr<pdeanim::Animation> animation;
-    std::vector<std::vector<std::vector<const char *>>> labels;  // of each object's attributes
+    std::vector<std::vector<std::vector<const char *>>> labels;  // labels of each object's attributes
     pdeanim::i64 corrected_group = -1;                           // group of `corrections`
-    std::vector<pdeanim_correction> corrections;                 // of the last group requested
+    std::vector<pdeanim_correction> corrections;                 // corrections in the last group requested
     pdeanim::TakenMemory of_corrections;
 
     // For a file of several runs:

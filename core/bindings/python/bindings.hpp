@@ -88,7 +88,7 @@ inline void add_tuple(nb::module_ &module, const char *name, const char *fields)
     module.attr(name) = make(name, fields, nb::arg("module") = "pdecodec._core");
 }
 
-// Make one of those named tuples.
+// Make a named tuple of one of these types.
 template <class... Values> nb::object named(const char *name, Values &&...values) {
     return nb::module_::import_("pdecodec._core").attr(name)(std::forward<Values>(values)...);
 }

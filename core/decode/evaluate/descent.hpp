@@ -1,4 +1,4 @@
-// Coefficients at some frames: the value of each function of space, carried down the partition tree to the elements.
+// Coefficients of the functions of space at some frames, carried down the partition tree to the elements.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,8 @@ template <int bytes, class Real> constexpr int lanes = bytes / static_cast<int>(
 // Processors have twice as many registers of the widest kind.
 template <int bytes> constexpr bool has_many_registers = bytes == 64;
 
-// Numbers of some frames side by side: for each axis those of all frames; for one frame the three axes and padding.
+// Numbers of several frames side by side: all frames of x, then of y, then of z; for one frame the three axes and
+// padding.
 template <int frames> constexpr int width = frames == 1 ? 4 : 3 * frames;
 
 // Values of every function of time at some frames: `width` numbers, or one per frame if all axes share them.

@@ -46,12 +46,12 @@ template <class Real> struct AnchoredReference {
     AnchoredReference(const Patches &patches, std::span<const double> points,
                       const SpaceSelection *selection = nullptr);
 
-    // All at the origin.
+    // A reference frame whose vertices all lie at the origin.
     explicit AnchoredReference(const Patches &patches, const SpaceSelection *selection = nullptr);
 
-    std::vector<double> anchors;  // (elements, 3): of the first vertex of each
-    AlignedArray<Real> away;      // of each element: three axes of its vertices relative to the first, padded
-    std::vector<i64> starts;      // start of each element there
+    std::vector<double> anchors;  // (elements, 3): position of each element's first vertex
+    AlignedArray<Real> away;      // for each element, three axes of its vertices relative to the first vertex, padded
+    std::vector<i64> starts;      // where each element starts in `away`
 };
 
 // Coefficients of functions of space: for each function of time that has any, one, or three for the axes, padded. Some
@@ -59,8 +59,8 @@ template <class Real> struct AnchoredReference {
 template <class Value> struct SpaceRows {
     static constexpr i64 padded_axes = 4;  // room for three, which are read together
 
-    std::vector<i64> starts{0};  // of each function of space
-    std::vector<u16> functions;  // of time
+    std::vector<i64> starts{0};  // first row of each function of space
+    std::vector<u16> functions;  // function of time of each row
     AlignedArray<Value> values;
 };
 
@@ -75,10 +75,10 @@ template <class Real> struct Motion {
     // are those of these.
     void choose(SpaceSelection selected);
 
-    // Add coefficients: those of the tree first.
+    // Add the coefficients of the partition tree; call it before `take_elements`.
     void take_tree(QuantisedRows rows);
 
-    // Then those of the elements `first` to `end` - 1; several threads may add different ones.
+    // Add the coefficients of the elements `first` to `end` - 1; several threads may add different elements.
     void take_elements(i64 first, i64 end, QuantisedRows rows);
 
     // All are added: release the memory needed only for that.
@@ -105,7 +105,7 @@ template <class Real> struct Motion {
         bool has_fields = false;
         double constant = 0.0;      // value of its constant function; 0 without
         AlignedArray<Real> values;  // (columns, vertices ascending), padded; fields of each axis where they differ
-        SpaceRows<Real> rows;       // of its functions that are not affine
+        SpaceRows<Real> rows;       // rows of its functions that are not affine
     };
 
     const SpaceBasis *basis;
@@ -137,7 +137,7 @@ private:
     void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, QuantisedRows rows, std::span<const double *const> values);
 
-    std::vector<double> affine_;  // of all nodes, four rows of channels each, if elements may have fields
+    std::vector<double> affine_;  // four rows of channels per node, if elements may have fields
     TakenMemory taken_;
 };
 

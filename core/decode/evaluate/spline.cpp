@@ -11,7 +11,8 @@ namespace {
 // Frames on either side of a time. The rest weighs (2 - sqrt 3)^16 < 1e-9 at even times, a fiftieth of float32's
 // resolution.
 constexpr i64 half_window = 16;
-// The same for uneven times, where a frame further away may weigh half as much, but not more: 2^-30 < 1e-9.
+// The same for uneven times: each frame further away weighs at most half as much as the one before it, and 2^-30 <
+// 1e-9.
 constexpr i64 half_window_uneven = 30;
 // Times are even if no two steps differ by more than this factor: then a frame further away weighs 0.28 as much.
 constexpr double even = 1.1;
@@ -90,7 +91,7 @@ void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double
         share *= -(h + k) / k;
         row = frame == 0 ? 1 : last - 1;
     }
-    double entry = share / rows_[row].centre;  // of the inverse's row for the slope
+    double entry = share / rows_[row].centre;  // entry of the inverse's row for the slope
     for (i64 i = row; i < least(end, last); ++i) {
         if (i > row) entry *= -rows_[i - 1].above / rows_[i].up;
         slopes[i - 1 - first] += entry * rows_[i].left;

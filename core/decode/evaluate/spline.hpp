@@ -48,7 +48,7 @@ private:
 
     std::vector<double> times_;
     std::vector<double> steps_;  // from frame to frame [s]
-    std::vector<Row> rows_;      // of the frames of a clip of 4 or more
+    std::vector<Row> rows_;      // one row per frame, for clips of 4 frames or more
     i64 half_ = 0;               // frames of a window on either side of a time
     i64 width_ = 0;
 };
@@ -73,7 +73,7 @@ public:
 
 private:
     std::vector<double> times_;
-    std::vector<i64> starts_;  // of the stretches, and the number of frames
+    std::vector<i64> starts_;  // first frame of each stretch, then the number of frames
     std::size_t stretch_ = 0;  // stretch that the spline belongs to
     std::optional<FrameSpline> spline_;
 };

@@ -28,7 +28,8 @@ constexpr i64 bytes_per_attribute = 1024, bytes_per_label = 128;
 
 constexpr i64 most_rows = (i64{1} << 31) - 1;  // they are numbered by int32
 
-// A value is common if at least this many equal it, and this fraction of all: an entry of a table costs four bytes.
+// A value is common if it occurs at least this often, and makes up this fraction of all values: an entry of a table
+// costs four bytes.
 constexpr double least_common = 4, common_share = 0.02;
 constexpr std::size_t most_common = 16;
 
@@ -38,7 +39,7 @@ constexpr double most_tabled = 0.95;  // fraction of different values beyond whi
 constexpr i64 immense = i64{1} << 60;
 constexpr i64 product(i64 a, i64 b) { return b && a > immense / b ? immense : a * b; }
 
-// Replace codes by tables of all values, or of the common ones.
+// Replace codes by indices into tables that hold all values, or only the common ones.
 Codes tabled(const std::vector<i32> &full, int channels, bool all_in) {
     Codes found{full, {}};
     const std::size_t rows = full.size() / channels;
@@ -91,8 +92,8 @@ Codes best_tables(WedgeField &field, const std::vector<i32> &full) {
 struct Decoded {
     i64 rows = 0;
     std::optional<std::vector<i32>> indices;
-    Channels channels;      // of every element
-    std::vector<u8> bytes;  // of raw values
+    Channels channels;      // channels of every element
+    std::vector<u8> bytes;  // bytes of raw values
 };
 
 // Codes attributes one after the other; statistics of one help with the next.
@@ -370,7 +371,7 @@ private:
     AscendingModel tables_;
     // Made on first use: they are large.
     std::map<Use, StepModel> lists_;
-    std::map<std::pair<i64, int>, ValueModel> values_;  // by the kind and the number of channels
+    std::map<std::pair<i64, int>, ValueModel> values_;  // for each kind and number of channels
 };
 
 }  // namespace

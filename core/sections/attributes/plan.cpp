@@ -22,7 +22,8 @@ template <class T> std::vector<T> values_as(const AttributeView &attribute) {
     return values;
 }
 
-// Whether numbers are those of fans that the coder can find: at a vertex of many corners it looks only at some.
+// Return whether the coder can find the fans that the elements are numbered by: at a vertex of many corners it looks at
+// some corners only.
 bool are_fans(const AttributeView &attribute, const std::vector<i32> &numbers, const AttributeMesh &mesh) {
     if (attribute.name != normal_group || attribute.domain != Domain::corner || attribute.indices) return false;
     const std::span<const i32> vertices = mesh.face_corners();

@@ -28,14 +28,14 @@ struct AttributeHead {
 
     std::string name;
     i64 domain = 0, kind = 0, columns = 0, rule = 0;
-    i64 elements = 0;  // of domain "object"; 0 of others
+    i64 elements = 0;  // number of objects for domain "object", 0 for other domains
     i64 rows = 0;      // under rule `listed`; else 0
     std::vector<std::string> labels;
 };
 
 struct AttributePlan {
     AttributeHead head;
-    std::span<const i32> indices;  // where there are any
+    std::span<const i32> indices;  // empty if there are no indices
     // Rows of values, or of elements from rule `first_used` on: measured values or labels, and the bytes of raw ones.
     Channels channels;
     std::span<const u8> bytes;
@@ -58,7 +58,7 @@ struct Codes {
     };
 
     std::vector<i32> codes;
-    std::vector<Table> tables;  // of each channel
+    std::vector<Table> tables;  // one table per channel
 
     // Codes that are not places.
     std::vector<i32> full() const;

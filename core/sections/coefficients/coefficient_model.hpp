@@ -15,17 +15,17 @@ namespace pdeanim {
 struct BlocksAround {
     i64 one_row, two_rows;  // one and two rows before, in the same subband
     i64 one, two;           // one and two blocks before, in the same row
-    i64 beside;             // at the same place of the previous subband of the same kind
-    i64 above;              // at the same place of the subband of the node above
+    i64 beside;             // coefficient at the same place of the previous subband of the same kind
+    i64 above;              // coefficient at the same place of the subband of the node above
 };
 
 // Sizes of the neighbours of a coefficient; 0 without a neighbour.
 struct CoefficientsAround {
     i64 one_row, two_rows;    // one and two rows before, in the same subband
     i64 one_rank, two_ranks;  // one and two functions of time before, on the same axis
-    i64 beside;               // at the same place of the previous subband of the same kind
-    i64 other_axes;           // at the same function of time on the axes coded before
-    i64 above;                // at the same place of the subband of the node above
+    i64 beside;               // coefficient at the same place of the previous subband of the same kind
+    i64 other_axes;           // coefficient at the same function of time on the axes coded before
+    i64 above;                // coefficient at the same place of the subband of the node above
 };
 
 class CoefficientModel {

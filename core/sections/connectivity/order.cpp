@@ -171,7 +171,7 @@ private:
                                      model_.found_weights_.data(), place < count);
         model_.found_history_ = (2 * model_.found_history_ + found) & 255;
         if (!found) return std::nullopt;
-        // Try the slot of last time before the others: most orders repeat themselves.
+        // Try the slot that came last time first: most orders repeat themselves.
         int &usual = model_.expected_[last][before];
         int expected = 0;
         while (expected < count && candidates_[expected].slot != usual) ++expected;
@@ -296,9 +296,10 @@ private:
         return found;
     }
 
-    // Compare the numbers of a face that begins at `first` with those of the last two faces. The result has four digits
-    // to base 3: second and third corner against the last face, second and third against the face before it. A digit is
-    // 0 if the corner's difference from the first corner is another, 1 if it is not known, 2 if it is the same.
+    // Compare the vertex numbers of a face that begins at `first` with the numbers of the last two faces. The result
+    // has four digits to base 3: second and third corner against the last face, second and third against the face
+    // before it. A digit is 0 if the corner's difference from the first corner is another, 1 if it is not known, 2 if
+    // it is the same.
     int resemblance(i32 first) const {
         const i32 second = records_.after(first);
         const i32 number = records_.number_at(first), second_number = records_.number_at(second);

@@ -5,7 +5,7 @@
 // 1. by a side that it shares with one of the last four faces; or
 // 2. by a vertex that already has a number: which corner of the face lies there, the vertex's number, and which of the
 //    faces left at the vertex; or
-// 3. by its position on the surface, as a difference from that of the face before.
+// 3. by its position on the surface, as a difference from the position of the previous face.
 //
 // Vertices that a named face uses for the first time then get their numbers, which count only vertices on faces. Last
 // comes which corner of the face is the first, unless the second case has told it.
@@ -96,7 +96,7 @@ private:
     static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
     static constexpr int corners_told = 3;  // corners that the second case codes by yes and no
     static constexpr int jump_classes = 8;  // contexts of a difference of ranks: the last one, up to 3, and its sign
-    static constexpr int proposals = 6;     // for a vertex's number, besides the match model's
+    static constexpr int proposals = 6;     // predictions of a vertex's number, besides the match model's
     static constexpr int farthest = 20;     // differences of numbers are clamped to this in contexts
 
     using Models = std::vector<BitModel>;
@@ -108,12 +108,12 @@ private:
     std::array<SignedModel, jump_classes> jump_;
     SignedModel place_;
     Weights<2> found_weights_, side_weights_, corner_weights_, list_weights_, first_weights_;
-    MatchModel to_face_;  // from the last face to a vertex of the next
+    MatchModel to_face_;  // matches that lead from the last face to a vertex of the next
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
     i64 last_jump_ = 0;
-    std::array<int, slots> firsts_after_{};                 // which corners were the first, for each slot
-    std::array<std::array<int, slots>, slots> expected_{};  // which slot came last time, for each two slots before it
+    std::array<int, slots> firsts_after_{};                 // for each slot, which corners were the first
+    std::array<std::array<int, slots>, slots> expected_{};  // which slot followed each two slots the last time
 
     // Numbers of vertices.
     std::array<Models, proposals> proposal_, proposal_around_;
@@ -122,7 +122,7 @@ private:
     MatchModel numbers_;
     int proposal_history_ = 0;
 
-    NumberModel gap_, rest_;  // for the set of vertices that are on faces
+    NumberModel gap_, rest_;  // models for the set of vertices that are on faces
 };
 
 }  // namespace pdeanim

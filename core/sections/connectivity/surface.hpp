@@ -38,7 +38,7 @@ public:
     struct Side {
         i32 origin = 0;                    // vertex at which it begins
         i32 before = 0;                    // previous corner of its face
-        i32 following = 0, preceding = 0;  // in its ring
+        i32 following = 0, preceding = 0;  // neighbours in its ring
         i32 state = open;
         i32 opposite = 0;            // the side across, or -1
         i32 later = 0, earlier = 0;  // neighbours in the queue of its priority, or -1
@@ -116,9 +116,9 @@ private:
     friend struct SurfaceEncoding;
     std::span<const i32> sizes_;
     std::vector<i32> used_;
-    std::vector<i32> vertex_;   // of each corner, numbered among those used
-    std::vector<i32> face_;     // of each corner
-    std::vector<i32> across_;   // of each corner, the group of corners whose sides run the other way, or -1
+    std::vector<i32> vertex_;  // vertex of each corner, numbered among the vertices that are used
+    std::vector<i32> face_;    // face of each corner
+    std::vector<i32> across_;  // for each corner, the group of corners whose sides run in the opposite direction, or -1
     std::vector<i32> members_;  // corners by group: the sides of a group join the same two vertices, in one direction
     std::vector<i32> group_starts_;
     std::vector<i32> firsts_;  // first corner of each face
@@ -171,7 +171,7 @@ private:
 
     int borders_ = 0;                      // the last 8 decisions "no face across", the latest in bit 0
     int closed_recently_ = 0;              // on which sides the last 3 faces closed, 2 bits per face
-    i32 last_size_ = 0, size_before_ = 0;  // of the last two faces whose size was coded
+    i32 last_size_ = 0, size_before_ = 0;  // sizes of the last two faces whose size was coded
 };
 
 }  // namespace pdeanim

@@ -14,7 +14,7 @@ namespace {
 
 // The first byte of a chunk has the levels, and flags above them.
 constexpr u8 has_kinds = 16, is_transformed = 32;
-constexpr u8 function_step = 5;  // of functions of time: their errors add up to less than a step of the remainder
+constexpr u8 function_step = 5;  // step of functions of time: their errors add up to less than a step of the remainder
 
 // What predicts a frame: `before` and `after` at the same distance, `second` and `beyond` farther away on either side;
 // -1 for none.
@@ -189,7 +189,8 @@ private:
             const auto side = [](i64 number) { return number > 0 ? 2 : number < 0 ? 1 : 0; };
             known.signs = 3 * (row > 0 ? side(remainders_[near]) : 0) + side(across);
 
-            // Values that may return: the one before, a neighbour's, and two that followed the same values.
+            // Candidates for the value: the previous frame's, a neighbour's, and two values that followed the same
+            // values before.
             const auto propose = [&](int which, i64 value, int confidence) {
                 const i64 remainder = in_steps(value - predicted);
                 known.candidates[which] = {size_of(remainder), remainder < 0, 1 + confidence};
@@ -271,22 +272,22 @@ private:
     std::span<u8> kinds_;
     std::vector<FrameReferences> references_;
 
-    // Of the frame at hand.
+    // The frame that is being coded.
     Way way_ = spatial;
     i64 *now_ = nullptr;
     const i64 *before_ = nullptr, *second_ = nullptr;
     u8 *kinds_now_ = nullptr, *kinds_before_ = nullptr;
     std::vector<i64> bases_, speeds_, bends_;
 
-    // Of each value of a frame, after the latest one: its remainder, the mean size of remainders [1/16], and how often
-    // in a row it equalled the frame before.
+    // For each value of a frame, as of the latest frame: its remainder, the mean size of its remainders [1/16], and for
+    // how many frames in a row it has not changed.
     std::vector<i64> remainders_, mean_sizes_;
     std::vector<u8> repeats_;
 
     std::vector<FieldPredictor> predictors_;
     FollowerTable followers_[2];
-    int hits_[RemainderContext::candidate_count]{};  // of each candidate, whether it was right the last two times
-    std::vector<u8> span_histories_;                 // of each span, whether it was still in the frames before
+    int hits_[RemainderContext::candidate_count]{};  // for each candidate, whether it was right the last two times
+    std::vector<u8> span_histories_;                 // for each span, whether it was unchanged in the frames before
     std::vector<BitModel> by_span_;
     BitModel by_beside_[8][4], is_number_[field_kinds][field_kinds][field_kinds], is_expected_, is_higher_;
     Weights<2> still_weights_;

@@ -37,7 +37,7 @@ struct FieldTransform {
     // Add what the functions make of the coefficients to frames of `width` values.
     void add_to(std::span<i64> values, i64 frames, i64 width) const;
 
-    std::vector<u8> digits;         // of each function: digits of its coefficients behind the point
+    std::vector<u8> digits;         // for each function, the binary digits of its coefficients behind the point
     std::vector<i64> functions;     // frames x functions, in units
     std::vector<i64> coefficients;  // rows x components x functions, at most 2^(digits + 1) in size
 };

@@ -26,7 +26,7 @@ struct FieldDomain {
         return {neighbours.data() + starts[row], neighbours.data() + starts[row + 1]};
     }
 
-    std::vector<i64> starts;      // of each row: where its neighbours start
+    std::vector<i64> starts;      // where the neighbours of each row start
     std::vector<i32> neighbours;  // rows before it, the latest first, at most `most_neighbours` of each
 };
 

@@ -60,7 +60,7 @@ private:
     std::vector<BitModel> by_size_, by_kind_, by_spread_;  // inputs of a decision on a length
     std::array<std::vector<BitModel>, 3> signs_;
     std::array<std::array<BitModel, 4>, grid_bits + 1> digits_;
-    std::array<BitModel, 3> weight_;  // of terms, of terms along the normal, of smoothing
+    std::array<BitModel, 3> weight_;  // models for weights of terms, of terms along the normal, and of smoothing
     std::array<BitModel, weight_digits> weight_digits_;
     // For lengths, by direction and distance from the first length tried; for signs, one for each kind.
     Weights<3> first_;

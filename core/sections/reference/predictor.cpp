@@ -10,8 +10,8 @@ namespace pdeanim {
 namespace {
 
 constexpr int reciprocal_bits = 15;
-constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; their sum has 4 more
-constexpr int edge_bits = 20;    // of the largest component of two edges before their cross product
+constexpr int normal_bits = 12;  // digits of the largest component of one parallelogram's normal; their sum has 4 more
+constexpr int edge_bits = 20;    // digits of the largest component of two edges before their cross product
 constexpr i64 largest_miss = i64{1} << 30;    // [1/16]: keeps sums of misses far from overflow
 constexpr int weight_bits = 5;                // fraction bits of the weights of terms
 constexpr i64 largest_turned = i64{1} << 32;  // limit of a term's component before its projection on the normal [1/512]
@@ -174,8 +174,8 @@ namespace {
 
 constexpr std::size_t least_vertices = 8;    // kinds with fewer vertices: weights cost more than they save
 constexpr std::size_t most_vertices = 2048;  // largest sample of a kind, evenly spread
-constexpr int rounds = 5;            // of reweighted least squares; later ones change the size by less than 0.1 %
-constexpr double weight_cost = 9.0;  // bits per weight
+constexpr int rounds = 5;  // rounds of reweighted least squares; later ones change the size by less than 0.1 %
+constexpr double weight_cost = 9.0;                     // bits per weight
 constexpr double half_step = 1 << (fraction_bits - 1);  // smaller residuals are rounded to zero
 constexpr double largest_weight = 127.0, weight_unit = 32.0;
 constexpr double ridge = 1e-6;      // relative, added to the diagonal: separates columns that are nearly equal

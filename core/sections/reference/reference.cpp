@@ -21,14 +21,14 @@ namespace {
 
 constexpr int most_followed = 16;  // corners per point that are examined, even if all vertices lie on one point
 constexpr int most_recent = 64;    // corners that are examined going back in the list
-constexpr int most_digits = 31;    // of a distance between two points
+constexpr int most_digits = 31;    // digits of a distance between two points
 constexpr int places = 4, ranks = 8;
-constexpr int histories = 16;                      // of the last four vertices: whether each lay on a known point
-constexpr int most_classes = 16, class_turns = 4;  // of tied vertices on a point: examined; with models of their own
+constexpr int histories = 16;                      // whether each of the last four vertices lay on a known point
+constexpr int most_classes = 16, class_turns = 4;  // sets of tied vertices on a point: examined; with their own models
 
 template <Mode mode> class WeldCoder {
 public:
-    // ties: of each vertex, empty to code none; when decoding, of any content.
+    // ties: one entry per vertex, or empty to code no ties; when decoding, the entries are overwritten.
     WeldCoder(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of, std::vector<i32> &ties)
         : coder_(coder), corners_(corners), point_of_(point_of), ties_(ties), is_met_(point_of.size()),
           latest_(point_of.size(), -1), earlier_(corners.fan.size()), edge_met_(corners.fan.size()),

@@ -34,9 +34,10 @@ namespace pdeanim {
 using Vector = std::array<i64, 3>;
 
 constexpr int most_corners = 16;  // corners per vertex that are used: few have more, and sums stay far from overflow
-constexpr int fraction_bits = 4;  // of predictions: small residuals depend on where between two grid points they lie
-constexpr int smooth_bits = 6;    // of smoothed grid coordinates
-constexpr int grid_bits = 40;     // grid coordinates are 0 to 2^40 - 1
+// Fraction digits of predictions: small residuals depend on where between two grid points these lie.
+constexpr int fraction_bits = 4;
+constexpr int smooth_bits = 6;  // fraction digits of smoothed grid coordinates
+constexpr int grid_bits = 40;   // grid coordinates are 0 to 2^40 - 1
 
 // The terms by their number in the stream.
 enum Term { crease, straight, miss, neighbours, term_count };
@@ -126,8 +127,8 @@ struct CodedReference {
 // Smoothing of a frame.
 struct Smoothing {
     SmoothingWeights weights{};
-    std::vector<i32> point_of;  // of each vertex: smoothing works across the welds; empty without welds
-    std::vector<Vector> grid;   // of the smoothed frame [1/64 steps]
+    std::vector<i32> point_of;  // welded point of each vertex: smoothing works across welds; empty without welds
+    std::vector<Vector> grid;   // coordinates of the smoothed frame [1/64 steps]
     double error_ratio = 1.0;   // rms error of the smoothed frame divided by that of the frame
 };
 
@@ -141,7 +142,7 @@ CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> gr
                                 Ties ties);
 
 struct DecodedReference {
-    std::vector<Vector> grid;  // of each vertex, in 1/64 steps if the kind smooths
+    std::vector<Vector> grid;  // coordinates of each vertex, in 1/64 steps if the kind smooths
     std::vector<i32> ties;     // see Ties
 };
 

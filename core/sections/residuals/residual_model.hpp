@@ -25,7 +25,7 @@ struct MissContext {
     bool has_reference = false,
          has_before = false;   // whether the place has a residual in the reference; whether the previous place has one
     bool is_not_zero = false;  // if the other two axes are zero, the last one is not
-    i64 mean_size = 0;         // of the place [1/16 of three axes]
+    i64 mean_size = 0;         // mean size of the errors at this place [1/16 of three axes]
     i64 in_time = 0, in_space = 0;       // remembered errors in the reference, and at the previous place
     i64 one_before = 0, two_before = 0;  // sizes of the errors one and two axes before
     int agreed_in_time = 0,
@@ -42,8 +42,8 @@ public:
 private:
     static constexpr int expected_classes =
         24;  // 20 classes of small sizes, then the quarters of an octave, for all octaves
-    static constexpr int near_classes = 8;     // of a neighbour's size: 0 to 5, 6 and more, no neighbour
-    static constexpr int beside_classes = 8;   // of the size on a previous axis: 0 to 6, 7 and more
+    static constexpr int near_classes = 8;     // sizes of a neighbour: 0 to 5, 6 and more, no neighbour
+    static constexpr int beside_classes = 8;   // sizes on a previous axis: 0 to 6, 7 and more
     static constexpr int most_counted = 18;    // largest size that is counted up; the rest is a number
     static constexpr int fine_digits = 5;      // digits of `expected` up to which nothing is left out of the counting
     static constexpr int modelled_digits = 2;  // the uppermost of the digits left out, which have bit models
@@ -114,15 +114,15 @@ public:
     ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches, bool is_predicted, Values &residuals,
                   i64 count);
 
-    // Code the residuals of so many frames; `distances` of their references are read unless decoding. CorruptError
-    // where the bytes say what cannot be.
+    // Code the residuals of `frames` frames; `distances` to their references are read when encoding. CorruptError if
+    // the bytes are impossible.
     void code(i64 frames, std::span<const i64> distances);
 
-    // Begin with the first frame again, of other places: models that are not of single places have learned.
+    // Begin with the first frame again, for other places. Only models that belong to single places are reset.
     void begin_again();
 
 private:
-    static constexpr int count_classes = 6;  // of how many vertices of a patch have one: 0, 1, 2, from 3, 6, 16 on
+    static constexpr int count_classes = 6;  // vertices of a patch that have a residual: 0, 1, 2, 3+, 6+, 16+
     static constexpr i64 span_size = 8;      // places with one bit for all: where residuals are few, most need no other
     using Misses = std::array<i32, 3>;
 
@@ -131,7 +131,7 @@ private:
         return count < 6 ? 3 : count < 16 ? 4 : 5;
     }
 
-    // Whether the next residual of the frame is at a place before this one; of no matter when decoding.
+    // Return whether the next residual of the frame is at a place before this one; irrelevant when decoding.
     bool is_next_before(i64 place) const {
         if constexpr (mode == Mode::decode)
             return false;
@@ -139,7 +139,7 @@ private:
             return at_ < frame_end_ && residuals_.places[at_] < place;
     }
 
-    // The residual of a place in the frame's reference; that of a place in the frame itself; -1 for none.
+    // Return the residual of a place in the frame's reference, or (`in_frame`) in the frame itself; -1 if it has none.
     i64 in_reference(i64 place) const {
         const i64 last = last_[place];
         return static_cast<u64>(last - near_begin_) < static_cast<u64>(near_end_ - near_begin_) ? last : -1;
@@ -159,16 +159,16 @@ private:
 
     RangeCoder<mode> &coder_;
     std::span<const i64> patches_;
-    bool is_predicted_, is_far_ = false;  // whether the reference is not the frame before
+    bool is_predicted_, is_far_ = false;  // far: the reference is not the frame before
     Values &residuals_;
     i64 count_, at_ = 0;                   // residuals in all, and coded so far
     i64 frame_begin_ = 0, frame_end_ = 0;  // residuals of the frame; the end is unknown when decoding
     i64 near_begin_ = 0, near_end_ = 0;    // residuals of the reference
-    std::vector<i64> last_;                // of each place: its latest residual, -1 at first
-    std::vector<i64> mean_sizes_;          // of each place: of its misses [1/16 of three axes]
-    std::vector<i64> counts_;  // of each patch: vertices with residuals; two zeros before the first, one after the last
-    std::vector<Misses> misses_;  // of each residual
-    std::vector<i64> earlier_;    // of each residual: that of its place in the reference, or -1
+    std::vector<i64> last_;                // latest residual of each place, -1 at first
+    std::vector<i64> mean_sizes_;          // mean size of the misses at each place [1/16 of three axes]
+    std::vector<i64> counts_;              // vertices with residuals in each patch, after two zeros and before one
+    std::vector<Misses> misses_;           // misses of each residual
+    std::vector<i64> earlier_;             // for each residual, the one at the same place in the reference, or -1
 
     MissModel miss_model_;
     StepPredictor predictors_[2][2][2][3];  // far reference, place before and reference have a residual, axis
@@ -178,7 +178,7 @@ private:
     BitModel patch_around_[count_classes][count_classes][count_classes];
     BitModel span_around_[4][4][2][2], span_so_far_[8][4][count_classes];
     BitModel vertex_around_[4][2][2][2], vertex_so_far_[3][span_size][count_classes][2];
-    std::vector<BitModel> by_patch_, by_place_, by_span_;  // the latter by its first place
+    std::vector<BitModel> by_patch_, by_place_, by_span_;  // a span is known by its first place
     Weights<3> patch_weights_, span_weights_, vertex_weights_[2];
 };
 

@@ -14,8 +14,8 @@ namespace pdeanim {
 namespace {
 
 constexpr std::size_t most_samples = 64;  // places at which frames are compared: enough to tell a cycle from likeness
-constexpr i64 small_number = 1 << 20;     // of residuals below it, sums over all samples stay within 32 bits
-constexpr i64 raw_vertex_bytes = 12;      // in a stream, at the least; the last one's may be shortened
+constexpr i64 small_number = 1 << 20;     // sums over all samples stay within 32 bits if all residuals are below this
+constexpr i64 raw_vertex_bytes = 12;      // least size of a raw vertex in a stream; the last one may be shortened
 
 struct Head {
     i64 residuals = 0, raw_vertices = 0;
@@ -55,7 +55,7 @@ private:
     CountedModel frames_, places_;
 };
 
-// `copies`: measure so many times as many residuals that are like these.
+// `copies`: measure the bits as if there were this many times as many residuals, all like these.
 template <Mode mode> void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
                                 const ResidualCoding &coding, [[maybe_unused]] double copies = 1.0) {
     const i64 count = static_cast<i64>(residuals.places.size());
@@ -99,8 +99,9 @@ void check_places(const std::vector<i64> &starts, const std::vector<i32> &places
     }
 }
 
-// How many frames before each the one is that is most like it at some places, ascending, if that is like it at all.
-// Number: has room for sums of 12 differences a place.
+// For each frame, find the most similar earlier frame, compared at the sampled places (ascending), and store how many
+// frames back it is; leave the distance alone if none is similar. Number: has room for sums of 12 differences per
+// place.
 template <class Number>
 void find_nearest(const Residuals &residuals, std::span<const i32> sampled, std::span<i64> distances) {
     const i64 frames = residuals.frames();
@@ -137,7 +138,8 @@ void find_nearest(const Residuals &residuals, std::span<const i32> sampled, std:
         for (std::size_t k = 0; k < width; ++k) {
             of_straight_line += static_cast<Number>(size_of(own[k] - 2 * before[k] + second[k]));
         }
-        // A frame far before is taken where it differs by less than half of what those just before do.
+        // An earlier frame is taken if it differs by less than half as much as the previous frame and as the straight
+        // line through the previous two.
         if (2 * least_different < least(of_frame_before, of_straight_line)) distances[frame] = frame - nearest;
     }
 }

@@ -39,7 +39,7 @@ struct Residuals {
 
     i64 frames() const { return static_cast<i64>(frame_starts.size()) - 1; }
     i64 count() const { return static_cast<i64>(places.size() + raw_places.size()); }
-    i64 bytes() const {  // of the vectors
+    i64 bytes() const {  // size of the vectors in memory
         return static_cast<i64>(sizeof(i64) * (frame_starts.size() + raw_frame_starts.size()) +
                                 (sizeof(i32) + sizeof(Steps)) * places.size() +
                                 (sizeof(i32) + sizeof(Position)) * raw_places.size());
@@ -55,7 +55,8 @@ struct ResidualCoding {
 // ArgumentError unless residuals are as the decoder will have them, on a mesh of `vertices` vertices.
 void check_residuals(const Residuals &residuals, i64 vertices);
 
-// Distances of references: more than 1 where a frame far before is much more similar than the one before.
+// Return the distance of each frame's reference: more than 1 if an earlier frame is much more similar than the previous
+// one.
 std::vector<i64> reference_distances(const Residuals &residuals);
 
 // Encode the chunk of a group; empty without residuals. patches: first place of each, and the number of vertices.

@@ -74,7 +74,7 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
     std::array<i64, columns_at_once> added;
     added.fill(-1);
     for (i64 begin = 0, end = 0; begin < columns && !is_complete(); begin = end) {
-        // At most as many as can be added if none is dropped.
+        // No more columns than can be added if none is dropped.
         end = least(columns, begin + missing());
         const std::span<Column *const> some{all.data() + begin, all.data() + end};
         take_away(some, first, known);
@@ -107,7 +107,7 @@ i64 OrthonormalFunctions::keep(const Column &column, double share) {
 }
 
 void OrthonormalFunctions::add_unit_vectors(double share) {
-    // Part of each squared unit vector that lies along no function: almost nothing for the last ones.
+    // For each unit vector, the squared length that no function accounts for: almost nothing for the last vectors.
     std::vector<double> left(points_, 1.0);
     for (i64 j = 0, known = 0; j < points_ && !is_complete(); ++j) {
         for (; known < count_; ++known) {
@@ -130,12 +130,12 @@ void OrthonormalFunctions::add_zeros() {
 
 namespace {
 
-constexpr int sum_bits = 61;          // of a sum of squares of one coordinate: three of them stay below 2^63
-constexpr int moment_bits = 30;       // of the moments that choose rotations: products of two stay below 2^63
+constexpr int sum_bits = 61;          // digits of a sum of squares of one coordinate: three of them stay below 2^63
+constexpr int moment_bits = 30;       // digits of the moments that choose rotations: products of two stay below 2^63
 constexpr int turn_bits = 30;         // fraction bits of sines and cosines
 constexpr int uncorrelated_bits = 8;  // coordinates are rotated if their squared correlation exceeds 2 to minus this
 constexpr i64 floor_moment = 16;      // added to moments that are compared: rounding errors correlate with nothing
-constexpr int most_sweeps = 8;        // of rotations; three or four are enough
+constexpr int most_sweeps = 8;        // sweeps of rotations; three or four are enough
 constexpr int thinnest_bits = 20;     // coordinates with less than 2 to minus this of all sums of squares are rounding
 
 using Axis = std::vector<i64>;

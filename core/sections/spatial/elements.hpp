@@ -83,7 +83,7 @@ private:
     void note_nearest(double left);
 
     i64 points_ = 0, most_ = 0, count_ = 0;
-    i64 width_ = 0;  // of a function in memory, padded with zeros
+    i64 width_ = 0;  // numbers of a function in memory, padding included
     AlignedArray<double> columns_, functions_;
 };
 

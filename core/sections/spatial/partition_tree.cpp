@@ -55,7 +55,8 @@ PartitionTree::PartitionTree(const Elements &elements, const std::vector<AffineS
 void PartitionTree::build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements,
                                    const std::vector<u8> &local, std::vector<u8> &masks, bool chooses) {
     const Patches &patches = *elements.patches;
-    std::vector<i64> affine = SpaceLayout::affine_of_elements(elements.form, patches, local);  // of nodes, upwards
+    // Number of affine functions of each node.
+    std::vector<i64> affine = SpaceLayout::affine_of_elements(elements.form, patches, local);
     const std::vector<i64> &children = patches.children;
     const i64 nodes = static_cast<i64>(children.size());
     std::vector<AffineSums> sums(nodes);

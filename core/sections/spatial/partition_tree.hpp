@@ -35,7 +35,7 @@ struct SpaceSelection {
 
 class PartitionTree {
 public:
-    static constexpr int most_functions = 2 * affine_count;  // of two halves
+    static constexpr int most_functions = 2 * affine_count;  // affine functions of two halves
 
     // Orthogonal: rows are a node's affine functions and then its wavelets, columns the affine functions of the first
     // half and then of the second.
@@ -70,7 +70,7 @@ private:
                         const std::vector<u8> &local, std::vector<u8> &masks, bool chooses);
 
     std::shared_ptr<const SpaceLayout> layout_;
-    std::vector<Matrix> matrices_;  // of nodes that are not elements, in order
+    std::vector<Matrix> matrices_;  // one per node that is not an element, in order
 };
 
 }  // namespace pdeanim

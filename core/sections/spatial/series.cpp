@@ -61,7 +61,7 @@ std::vector<double> series_functions(std::span<const double> points, double rate
 std::vector<double> arc_length_parameters(std::span<const GridPoint> grid, std::span<const i32> order,
                                           std::span<const i64> starts) {
     std::vector<double> found(order.size());
-    double length = 0.0;  // of all pieces so far
+    double length = 0.0;  // length of all pieces so far
     const auto step = [&](i64 place) {
         double square = 0.0;
         for (int axis = 0; axis < 3; ++axis) {

@@ -29,7 +29,7 @@ template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &l
 // elements, written for other nodes.
 template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children,
                                      std::vector<i64> &affine, std::vector<u8> &masks) {
-    std::array<std::array<BitModel, affine_count>, 3> models;  // by the number of full halves, and axis
+    std::array<std::array<BitModel, affine_count>, 3> models;  // contexts: the number of full halves, and the axis
     for (i64 node = static_cast<i64>(children.size()); node-- > 0;) {
         const i64 half = children[node];
         if (half < 0) continue;

@@ -34,7 +34,7 @@ struct SpaceForm {
 // coordinate come first, then of the second.
 constexpr int affine_count = 4;
 constexpr int largest_degree = 10;  // unit vectors take the place of higher degrees
-constexpr int normal_degree = 2;    // of a factor of the third coordinate
+constexpr int normal_degree = 2;    // degree of a factor of the third coordinate
 
 // How a polynomial is made from an earlier one.
 struct Polynomial {
@@ -115,7 +115,7 @@ public:
     // Number of affine functions of an element that uses `local` local coordinates.
     static i64 affine_functions(const SpaceForm &form, i64 points, int local);
 
-    // The same for all elements, indexed by node; 0 for nodes that are not elements.
+    // Number of affine functions of all elements, indexed by node; 0 for nodes that are not elements.
     static std::vector<i64> affine_of_elements(const SpaceForm &form, const Patches &patches,
                                                const std::vector<u8> &local);
 

@@ -99,7 +99,7 @@ template <class Numbers> std::vector<double> follow(const TimeShape &shape, cons
     std::vector<double> values(shape.numbers());
     Prediction model;
     for (i64 function = 0; function < functions; ++function) {
-        std::array<Past, 3> past_of{};  // of each axis, in steps, the latest first
+        std::array<Past, 3> past_of{};  // the past values of each axis [steps], the latest first
         double spread = 1.0;
         for (i64 frame = 0; frame < frames; ++frame) {
             double energy = 0.0;

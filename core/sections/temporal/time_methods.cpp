@@ -17,7 +17,7 @@ constexpr int at_once = 4;
 double cosine(double x) {
     constexpr int terms = 14;
     const double square = x * x, power = square * square;
-    std::array<double, 2> totals = {1.0, 1.0};  // of phi_0 and phi_2
+    std::array<double, 2> totals = {1.0, 1.0};  // sums of phi_0 and phi_2
     // Horner's scheme from the smallest term.
     for (int k = terms; k > 0; --k) {
         for (int j = 0; j < 2; ++j) {
