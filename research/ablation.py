@@ -33,9 +33,9 @@ HEADER = "name,change,bytes,worst_bytes,seconds,normals,sted"
 DECISIONS: Mapping[str, Mapping[str, Any]] = {
     "refinement": {"refining_passes": ()},
     "dead zone": {"dead_zones": ((0.5, 0.5),), "refining_passes": ()},
-    "division into groups, close steps": {"divides_groups": False},
+    "division into groups, close steps": {"is_thorough": False},
     "several spatial bases": {"spatial_bases": (("patch", 64),), "small_mesh_spatial_bases": ()},
-    "reference frames finer than usual": {"finest_reference_step": 0.39, "searches_small_references": False},
+    "reference frames finer than usual": {"finest_reference_step": 0.39},
     "early exit": {"early_exit_ratio": 2.0, "untuned_exit_ratio": 2.0},
     "estimate from a sample": {"small_mesh_vertices": 2**31},
 }

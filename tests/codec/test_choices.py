@@ -170,8 +170,11 @@ def test_more_effort_takes_no_more_bytes_of_a_whole_file(make: Callable[[], Arra
 
 
 @pytest.mark.parametrize("make", [blend_shapes, keyed_shapes, turning_pieces])
-def test_little_effort_takes_little_more_bits_of_small_clips(make: Callable[[], ArraySequence]) -> None:
-    assert size_of(make, 1e-3, "fast") <= 1.07 * size_of(make, 1e-3)
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_little_effort_takes_little_more_bits_of_small_clips(
+    make: Callable[[], ArraySequence], tolerance: float
+) -> None:
+    assert size_of(make, tolerance, "fast") <= 1.07 * size_of(make, tolerance)
 
 
 def test_groups_that_are_heavy_are_encoded_nearly_alike(monkeypatch: pytest.MonkeyPatch) -> None:

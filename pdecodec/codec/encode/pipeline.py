@@ -426,7 +426,7 @@ class AutoEncoder(Encoder):
         basis = self._space
         search = GroupSearch(fitter, basis)
         groups = divide(search, search.candidates(usual)).groups
-        if self._tuning.divides_groups:
+        if self._tuning.is_thorough:
             groups = side_by_side(*(group.tuned for group in groups))
         chosen = [(item.fitter, item.choice) for item in groups]
         del search, groups  # free everything that the search computed

@@ -238,7 +238,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     """Return the group with its cheapest candidate, or its halves, divided again, if they cost less together."""
     fitter, tuning = search.fitter, search.fitter.tuning
     frames, vertices = fitter.frames, fitter.places
-    if not tuning.divides_groups or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
+    if not tuning.is_thorough or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
         return Division([search.choose(choices)])
     # Poses are frames of the whole group; its parts are compared in shapes.
     kinds: list[TimeFunctions] = ["shapes" if item.time == "poses" else item.time for item in choices]
@@ -426,7 +426,7 @@ class ModelSearch:
         """
         if self._is_by_rule:
             return self._by_rule(look)
-        if self._is_tiny and self.tuning.restart_gain:
+        if self._is_exhaustive and self.tuning.restart_gain:
             tuning = replace(self.tuning, untuned_exit_ratio=math.inf, restart_gain=0.0)
             return replace(self, tuning=tuning).run()
         found = [self._for_this_bound()]
@@ -516,14 +516,15 @@ class ModelSearch:
         """Search reference frame, spatial basis and groups, tune their steps, and fit them in full."""
         steps, usual = self._reference_steps()
         model = self._with_reference(steps[usual])
-        if model.moves and (self._is_large or self.tuning.searches_small_references):
+        searches_reference = self._is_large or self.tuning.is_thorough or self._is_tiny
+        if model.moves and searches_reference:
             better = self._with_best_reference(model, steps, usual)
             if self._cost(better) < (1.0 - self.tuning.restart_gain) * self._cost(model):
                 again = self._with_reference(better.reference.coded_step)
                 better = min(better, replace(again, questions=better.questions), key=self._cost)
             model = better
         made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
-        if self.tuning.divides_groups:
+        if self.tuning.is_thorough:
             model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
         questions = [item for item in model.questions if item]
@@ -578,7 +579,7 @@ class ModelSearch:
         # Another reference frame can save at most all bits of this one.
         most = self._cost(usual) + self._share_of(self.references.data(usual.reference))
         patience: float = 1 if self._is_large else SMALL_MESH_PATIENCE
-        if self._is_tiny:
+        if self._is_exhaustive:
             patience = most = math.inf
         for direction in (1, -1):
             index, behind = start + direction, 0
@@ -590,7 +591,7 @@ class ModelSearch:
                     break
                 if cost < self._cost(best):
                     best, behind = model, 0
-            if best is not usual and not self._is_tiny:
+            if best is not usual and not self._is_exhaustive:
                 break
         names = {step: f"{step / self.bound:.3g} bounds" for step in sorted(costs)}
         ways = {names[step]: costs[step] for step in names}
@@ -599,8 +600,15 @@ class ModelSearch:
 
     @property
     def _is_tiny(self) -> bool:
-        """Return whether the clip is so small that a full search is quick, so that nothing is pruned."""
-        return self.tuning.searches_small_references and self._positions <= self.tuning.small_clip_positions
+        """Return whether the clip is so small that the step of the reference frame, which is much of it, is searched
+        at every effort.
+        """
+        return self._positions <= self.tuning.small_clip_positions
+
+    @property
+    def _is_exhaustive(self) -> bool:
+        """Return whether nothing is pruned: of a tiny clip even a full search is quick."""
+        return self.tuning.is_thorough and self._is_tiny
 
     @property
     def _is_large(self) -> bool:
@@ -664,7 +672,7 @@ class ModelSearch:
         def moved(group: ChosenGroup) -> ChosenGroup:
             fitter = group.fitter.from_reference(reference.points)
             search = GroupSearch(fitter, basis, group.search)
-            return search.choose([group.choice]) if self._is_tiny else search.chosen(group.choice)
+            return search.choose([group.choice]) if self._is_exhaustive else search.chosen(group.choice)
 
         groups = side_by_side(*(partial(moved, group) for group in model.groups))
         return replace(model, reference=reference, basis=basis, groups=groups)

@@ -44,8 +44,6 @@ class Tuning:
         Finest step of the reference frame.
     restart_gain : float [share of bits]
         Saving of another reference frame from which on all else is searched again.
-    searches_small_references : bool
-        Whether the step of the reference frame is searched on small meshes, too, where each step takes a full fit.
     usual_step : float [units]
         Step of coefficients that the search begins with.
     finest_step, coarsest_step : float [units]
@@ -61,8 +59,9 @@ class Tuning:
         Cost over the best one's beyond which a temporal basis or origin is dropped before steps are searched.
     bits_worth_dividing : float [bits per position]
         Cost below which a group is not divided.
-    divides_groups : bool
-        Whether shorter groups are tried, and steps are tuned.
+    is_thorough : bool
+        Whether shorter groups are tried, steps are tuned, and that of the reference frame is searched on small meshes,
+        too, where each takes a full fit; on small clips it is searched in any case.
     shortest_group, longest_group : int [frames]
         Limit of the length of a group; work grows with the cube of the length.
     group_bytes, smooth_group_bytes : int [bytes]
@@ -123,7 +122,6 @@ class Tuning:
     smoothed_reference_step: float = 0.6
     finest_reference_step: float = 1.0 / 32.0
     restart_gain: float = 0.1
-    searches_small_references: bool = True
     usual_step: float = 2.8
     finest_step: float = 0.7
     coarsest_step: float = 8.0
@@ -133,7 +131,7 @@ class Tuning:
     early_exit_ratio: float = 1.02
     untuned_exit_ratio: float = 1.25
     bits_worth_dividing: float = 0.65
-    divides_groups: bool = True
+    is_thorough: bool = True
     shortest_group: int = 8
     longest_group: int = 512
     group_bytes: int = 3 * 2**25
@@ -173,8 +171,7 @@ class Tuning:
 TUNINGS: dict[EffortName, Tuning] = {
     "fast": Tuning(
         spatial_bases=(("patch", 64), ("patch", 128)),
-        searches_small_references=False,
-        divides_groups=False,
+        is_thorough=False,
         refining_passes=(),
         searched_positions=2**19,
     ),
