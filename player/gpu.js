@@ -308,7 +308,7 @@ export class GpuMotion extends GroupedMotion {
     gl.bindVertexArray(null);
   }
 
-  /** Reset how pixels are gunzip: other users of a shared context may have changed it. */
+  /** Reset how pixels are unpacked: other users of a shared context may have changed it. */
   _begin() {
     const { gl } = this;
     gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);

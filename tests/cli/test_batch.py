@@ -162,7 +162,7 @@ main()
 
 
 def ended_amid_a_batch(outputs: int, number: signal.Signals) -> tuple[int, str]:
-    """Send a batch of eight clips and its worker a signal when there are so many outputs; exit code and words."""
+    """Signal a batch of eight clips and its worker once enough outputs exist; return exit code and output."""
     for phase in range(8):
         write_sequence(sheet(phase, frames=40, side=16), f"clips/c{phase}.npz")
     command = [sys.executable, "-c", COMMAND, "batch", "clips/c*.npz", "-o", "out", "--jobs", "1"]
@@ -564,7 +564,7 @@ def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
 
 def test_who_is_interrupted_while_waiting_for_memory_keeps_nobody_waiting() -> None:
     budget = MemoryBudget(10)
-    # What a shell runs in the background ignores interrupts.
+    # Shells start background processes with interrupts ignored.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with budget.room(8):

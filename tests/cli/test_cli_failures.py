@@ -389,7 +389,7 @@ def test_an_interrupt_that_a_library_loses_ends_the_command(tmp_path: Path, lost
     (tmp_path / "half.py").write_text(half)
     code = (
         f"{begin}sys.path.append({str(tmp_path)!r})\n"
-        # What a shell runs in the background ignores interrupts.
+        # Shells start background processes with interrupts ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pdecodec.__main__ import main\n"
         "import pdecodec.formats.base.choosing as choosing\n"

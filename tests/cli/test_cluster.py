@@ -54,7 +54,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def kill_a_worker_after(count: int, address: str) -> threading.Thread:
-    """Kill a worker process when there are so many outputs."""
+    """Kill a worker process once this many outputs exist."""
 
     def wait() -> None:
         with distributed.Client(address, set_as_default=False) as client:

@@ -190,7 +190,7 @@ def test_an_interrupt_does_not_end_a_worker_that_is_started_or_at_work(
 @can_hold
 def test_an_interrupted_call_leaves_no_answer_for_the_next_one(worker: Worker) -> None:
     worker.call(os.getpid)
-    # What a shell runs in the background ignores interrupts.
+    # Shells start background processes with interrupts ignored.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         main = threading.main_thread().ident

@@ -52,7 +52,7 @@ def levels_of(objects: list[MeshObject], seed: int = 0, size: int = 1000) -> Int
 def decode_attributes(
     data: bytes, objects: list[MeshObject], levels: Int64Array, limit: int = PLENTY
 ) -> list[MeshObject]:
-    """The objects with the attributes of section ATTR, by the library, from a file of that section."""
+    """Return the objects with the attributes of section ATTR, as the library reads them from a file."""
     conn, ordr = encode_connectivity([item.connectivity for item in objects])
     rest = encode_reference(ReferenceFrame(levels, np.zeros(3), 1.0), objects)
     file = file_of(len(objects), CONN=conn, ORDR=ordr, REST=rest, ATTR=data)

@@ -124,7 +124,7 @@ def test_what_nodes_keep_counts_where_the_motion_takes_next_to_nothing() -> None
 
 
 def waving_sheet(rows: int = 60, frames: int = 24) -> ArraySequence:
-    """A sheet of so many vertices that it counts as large, with waves that run over it, higher at one end."""
+    """Return a sheet with enough vertices to count as large; waves run over it, higher at one end."""
     x, y = np.meshgrid(np.arange(rows), np.arange(rows))
     at = np.arange(frames)[:, None, None]
     height = 0.002 * x * x * np.sin(0.3 * x + 0.4 * at) + 0.5 * np.cos(0.2 * y - 0.3 * at)

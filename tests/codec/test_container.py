@@ -57,7 +57,7 @@ def test_any_minor_version_is_read_and_any_other_major_version_refused() -> None
 
 
 def test_unknown_sections_are_passed_over_where_their_flag_allows_it() -> None:
-    # Of the flags this version has one; others mean nothing to it.
+    # This version knows one flag, and ignores the others.
     for flags in (0, 14):
         assert np.array_equal(frames_of(seal([*PARTS, Part("EFGH", b"x", flags=flags)])), frames_of(SOUND))
     for flags in (1, 3):

@@ -73,7 +73,7 @@ DIAGONALS = ["one way", "the other way", "along rows", "along columns", "checker
 
 
 def turned_diagonals(kind: str, rows: int, columns: int) -> BoolArray:
-    """Which of so many rows and columns of quads have their diagonal turned."""
+    """Return which quads, in rows and columns, have their diagonal turned."""
     row, column = np.divmod(np.arange(rows * columns), columns)
     random = np.random.default_rng(rows).random(row.size)
     turned = {

@@ -46,7 +46,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file in closed form, of a group for every eleven frames."""
+    """Return a file in closed form with one group per eleven frames."""
     path = tmp_path_factory.mktemp("cut") / "paper.pdeanim"
     assert pdecodec.encode(waves(60), path, profile="paper", tolerance=1e-3).groups == 6
     return path

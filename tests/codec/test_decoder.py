@@ -119,7 +119,7 @@ def test_several_threads_and_a_small_cache_change_no_bit(data: bytes, animation:
 
 
 def test_groups_that_need_more_functions_of_space_or_fewer_give_the_same_bits_in_any_order() -> None:
-    # What one group has made of the functions serves the others, as far as it goes and there is memory for it.
+    # Functions made for one group are reused by the others, as far as memory allows.
     points = wave(20)
     points[5:] += 0.05 * noise(15, 35) * (np.arange(15) // 5)[:, None, None].astype(np.float32)
     clip = encoded(sheet(points), effort="fast")

@@ -131,7 +131,7 @@ def test_limits_are_findings(tmp_path: Path) -> None:
     assert [one.code for one in found.findings] == ["memory-limit"]
     found = check_file(SMALL, limits=DecodeLimits(max_output=100))
     assert [one.code for one in found.findings] == ["output-limit"]
-    # A sound table may declare far more than there is.
+    # An intact table may declare more bytes than the file has.
     parts = take_apart(SMALL.read_bytes())
     long = seal(with_section(parts, "META", bytes(10**6)))
     (tmp_path / "cut.pdeanim").write_bytes(long[: -(10**6)])

@@ -141,7 +141,7 @@ def test_jumps_are_cut_and_joined_with_their_frames(tmp_path: Path) -> None:
         assert animation.jumps == (2, 12)
     with pdecodec.open(other) as animation:
         assert animation.jumps == ()
-    # From the end of the one, at 20, motion jumps to the beginning of the next, at 0.
+    # At frame 20 the motion jumps from the end of the first file to the beginning of the second.
     following = jumping(9, frames=12)
     join_animations(part, [whole, following], joined, shift=True)
     with pdecodec.open(joined) as animation:

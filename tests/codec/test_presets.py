@@ -29,7 +29,7 @@ SIDE, EDGE = 16, 0.02
 
 
 def waving_sheet(frames: int = 4, rows: int = SIDE) -> ArraySequence:
-    """A small sheet in waves, and a point far away: a thousandth of the diagonal is a tenth of an edge."""
+    """Return a small wavy sheet and a point so far away that 0.001 of the diagonal is a tenth of an edge."""
     x, y = np.meshgrid(EDGE * np.arange(SIDE), EDGE * np.arange(rows))
     points = np.stack([np.stack([x, y, 0.02 * np.sin(20 * x + 9 * y + 0.4 * t)], axis=-1) for t in range(frames)])
     points += 1e-3 * np.random.default_rng(1).standard_normal(points.shape)
@@ -108,7 +108,7 @@ def test_what_a_preset_cannot_be_with_is_named(options: dict[str, Any], words: s
 
 @pytest.mark.parametrize(("is_hard", "angle"), [(True, 0.0), (False, np.degrees(np.arctan(3.0)) - 45.0)])
 def test_corners_are_compared_by_the_normals_that_they_share(is_hard: bool, angle: float) -> None:
-    """A square tube three times as wide: faces keep their normals, those of smooth edges turn to the larger faces."""
+    """A square tube is stretched to three times its width: only smooth normals turn, towards the larger faces."""
     square = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], np.float32)
     quads = np.array([[k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k] for k in range(4)], np.int32)
     groups = Attribute(NORMAL_GROUP, "corner", np.tile(np.array([0, 1, 1, 0], np.int32), 4))

@@ -239,7 +239,7 @@ def test_smoothing_brings_points_nearer_within_the_cells_of_the_grid(step: float
     assert np.abs(frame.points - coarse.points).max() <= 0.5 * step * (1 + 1e-9)
     before, after = (np.sqrt(np.square(each.points - points).mean()) for each in (coarse, frame))
     assert after < 0.6 * before
-    # A soup has a vertex for each corner of a point.
+    # In a triangle soup, every corner has its own vertex.
     assert is_soup or after == pytest.approx(frame.coded.error_ratio * before)
     data = encode_reference(frame, objects)
     assert predictor_of(data) & ~MATCHED == SMOOTHED + (WELDED if is_soup else 0)

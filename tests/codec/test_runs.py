@@ -55,7 +55,7 @@ def run_of(frames: int, shape: tuple[int, int], first: int, **options: Any) -> A
 
 
 def fluid(lengths: Sequence[tuple[int, int]]) -> ChangingSequence:
-    """Runs of so many frames and such a shape."""
+    """Return runs with these numbers of frames and shapes."""
     first, parts = 0, []
     for frames, shape in lengths:
         parts.append(run_of(frames, SHAPES[shape], first))

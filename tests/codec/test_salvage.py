@@ -50,7 +50,7 @@ def damaged(path: Path, folder: Path, *places: int, end: int | None = None) -> P
 
 
 def chunk_of_group(path: Path, group: int) -> int:
-    """A byte of the coefficients of a group."""
+    """Return the offset of a byte in the coefficients of a group."""
     with pdecodec.codec.editing.CodedFile(path) as coded:
         before = sum(entry.sizes[1] for entry in coded.entries[:group])
     return place_of(path, "COEF")[0] + before

@@ -72,7 +72,7 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
 
 @pytest.mark.parametrize(("columns", "rows"), [(4, 8), (3, 20), (5, 7), (2, 30)])
 def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns: int, rows: int) -> None:
-    # Few columns of points: polynomials are dropped, as they are multiples of those before.
+    # With few columns of points, some polynomials are multiples of earlier ones and are dropped.
     item, rest = grid(columns, rows)
     whole = build_space_basis("patch", [item], rest, points=64, functions=64)
     for count in range(4, 64):

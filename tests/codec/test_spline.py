@@ -29,7 +29,7 @@ def functions_of_one_frame(frames: int) -> bytes:
 
 
 def frame_weights(times: Float64Array, at: Float64Array, derivative: int = 0) -> Float64Array:
-    """(n, frames): what each frame counts at some times, or in a derivative; the weights of those functions."""
+    """Return the weight of each frame at some times, or in a derivative, (n, frames)."""
     evaluator = evaluator_of(times, times.size, functions_of_one_frame(times.size), axes=1)
     return np.array([evaluator.weights(time, 0, quantity=QUANTITIES[derivative])[:, 0] for time in at.tolist()])
 

@@ -1,4 +1,4 @@
-"""Normals and lengths of edges: what is known of simple shapes, and what does not count."""
+"""Errors of normals and edge lengths: known values for simple shapes, and changes that do not count."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_edges_that_all_grow_alike_and_bodies_that_are_moved_have_no_edge_differ
 
 
 def test_edges_that_grow_unlike_have_the_spread_of_it() -> None:
-    # Of a strand of unit steps each vertex has two edges: one is off by 0.1, the other not.
+    # Each vertex of a strand has two edges of length 1: one becomes 0.1 longer, the other does not.
     strand = np.zeros((5, 7, 3), np.float32)
     strand[:, :, 0] = np.arange(7)
     line = Connectivity(7, line_counts=np.array([7], np.int32), line_indices=np.arange(7, dtype=np.int32))

@@ -72,7 +72,7 @@ def test_functions_come_back_to_the_bit_and_within_the_step(scaled: Float64Array
     data, decoded = encoded(scaled, step)
     assert_decodes(data, decoded, step)
     error = (decoded - scaled) / step
-    # of the transformed ones the error of a wave is bounded, and the transform keeps sums of squares
+    # The error of each frequency is bounded, and the transform keeps sums of squares.
     assert np.sum(error * error) <= LARGEST_ERROR**2 * error.size * (1.0 + 1e-6)
     if data and data[0] == PREDICTED:
         assert np.abs(error).max() <= LARGEST_ERROR * (1.0 + 1e-6)

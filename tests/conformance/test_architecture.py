@@ -111,7 +111,7 @@ def test_no_files_import_each_other_in_a_circle(part: str) -> None:
 
 
 def layer(file: str, layers: tuple[str, ...]) -> int:
-    """Index of the layer that a file is in: of the longest name that its path begins with."""
+    """Return the index of a file's layer: the one with the longest name that its path begins with."""
     found = [name for name in layers if file == name or file.startswith(f"{name}/")]
     assert found, f"{file} is in no layer"
     return layers.index(max(found, key=len))

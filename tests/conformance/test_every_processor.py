@@ -51,7 +51,7 @@ ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("large modes", {"tolerance": 1e-3}),
     ("large modes", {"tolerance": 2e-4, "effort": "fast"}),
 )
-"""Clips and settings. Other last bits change few coefficients of a clip: these have so many that some would."""
+"""Clips and settings. Different last bits would change few coefficients, so these clips have many."""
 
 SCENES = ("cloth",)
 """Scenes of the simulator that use no sine of the C library, whose last bits depend on the processor."""

@@ -1,4 +1,4 @@
-"""What a file may cost: limits of every command, and of an encode."""
+"""Limits of memory and output, in every command and in encoding."""
 
 from __future__ import annotations
 

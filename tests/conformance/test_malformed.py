@@ -68,7 +68,7 @@ MEMORY = 2**25
 """Limit that every file here is opened with."""
 
 MAX_MEMORY = 2**32
-"""Address space that a test may take beyond what is taken: more is a MemoryError, not a machine without memory."""
+"""Address space that a test may allocate; beyond it a MemoryError is raised, before the machine runs out of memory."""
 
 SOUND, CORRUPT, LIMIT = "sound", "CorruptFileError", "LimitError"
 
@@ -159,7 +159,7 @@ def test_sections_cut_short_too_long_or_missing_are_refused(name: str) -> None:
             continue
         is_optional = part.kind in ("META", "ATTR")
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
-            # An empty META or ATTR says that there is nothing to say. A part of a coded stream is seldom a whole one.
+            # META and ATTR may be empty. A truncated stream is seldom a complete one.
             cut = seal(with_section(parts, part.kind, part.content[:size]))
             is_sound = (size == 0 and is_optional) or (part.kind == "REST" and is_sound_elsewhere(cut))
             assert outcome(cut) == (SOUND if is_sound else CORRUPT), (part.kind, size)
@@ -237,7 +237,7 @@ def test_behind_the_checksums_any_damage_ends_in_our_own_error_or_decodes(
 
 @cache
 def points_only(vertices: int, frames: int = 64) -> list[Part]:
-    """The sections of a file that declares so many points and frames, all about the origin, and nothing else."""
+    """Return the sections of a file that declares this many points and frames, all near the origin, and no faces."""
     places = np.arange(min(vertices, 20_000))[np.newaxis, :, np.newaxis]
     points = ArraySequence(1e-6 * places * [1.0, 0.0, 0.0])  # not tied
     data = encode(points, settings=EncodeSettings(effort="fast", max_error=1.0)).data
@@ -296,7 +296,7 @@ def test_hostile_sizes_are_refused_before_memory_is_taken() -> None:
 
 
 def many_frames(frames: int, each: int) -> bytes:
-    """A file of one vertex and groups of so many frames, none of which holds anything."""
+    """Return a file of one vertex with empty groups of `each` frames."""
     parts = points_only(1)
     (row,), _ = take_rows(content(parts, "GRUP"))
     parts = with_section(parts, "SEQN", b"\1" + count(frames) + content(parts, "SEQN")[2:])
@@ -305,7 +305,7 @@ def many_frames(frames: int, each: int) -> bytes:
 
 
 def many_objects(objects: int) -> bytes:
-    """A file of one vertex and objects of which all others are empty."""
+    """Return a file of one vertex with many objects, all but one of them empty."""
     items = [MeshObject("a", Connectivity(1)), *(MeshObject("b", Connectivity(0)) for _ in range(objects - 1))]
     return encode(ArraySequence(np.zeros((1, 1, 3)), objects=items), effort="fast").data or b""
 
@@ -316,7 +316,7 @@ def one_name(size: int) -> bytes:
 
 
 def many_runs(runs: int) -> bytes:
-    """A file of one vertex and so many runs of a frame, which are all the same."""
+    """Return a file of one vertex with many identical runs of one frame."""
     parts = points_only(1, 1)
     first = run_of(parts, b"\x56", 1)
     row = replace(first, sections=dict.fromkeys(first.sections)).row()

@@ -1,6 +1,6 @@
-"""What each format gives back of what it was given: a line each in :data:`CONTRACT`, to which `test_contract` holds it.
+"""What survives a round trip through each format: one entry per format in :data:`CONTRACT`, checked by `test_contract`.
 
-A new format gets every test there by one more line here. Of what it does not declare it must say that it is lost.
+One more entry here runs all of these tests on a new format. It must report everything that it does not keep as lost.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Holds:
     bytes_again: bool = True
 
     def path(self, folder: Path) -> str:
-        """A path in a folder; skips where what the format needs is not here."""
+        """Return a path in a folder; skip the test if a library that the format needs is missing."""
         needed(self.file.rpartition(".")[2])
         return f"{folder}/{self.file}"
 

@@ -91,7 +91,7 @@ def test_colours_are_those_that_programs_show_and_come_back(kind: str, tmp_path:
         (found,) = read.objects[0].attributes
     assert (found.name, found.domain) == (attribute.name, attribute.domain)
     rows = np.arange(len(attribute.values)) if attribute.indices is None else attribute.indices
-    # The last row stands for -1.
+    # Index -1, which means no value, selects the row of white that is appended.
     assert np.array_equal(expanded(found), np.concatenate([attribute.values, WHITE])[rows])
 
 

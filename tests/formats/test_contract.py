@@ -90,7 +90,7 @@ def by_object(sequence: MeshSequence) -> list[tuple[MeshObject, NDArray[np.float
 
 
 def assert_same_attribute(held: Holds, found: Attribute, expected: Attribute) -> None:
-    """To the last bit where a format keeps everything; else what it says of each element, and which rows UVs share."""
+    """Assert that attributes are equal: bit by bit if a format keeps everything, otherwise in meaning."""
     if held.names == "all":
         assert_same_attributes([found], [expected])
         return

@@ -198,7 +198,7 @@ def secrets(folder: Path) -> None:
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A folder of a file, in one that has the secrets."""
+    """Return a project folder within a folder that holds secret files."""
     secrets(tmp_path)
     (tmp_path / "project").mkdir()
     return tmp_path / "project"
@@ -363,7 +363,7 @@ def test_the_command_line_names_its_option_and_takes_it(
     assert run(["info", str(path), "--assets", "..", "--isolate"]) == 0
     assert run(["compare", str(path), str(out), "--assets", ".."]) == 0
     assert run(["compare", str(path), str(out)]) == 3
-    # What is read is known by its place, wherever that is: no output takes it.
+    # Inputs are recognised by their resolved path, so no output overwrites them.
     assert run(["convert", str(path), "-o", "../secret.h5", "--assets", "..", "--overwrite"]) == 0
     capsys.readouterr()
     (project / "clips.json").write_text(json.dumps([{"source": "x.gltf", "asset_folders": [".."]}]))

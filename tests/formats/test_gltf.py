@@ -42,7 +42,7 @@ def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None
 
 
 def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) -> Path:
-    """A file as another program writes it: what nothing refers to is gone, and the rest has other numbers."""
+    """Rewrite a file as another program would: drop what nothing refers to, and renumber the rest."""
     file = read_gltf(source)
     root: dict[str, Any] = json.loads(json.dumps(file.root))
     made = GltfBuilder()

@@ -1,4 +1,4 @@
-"""What glTF files hold, by a plain reading of their JSON, against what the reader keeps and names."""
+"""Inventories of glTF files: all that their JSON lists must be kept, or named as not kept."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def named(entries: list[dict[str, Any]], kind: str) -> list[str]:
 
 
 def shown_nodes(root: dict[str, Any]) -> list[int]:
-    """Nodes of the scene that shows first, those below included."""
+    """Return the nodes of the default scene, descendants included."""
     waiting = list(root["scenes"][root.get("scene", 0)]["nodes"]) if "scenes" in root else [*range(len(root["nodes"]))]
     found = []
     while waiting:

@@ -1,4 +1,4 @@
-"""What OBJ files say, which are the frames of a sequence, and what is wrong with those that cannot be used."""
+"""Read OBJ files: their statements, the frames of a sequence, and errors of files that cannot be used."""
 
 from __future__ import annotations
 

@@ -291,7 +291,7 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     assert UsdGeom.GetStageUpAxis(stage) == "Y"
     assert not UsdSkel.BindingAPI(mesh).GetSkeleton()
     assert not mesh.GetAttribute("accelerations").HasAuthoredValue()
-    # Points and velocities give the motion of the mesh in the scene, in addition to that of the node above it.
+    # The velocities of points and of the node above add up to velocities in the scene.
     place = [UsdGeom.XformCache(code).GetLocalToWorldTransform(mesh).GetRow3(3) for code in (2, 2.01)]
     carried = (np.array(place[1]) - np.array(place[0])) / (0.01 / 24)
     speeds = np.array(mesh.GetAttribute("velocities").Get(2)) + carried

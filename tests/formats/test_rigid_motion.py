@@ -99,9 +99,9 @@ def test_parts_that_turn_do_so_about_their_own_middles_between_frames() -> None:
     matrices = next(one for one in turned.objects[0].attributes if one.name == "transform").values[:, 1:]
     middle = (clip.points[0, :36].min(axis=0) + clip.points[0, :36].max(axis=0)) / 2
     assert np.allclose(matrices.reshape(-1, 4, 4)[0, 3, :3], middle)
-    # What only drifts goes straight about any point, and stays where it is.
+    # Points that only drift move in a straight line about any pivot, so they are not moved.
     assert np.array_equal(turned.read_frames(0, 1)[0, 36:72], clip.points[0, 36:72])
-    # What is read is not written over.
+    # The source's arrays are not overwritten.
     assert np.array_equal(clip.points, machine(10).points)
 
 
@@ -176,7 +176,7 @@ def test_an_object_of_several_rigid_parts_is_a_skin_in_gltf_unasked(tmp_path: Pa
     root = read_gltf(tmp_path / "x.glb").root
     targets = {mesh: "targets" in one["primitives"][0] for mesh, one in enumerate(root["meshes"])}
     skinned = {node["mesh"]: node["name"] for node in root["nodes"] if "skin" in node}
-    # What is above a skinned mesh does not move it.
+    # Nodes above a skinned mesh do not move it.
     assert skinned == {0: "body/left", 1: "right"}
     assert targets == {0: False, 1: False, 2: True}
     assert "skins" not in read_gltf(tmp_path / "plain.glb").root

@@ -187,7 +187,7 @@ def test_blender_shows_the_faces_and_points_of_every_frame(extension: str, tmp_p
     expected = by_name(clip)
     for frame, found in enumerate(seen_by_blender(tmp_path / f"x.{extension}", range(10))):
         water = expected[frame].get("pond/water")
-        # An Alembic shape alone under a transform goes by that one's name.
+        # An Alembic shape that is the only child of a transform takes the transform's name.
         mesh = found["water" if extension == "usdc" else "pond"]
         if water is None:
             assert not mesh["points"]

@@ -1,4 +1,4 @@
-"""What moves a mesh of VTK, XDMF and Exodus, by one rule; which files lists of VTK name; what is not kept."""
+"""Displacements of VTK, XDMF and Exodus meshes follow one rule; file lists of VTK; notices of what is not kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is declared of each format is what happens: a small file of each thing is read, and what is dropped is named."""
+"""Formats do what they declare: small files are read, one per feature, and whatever is dropped is named."""
 
 from __future__ import annotations
 
@@ -314,7 +314,7 @@ packages, and words for things that notices call otherwise."""
 
 
 def with_all(name: str, folder: Path) -> Path:
-    """A file of one of those with everything that is dropped."""
+    """Write a file of a format that holds everything its reader drops."""
     if name == "alembic":
         from tests.formats.test_alembic_inventory import everything
 

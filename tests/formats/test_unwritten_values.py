@@ -24,7 +24,7 @@ def sources(folder: Path, frames: int = 3) -> None:
 
 
 def virtual(path: Path, name: str = "points", frames: int = 3, source: str = "s{}.h5") -> None:
-    """A dataset of three frames, of which so many have a source."""
+    """Add a virtual dataset of three frames, the first `frames` of which have a source."""
     layout = h5py.VirtualLayout(SHAPE, "f4")
     for number in range(frames):
         layout[number] = h5py.VirtualSource(source.format(number), "p", SHAPE[1:])

@@ -235,7 +235,7 @@ def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
         assert (read.times * 24).round(9).tolist() == [0, 5, 7]
         faces = [run.objects[1].connectivity.face_indices.tolist() for run in read.runs]
         assert faces == [[0, 1, 2], [2, 1, 0]]
-    # Between the samples of two runs the earlier one stands still, though USD itself goes on to the later one.
+    # Between two runs, the last frame of the earlier run is held, though USD itself interpolates to the later run.
     with open_sequence(tmp_path / "x.usda", fps=24) as read:
         assert read.run_starts.tolist() == [0, 7]
         up = [float(points[3, 2]) for _, block in read.blocks() for points in block]

@@ -1,4 +1,4 @@
-"""What USD stages are composed of and that is not there: USD goes on without it, we say its name or refuse."""
+"""Missing parts of USD stages: USD goes on without them; the reader names them in a notice, or refuses the stage."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _source_owners(source: Seen, expected: Expected, ways: np.ndarray) -> np.nda
 
 
 def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
-    """(points, 3 times): where each is, by which a program's points are told from each other."""
+    """Return the path of each point, (points, 3 times), by which the points of a program are identified."""
     weights = np.where(is_frame, 1, WEIGHT_BETWEEN)
     ways: np.ndarray = (points * weights[:, None, None]).transpose(1, 0, 2).reshape(points.shape[1], -1)
     return ways
@@ -147,7 +147,7 @@ def _normals(
     source: Seen | None,
     source_vertex: np.ndarray | None,
 ) -> tuple[float, float] | None:
-    """Angles at frames between each corner's normal and the nearest of its vertex, and of those that go its way.
+    """Return angles at frames between each corner's normal and the nearest normal of the vertices that share its path.
 
     The normals of vertices are those of the source, of whose corners `source_vertex` has the vertices, or ours. Where
     no face has an area nothing is seen, and normals are anyone's.

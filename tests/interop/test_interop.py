@@ -1,4 +1,4 @@
-"""What `make interop` measures: the same where a program shows what was written, and large where it does not."""
+"""Differences that `make interop` measures: none if a program shows what was written, large if it does not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_what_is_shown_is_measured_at_frames_and_between_whatever_the_order_of_p
     assert isinstance(found, Difference)
     scale = np.linalg.norm(np.ptp(sheet().points[0], axis=0))
     assert (found.frames, found.between) == (0, pytest.approx(0.01 / scale))
-    # A vertex that nothing shows is as far off as what is nearest to it.
+    # A vertex that the program does not show has the error of the nearest shown one.
     missing = difference(Seen(np.delete(expected.points, 0, axis=1)), expected)
     assert isinstance(missing, Difference)
     assert missing.frames > 0.1

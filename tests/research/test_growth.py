@@ -32,6 +32,6 @@ def test_exponents_are_of_first_and_last_as_a_whole_and_after_the_first_group() 
         "Exponents: 0.68 of encoding, 0.39 of decoding.",
         "After the first group: 1.00 of encoding, 0.45 of decoding.",
     ]
-    # Of one group there is nothing after it.
+    # With a single group, no time is left after the first one.
     one = [Size(12, vertices, 12, 999, Seconds(1.0, 1.0), Seconds(1.0, 1.0), 10**8) for vertices in (10, 100)]
     assert list(rows(one))[-1] == "Exponents: 0.00 of encoding, 0.00 of decoding."

@@ -414,7 +414,7 @@ def test_several_clips_have_a_table_of_all_and_a_page_each(tmp_path: Path) -> No
     for name, title in titles.items():
         assert f'href="{name}/index.html"' in page
         assert f"{name}: {title}" in (tmp_path / "out" / name / "index.html").read_text()
-    # Tables of several clips are of those whose connectivity stays.
+    # Tables of several clips leave out clips whose connectivity changes.
     record = json.loads((tmp_path / "out" / "report.json").read_text())
     assert {point["clip"] for point in record["points"]} == {"calm", "rough"}
 
@@ -521,7 +521,7 @@ def test_a_clip_that_is_not_there_is_all_that_a_report_says(
 
 
 def sheets(*heights: int) -> list[ArraySequence]:
-    """Frames of one second each, of sheets of so many rows."""
+    """Return sheets with the given numbers of rows, for one second each."""
     points = wave_sequence().points
     return [
         ArraySequence(points[k : k + 1, : 20 * rows], objects=[MeshObject("sheet", grid(rows, 20))], times=[k])

@@ -195,11 +195,11 @@ def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
         sizes = [measure_model(rope, model, *size) for size in ((1, 1), (2, 2), (3, 3))]
         errors = [point.unrounded.relative for point in sizes]
         assert errors[0] > errors[1] > errors[2]
-        # From the coded bytes: hardly worse than before rounding, and less than the constants as float32.
+        # Decoding the bytes is hardly worse than before rounding, and they take less than float32 constants.
         for point in sizes:
             assert point.errors.largest <= ROUNDING_ERROR_RATIO * point.unrounded.largest
             assert point.coded_bytes < (point.plain_bytes or 0)
-        # Of the mesh that the curves are: all that is measured of it falls with them.
+        # The errors of the mesh that the curves form fall with more constants, too.
         for of_mesh in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
             found = [of_mesh(point) for point in sizes]
             assert found[0] > found[2] > 0
@@ -323,7 +323,7 @@ def test_the_table_of_choices_changes_one_thing_at_a_time(small_report: tuple[Pa
     rows = json.loads((small_report[0] / "report.json").read_text())["figures"]["one-choice-at-a-time"]["rows"]
     assert len({(row[0], row[1]) for row in rows}) == len(rows) == 15
     mean = {(row[0].split(",")[0], row[1]): row[2] for row in rows}
-    # Where all is by index and nothing removed, arc length of an evenly spaced rope is the same.
+    # The rope is evenly spaced: without elimination, parameters by index and by arc length are the same.
     assert mean["u by index", "nothing removed"] == pytest.approx(mean["u by arc length", "nothing removed"], rel=1e-4)
     for column in ("nothing removed", "Eq. 23, kept", "a rotation, kept"):
         assert mean["u of Eq. 24", column] < mean["u by index", column]

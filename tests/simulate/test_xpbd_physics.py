@@ -42,7 +42,7 @@ def hung(count: int, *, drag: float = 0.0, **material: float) -> System:
 
 
 def floating(positions: Any, *constraints: Constraints, weights: Any = 1.0, **rest: Any) -> System:
-    """A system, of a kilogram for each particle and without gravity unless these are given."""
+    """Return a system; by default, particles weigh 1 kg and there is no gravity."""
     inverse_masses = np.broadcast_to(weights, len(positions))
     return System(
         positions=positions, inverse_masses=inverse_masses, constraints=constraints, **{"gravity": 0.0, **rest}
@@ -50,7 +50,7 @@ def floating(positions: Any, *constraints: Constraints, weights: Any = 1.0, **re
 
 
 def run(system: System, substeps: int, **options: Any) -> Solver:
-    """The solver of a system, so many substeps on."""
+    """Return the solver of a system after some substeps."""
     solver = Solver(system, **options)
     solver.advance(substeps)
     return solver
@@ -161,7 +161,7 @@ def test_stiffness_under_xpbd_depends_on_neither_step_nor_iterations(substep: fl
 
 def test_stiffness_under_pbd_depends_on_both() -> None:
     base = hanging_stretch(2e-3, 20, "pbd", stiffness=0.05)
-    # A quarter of the step is sixteen times as stiff, four times the iterations about four times.
+    # Quartering the step makes it 16 times as stiff, four times as many iterations about 4 times.
     assert hanging_stretch(5e-4, 20, "pbd", stiffness=0.05) < base / 10
     assert hanging_stretch(2e-3, 80, "pbd", stiffness=0.05) < base / 3
     assert base > 5e-4

@@ -237,7 +237,7 @@ def test_the_falling_jelly_recovers_from_its_impacts() -> None:
     for frame in range(140):
         simulation.read_frames(frame, frame + 1)
         shares = tetrahedron_volumes(simulation.solver.positions, cells) / rest
-        # A corner that strikes the ground is flattened on it; no more than that.
+        # Only the corner that strikes the ground is flattened.
         assert (shares < 0.1).mean() < 0.02
         lowest.append(simulation.solver.positions[:, 1].min())
     assert min(lowest) == 0

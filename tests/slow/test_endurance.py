@@ -69,7 +69,7 @@ def listed(folder: Path) -> set[str]:
 
 
 def put_in_a_child(sequence: MeshSequence, path: Path, after: float) -> bool:
-    """Write in a copy of the process, and kill it after so many seconds; whether it had ended by then."""
+    """Write in a forked process and kill it after some seconds; return whether it had ended by then."""
     if (child := os.fork()) == 0:
         try:
             put(sequence, path, overwrite=True)
@@ -218,7 +218,7 @@ def bomb_base() -> list[Part]:
 
 
 def bombs(parts: list[Part], kind: str, sizes: tuple[int, ...], seed: int) -> Iterator[tuple[str, bytes]]:
-    """Files whose section, behind so many bytes as they were, holds zeros, ones, or anything."""
+    """Return files in which a section's bytes, except its first ones, are replaced by zeros, ones or random bytes."""
     chance = np.random.default_rng(seed)
     for head in (0, 1, 2, 5, 12, 34, 60):
         for size in sizes:

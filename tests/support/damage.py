@@ -12,7 +12,7 @@ from spec.sealing import table_end, take_apart, take_runs
 
 
 def assert_cuts_are_refused(data: bytes, decode: Callable[[bytes], object]) -> None:
-    """Whatever ends too early (nothing at all left aside) or goes on too long is a CorruptFileError."""
+    """Assert that data cut short (except to nothing) or with extra bytes raise CorruptFileError."""
     for size in range(1, len(data)):
         with pytest.raises(CorruptFileError):
             decode(data[:size])

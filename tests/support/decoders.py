@@ -31,7 +31,7 @@ def assert_same(other: independent.Animation, mine: Animation, times: list[float
 
 
 def assert_close(points: Float32Array, other: independent.Animation, time: float) -> None:
-    """Positions at a time are within the margin of those of the independent decoder."""
+    """Assert that positions at a time agree with the independent decoder's, within the margin."""
     expected, of_model = other.positions(time), other.motion.positions(time, has_residuals=False)
     # Positions may be rounded before residuals are added, and afterwards.
     margin = 2.0 * other.motion.margin(time) + np.spacing(np.abs(expected)) + np.spacing(np.abs(of_model))

@@ -16,7 +16,7 @@ Raw = dict[int, dict[int, list[float]]]
 
 
 def of_frames(frames: list[tuple[list[int], list[list[int]]]], raw: Raw) -> Residuals:
-    """From places and steps of each frame, and raw vertices by frame and place."""
+    """Return residuals, given places and steps of each frame, and raw vertices by frame and place."""
     raw_places = [place for frame in range(len(frames)) for place in sorted(raw.get(frame, {}))]
     positions = [raw[frame][place] for frame in sorted(raw) for place in sorted(raw[frame])]
     return Residuals(

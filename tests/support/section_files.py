@@ -20,7 +20,7 @@ PLENTY = 2**52
 
 @cache
 def _still_file(objects: int) -> list[Part]:
-    """The sections of one frame of so many objects, each of one vertex; they have no name."""
+    """Return the sections of a file of one frame and `objects` unnamed objects of one vertex."""
     items = [MeshObject("", Connectivity(1)) for _ in range(objects)]
     data = encode(ArraySequence(np.zeros((1, objects, 3)), objects=items), effort="fast").data
     assert data is not None
@@ -28,7 +28,7 @@ def _still_file(objects: int) -> list[Part]:
 
 
 def file_of(objects: int, **sections: bytes) -> bytes:
-    """A file of one frame in which these sections stand in place of those of so many single vertices.
+    """Return a file of one frame and `objects` single vertices, some of whose sections are replaced.
 
     No function of time moves anything, so that the groups of frames go with any mesh.
     """
