@@ -185,8 +185,8 @@ def _weights(basis: SpaceBasis, coefficients: Rows, step: float) -> Float64Array
 def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compares_bases: bool) -> Int64Array:
     """Return a sample of elements from all over the mesh, with cheap and expensive ones in proportion.
 
-    If spatial bases are compared, parts of the partition tree are sampled as a whole, so that smaller and larger
-    elements cover the same vertices.
+    If spatial bases are compared, nodes of the partition tree of the size of the largest patch are sampled as a whole,
+    so that smaller and larger elements cover the same vertices.
 
     Parameters
     ----------
@@ -195,7 +195,8 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compare
         Rough cost of each element.
     tuning : Tuning
     """
-    part_of = np.unique(_parts(basis, tuning.sample_part if compares_bases else 1), return_inverse=True)[1]
+    largest = max(points for _, points in tuning.spatial_bases) if compares_bases else 1
+    part_of = np.unique(_parts(basis, largest), return_inverse=True)[1]
     part_weights = np.bincount(part_of, weights)
     vertices = basis.order.size
     share = min(max(tuning.sample_vertices / vertices, tuning.sample_share), 1.0)

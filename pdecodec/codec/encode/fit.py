@@ -330,7 +330,8 @@ class GroupFitter:
             allowed = tuning.mean_error + tuning.mean_error_of_dense * math.sqrt(kept / positions)
             return math.sqrt(squares / positions) > allowed * self.unit
 
-        steps = range(grid_index(tuning.finest_step * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
+        # A step of the mean error leaves less than that, whatever the coefficients.
+        steps = range(grid_index(tuning.mean_error * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
         usual = bisect.bisect_left(steps, True, key=is_too_coarse) - 1
         return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
 
@@ -444,7 +445,7 @@ class GroupFitter:
         def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
             functions = group_functions(entry, self._time(entry, time_functions), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
-            aim = (self.tuning.aim, self.tuning.aim_from, FARTHEST_PUSH)
+            aim = (self.tuning.aim, self.tuning.aim, FARTHEST_PUSH)
             missing = self.held(functions, self.points, basis.order).missing(
                 limits, aim, excess, not is_trial, thread_count()
             )
@@ -588,7 +589,7 @@ class Refinement:
             if start.time_functions
             else cosines(fitter.frames, start.entry.functions)
         )
-        self._excess, self._push = Excess(), fitter.tuning.push
+        self._excess, self._push = Excess(), 1.0
         self.best: FittedGroup = fitter.fitted(
             basis,
             start.entry,
@@ -605,9 +606,6 @@ class Refinement:
         """
         entry, tuning = self._entry, self._fitter.tuning
         self.best = self.best.measured(self._basis)
-        most = tuning.refined_residual_share * self._fitter.frames * len(self._values)
-        if tuning.refining_gain > 0.0 and self.best.residuals.count > most:
-            return self
         for _ in range(passes if entry.functions else 0):
             before = self.best.bits
             excess = Excess()
@@ -618,7 +616,7 @@ class Refinement:
                 self.best, self._excess = found, excess
             else:
                 self._push *= 0.5
-            if before - self.best.bits < tuning.refining_gain * before or self._push < LEAST_PUSH * tuning.push:
+            if before - self.best.bits < tuning.refining_gain * before or self._push < LEAST_PUSH:
                 break
         return self
 

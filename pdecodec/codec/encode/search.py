@@ -238,7 +238,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     """Return the group with its cheapest candidate, or its halves, divided again, if they cost less together."""
     fitter, tuning = search.fitter, search.fitter.tuning
     frames, vertices = fitter.frames, fitter.places
-    if not tuning.is_thorough or search.bits(choices[0]) < tuning.bits_worth_dividing * frames * vertices:
+    if not tuning.is_thorough or search.bits(choices[0]) < tuning.smooth_bits * frames * vertices:
         return Division([search.choose(choices)])
     # Poses are frames of the whole group; its parts are compared in shapes.
     kinds: list[TimeFunctions] = ["shapes" if item.time == "poses" else item.time for item in choices]

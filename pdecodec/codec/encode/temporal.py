@@ -225,23 +225,19 @@ class Displacements:
             return sums_of_squares(split.transpose(0, 2, 1).reshape(-1, self._frames))
         return self._squares[::3, ::3] + self._squares[1::3, 1::3] + self._squares[2::3, 2::3]
 
-    def _first(self, energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:
-        most = self._tuning.most_time_functions
-        return energies[:most], functions[:, :most]
-
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
         """Return principal trajectories down to the tail: energies (n,), falling, and functions (3 frames, n)."""
         if self._span is not None:
-            return self._first(*principal_axes_within(self._span, self._least))
+            return principal_axes_within(self._span, self._least)
         if self._is_wide:
-            return self._first(*principal_trajectories(self._moved.astype(np.float64), self._least))
-        return self._first(*principal_axes(self._squares, self._least))
+            return principal_trajectories(self._moved.astype(np.float64), self._least)
+        return principal_axes(self._squares, self._least)
 
     @cached_property
     def _shapes(self) -> tuple[Float64Array, Float64Array]:
         """Return principal functions that all axes share: energies (n,), falling, and functions (frames, n)."""
-        return self._first(*principal_axes(self._squares_by_axis, self._least))
+        return principal_axes(self._squares_by_axis, self._least)
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
@@ -249,8 +245,8 @@ class Displacements:
         principal shapes need fewer functions.
         """
         products = self._squares_by_axis
-        found = spanning(products, self._least / self._frames, int(self._tuning.pose_share * self._frames))
-        if found is None or not 0 < found.size <= self._shapes[0].size:
+        found = spanning(products, self._least / self._frames, self._shapes[0].size)
+        if found is None or not found.size:
             return np.zeros(0), np.zeros((self._frames, 0))
         poses = np.sort(found)
         weights = product(pseudo_inverse(products[np.ix_(poses, poses)], ROUNDING), products[poses]).T
@@ -344,7 +340,7 @@ class Displacements:
 
     @cached_property
     def _cosine_energies(self) -> Float64Array:
-        waves = cosines(self._frames, min(self._frames, self._tuning.most_time_functions))
+        waves = cosines(self._frames, self._frames)
         energies: Float64Array = (waves * product(self._squares_by_axis, waves)).sum(axis=0)
         return energies
 

@@ -42,11 +42,9 @@ class Tuning:
         Usual step of the reference frame if smoothing in the decoder brings it much closer to the points.
     finest_reference_step : float [units]
         Finest step of the reference frame.
-    restart_gain : float [share of bits]
-        Saving of another reference frame from which on all else is searched again.
     usual_step : float [units]
         Step of coefficients that the search begins with.
-    finest_step, coarsest_step : float [units]
+    coarsest_step : float [units]
         Limit of steps that are chosen without a search.
     step_stride : int [quarter octaves]
         Distance from one step that is tried to the next.
@@ -57,8 +55,8 @@ class Tuning:
         Cost over the best one's beyond which a candidate or division is dropped.
     untuned_exit_ratio : float
         Cost over the best one's beyond which a temporal basis or origin is dropped before steps are searched.
-    bits_worth_dividing : float [bits per position]
-        Cost below which a group is not divided.
+    restart_gain : float [share of bits]
+        Saving of another reference frame from which on all else is searched again.
     is_thorough : bool
         Whether shorter groups are tried, steps are tuned, and that of the reference frame is searched on small meshes,
         too, where each takes a full fit; on small clips it is searched in any case.
@@ -67,7 +65,7 @@ class Tuning:
     group_bytes, smooth_group_bytes : int [bytes]
         Largest size of a group's displacements in float64: usually, and if the motion is smooth.
     smooth_bits : float [bits per position]
-        Cost of the first frames below which motion is smooth.
+        Cost below which motion is smooth: a group is then not divided, and the groups of a clip are longer.
     dense_group : int [frames]
         Length of groups in cosines, if motion is dense (frames have little in common) and nothing is searched.
     dense_share : float
@@ -86,22 +84,12 @@ class Tuning:
         Smallest share of the mesh in the sample of an estimate.
     sample_frames : int [frames]
         Longest group whose residuals are estimated from all frames; of longer ones, half of the frames are taken.
-    sample_part : int [vertices]
-        Largest node of the partition tree that is sampled as a whole when spatial bases are compared.
     tail : float [units]
         Root mean square error that functions of time that are left out may add.
-    most_time_functions : int
-        Largest number of functions of time of a group, which decoding time grows with.
-    pose_share : float
-        Largest share of the frames that may be poses.
     dead_zones : tuple of (float, float)
         Dead zones that are compared; the first is the usual one.
-    aim, aim_from : float [units]
-        Refinement pushes vertices that are off by more than `aim_from` towards `aim`.
-    push : float
-        Factor of the excess error that refinement adds to what coefficients describe.
-    refined_residual_share : float [residuals per position]
-        Share of residuals beyond which coefficients are not refined.
+    aim : float [units]
+        Refinement adds to what coefficients describe by how much vertices are off by more than this.
     refining_passes : tuple of int
         Numbers of refinement passes, after each of which the better half of the candidates stays.
     refining_gain : float [share of bits]
@@ -121,22 +109,20 @@ class Tuning:
     reference_step: float = 0.4
     smoothed_reference_step: float = 0.6
     finest_reference_step: float = 1.0 / 32.0
-    restart_gain: float = 0.1
     usual_step: float = 2.8
-    finest_step: float = 0.7
     coarsest_step: float = 8.0
     step_stride: int = 2
     mean_error: float = 0.3
     mean_error_of_dense: float = 0.4
     early_exit_ratio: float = 1.02
     untuned_exit_ratio: float = 1.25
-    bits_worth_dividing: float = 0.65
+    restart_gain: float = 0.1
     is_thorough: bool = True
     shortest_group: int = 8
     longest_group: int = 512
     group_bytes: int = 3 * 2**25
     smooth_group_bytes: int = 3 * 2**26
-    smooth_bits: float = 0.5
+    smooth_bits: float = 0.65
     dense_group: int = 12
     dense_share: float = 0.7
     searched_groups: int = 3
@@ -145,16 +131,10 @@ class Tuning:
     small_clip_positions: int = 2**16
     sample_vertices: int = 1024
     sample_share: float = 1 / 8
-    sample_part: int = 128
     sample_frames: int = 128
     tail: float = 0.06
-    most_time_functions: int = 768
-    pose_share: float = 0.25
     dead_zones: tuple[DeadZone, ...] = ((0.6, 0.75),)
-    aim: float = 0.8
-    aim_from: float = 0.85
-    push: float = 1.5
-    refined_residual_share: float = 0.03
+    aim: float = 0.75
     refining_passes: tuple[int, ...] = (3,)
     refining_gain: float = 0.004
     refined_steps: tuple[int, ...] = (0,)
