@@ -172,6 +172,7 @@ BUILT_IN = (
         written_beside="pdecodec.formats.vtk.writer:listed_files",
         options=("displacement",),
         writer="pdecodec.formats.vtk.writer:write_pvd",
+        holds_fields=True,
         holds_runs=True,
         keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
         "solids; parts are joined; motion is the points of each step, or the vectors that a setting names",
@@ -184,6 +185,7 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk.files:open_frame_files",
         options=("displacement",),
         writer="pdecodec.formats.vtk.writer:write_vtu",
+        holds_fields=True,
         holds_runs=True,
         frame_per_file=True,
         keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids, "

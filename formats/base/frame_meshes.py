@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.attribute_roles import ID
+from pdecodec.formats.base.frame_data import DataKey, StoredData, fields_of_frames, joined_data
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, find_frames, frames_there, is_frame_pattern, parse_pattern
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import (
@@ -37,12 +39,15 @@ Positions = NDArray[Any]
 
 @dataclass(frozen=True)
 class MeshFile:
-    """The content of one file: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
+    """The content of one file: positions (vertices, 3) as they are stored, what must be the same in every frame, and
+    data that may change.
+    """
 
     points: Positions
     connectivity: Connectivity
     attributes: tuple[Attribute, ...] = ()
     notices: tuple[str, ...] = ()
+    data: Mapping[DataKey, StoredData] = field(default_factory=dict, compare=False)
 
     def continues(self, other: MeshFile) -> bool:
         """Return whether another mesh has the same faces and lines, and the same vertices if they have ids."""
@@ -86,7 +91,9 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
     names = dict.fromkeys(one.name for part in parts for one in part.attributes)
     notices = dict.fromkeys(notice for part in parts for notice in part.notices)
     lost = (f"not kept, because the file has several parts: {', '.join(names)}",) if names else ()
-    return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
+    points = np.concatenate([part.points for part in parts])
+    data = joined_data([part.data for part in parts if len(part.points)] or [parts[0].data])
+    return MeshFile(points, connectivity, (), (*notices, *lost), data)
 
 
 _KINDS = {
@@ -196,6 +203,9 @@ class FrameMeshes:
     def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
         self.files, self._read = tuple(map(tuple, files)), read
         self._kept, self.changes = KeptPositions(), FrameChanges()
+        self._data: list[Mapping[DataKey, tuple[np.dtype[Any], int]]] = []
+        self._values: dict[int, Mapping[DataKey, NDArray[Any]]] = {}
+        self._values_room = BLOCK_BYTES
 
     def mesh(self, frame: int) -> MeshFile:
         return joined_meshes([self._read(path) for path in self.files[frame]])
@@ -205,15 +215,39 @@ class FrameMeshes:
         found = self._kept.get(frame)
         if found is None or len(found) != connectivity.vertex_count:
             mesh = self.mesh(frame)
-            if not mesh.connectivity.same_as(connectivity):
-                raise InputError(
-                    f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
-                    code="file-changed",
-                    path=self.files[frame][0],
-                    frame=frame,
-                )
+            self._check(frame, mesh, connectivity)
             found = mesh.points
         return found
+
+    def _check(self, frame: int, mesh: MeshFile, connectivity: Connectivity) -> None:
+        if not mesh.connectivity.same_as(connectivity):
+            raise InputError(
+                f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
+                code="file-changed",
+                path=self.files[frame][0],
+                frame=frame,
+            )
+
+    def fields(self, first: int, frames: int) -> dict[str, tuple[DataKey, Field]]:
+        """Return the fields of the frames of a run, by name, and where their values are."""
+        return fields_of_frames(self._data[first : first + frames])[0]
+
+    def values(self, frame: int, key: DataKey, connectivity: Connectivity) -> NDArray[Any] | None:
+        """Return data of a frame (rows, components), None if it lacks them.
+
+        All data of a frame are kept while they fit in a block, so that each field does not read the file again.
+        """
+        if frame in self._values:
+            return self._values[frame].get(key)
+        mesh = self.mesh(frame)
+        self._check(frame, mesh, connectivity)
+        if self._values_room <= 0 or key not in mesh.data:
+            return mesh.data[key].read() if key in mesh.data else None
+        found = {key: one.read() for key, one in mesh.data.items()}
+        self._values_room -= sum(array.nbytes for array in found.values())
+        if self._values_room > 0:
+            self._values[frame] = found
+        return found[key]
 
     def run_starts(self) -> list[tuple[int, int]]:
         """Return the first frame and vertex count of each run of frames that have the same faces, lines and ids.
@@ -228,7 +262,10 @@ class FrameMeshes:
             except InputError:
                 if frame == 0:
                     raise
+                self._data.append(self._data[-1])
                 continue
+            data = {key: one.kind for key, one in mesh.data.items()}
+            self._data.append(self._data[-1] if self._data and self._data[-1] == data else data)
             if before is None or not mesh.continues(before):
                 starts.append((frame, len(mesh.points)))
                 before = mesh
@@ -236,7 +273,14 @@ class FrameMeshes:
                 self.changes.compare(frame, mesh, before)
             self.changes.note_lines(mesh.notices)
             self._kept.keep(frame, mesh.points)
+        firsts = [first for first, _ in starts]
+        for first, end in zip(firsts, [*firsts[1:], len(self.files)], strict=True):
+            self.changes.note_lines(not_kept(fields_of_frames(self._data[first:end])[1], _UNEVEN))
         return starts
+
+
+_UNEVEN = "not kept, because frames lack them or store them in other ways: {}"
+"""Line that names data that cannot be a field."""
 
 
 class KeptPositions(dict[int, Positions]):
@@ -259,6 +303,22 @@ class FrameSequence(MeshSequence):
         self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
         self.times, self.fps, self.notices = timing
         self.metadata = {}
+        self._keys = meshes.fields(first, self.times.size)
+        self.fields = tuple(one for _, one in self._keys.values())
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        rows = field.row_count(self.objects)
+        values = np.empty((stop - start, rows, field.components), field.dtype)
+        for frame in range(start, stop):
+            stored = self._meshes.values(self._first + frame, self._keys[field.name][0], self.connectivity)
+            if stored is not None and len(stored) != rows:
+                raise damaged(
+                    f"{field.name!r} has {len(stored)} rows for {rows} of domain {field.domain}; export it again",
+                    path=self._meshes.files[self._first + frame][0],
+                    frame=frame,
+                )
+            values[frame - start] = np.nan if stored is None else stored
+        return values.reshape(field.shape(stop - start, self.objects))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

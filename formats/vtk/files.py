@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.frame_data import DataKey, StoredData, stored_array
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import sequence_of_files
 from pdecodec.formats.base.registry import read_errors
@@ -96,7 +98,7 @@ def _sequence(
     reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope), displacement)
     sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
-    sequence.list_contents = lambda: reader.contents(files, sequence.runs[0].objects)
+    sequence.list_contents = lambda: reader.contents(files, sequence.runs[0].objects, sequence.notices)
     return sequence
 
 
@@ -175,7 +177,14 @@ def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
                 f"holds cells of type {block.type}, which are not read", code="unsupported-feature", path=path
             )
     data = {str(name): np.asarray(values) for name, values in mesh.point_data.items()}
-    grid = grid_of_cells(points, cells, data, [str(name) for name in mesh.cell_data], wanted)
+    stored: dict[DataKey, NDArray[Any]] = {
+        ("vertex", name): values for name, values in data.items() if len(values) == len(points)
+    }
+    stored |= {("face", str(name)): np.concatenate(parts) for name, parts in mesh.cell_data.items() if parts}
+    named: dict[DataKey, StoredData] = {
+        key: stored_array(values) for key, values in stored.items() if values.ndim in (1, 2)
+    }
+    grid = grid_of_cells(points, cells, data, [str(name) for name in mesh.cell_data], wanted, named)
     return replace(grid, field_data=tuple(str(name) for name in mesh.field_data if name != TIME))
 
 

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
+from pdecodec.formats.base.frame_data import DataKey, StoredData
+from pdecodec.formats.base.frame_meshes import MeshFile, NotKept, joined_meshes
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.mesh.arrays import Int64Array
+from pdecodec.mesh.fields import DTYPES
 from pdecodec.mesh.sequence import Content, Fate, MeshObject
 
 TIME = "TimeValue"
@@ -52,6 +54,8 @@ class GridFile:
     field_data: tuple[str, ...] = ()
 
 
+_KINDS_OF_DATA = {"vertex": "point data", "face": "cell data"}
+
 Read = Callable[[Path, str | None], GridFile]
 """Reads a file, and the vectors of a given name if it has them; raises InputError."""
 
@@ -67,18 +71,27 @@ def grid_of_cells(
     point_data: Mapping[str, NDArray[np.generic]],
     cell_data: Sequence[str],
     wanted: str | None,
+    stored: Mapping[DataKey, StoredData],
     *,
     only_used: bool = False,
 ) -> GridFile:
-    """Return the grid of cells at points (nodes, 3); `only_used` leaves out points without faces and lines."""
+    """Return the grid of cells at points (nodes, 3); `only_used` leaves out points without faces and lines.
+
+    `stored` are data on all points and cells: "vertex" and "face" in their keys.
+    """
     connectivity, gather = cells.connectivity(points, only_used=only_used)
+    rows = {"vertex": gather, "face": cells.owners}
+    data = {key: one if rows[key[0]] is None else one.gathered(rows[key[0]]) for key, one in stored.items()}
+    inner = cells.count - np.unique(cells.owners).size
     vectors = tuple(name for name, values in point_data.items() if is_vectors(values))
     added = point_data[wanted] if wanted in vectors and wanted is not None else None
     notices = left_out_notice(gather, len(points))
+    if inner and cells.owners.size and any(domain == "face" for domain, _ in stored):
+        notices += (f"{inner} of {cells.count} cells have no face on the surface: their cell data are not kept",)
     if gather is None:
-        mesh = MeshFile(points, connectivity, (), notices)
+        mesh = MeshFile(points, connectivity, (), notices, data)
     else:
-        mesh = MeshFile(points[gather], connectivity, (node_attribute(gather),), notices)
+        mesh = MeshFile(points[gather], connectivity, (node_attribute(gather),), notices, data)
         added = None if added is None else gather_rows(added, gather, len(points))
     return GridFile(mesh, vectors, tuple(point_data), tuple(cell_data), added)
 
@@ -123,8 +136,8 @@ class GridReader:
         self._is_chosen = False
         self._chosen: str | None = None
         self._vectors: tuple[str, ...] = ()
-        self._point_data: dict[str, None] = {}
-        self._cell_data: dict[str, None] = {}
+        self._fields: dict[str, dict[str, None]] = {"vertex": {}, "face": {}}
+        self._others: dict[str, dict[str, None]] = {"vertex": {}, "face": {}}
         self._field_data: dict[str, None] = {}
         self._geometry: dict[Path, bytes] = {}
         self._times: dict[Path, float | None] = {}
@@ -142,8 +155,14 @@ class GridReader:
         if path not in self._geometry:
             self._geometry[path] = hashlib.blake2b(np.ascontiguousarray(grid.mesh.points).tobytes()).digest()
         self._times[path] = grid.time
-        self._point_data.update(dict.fromkeys(grid.point_data))
-        self._cell_data.update(dict.fromkeys(grid.cell_data))
+        has_faces = grid.mesh.connectivity.face_count > 0
+        data = {key: one for key, one in grid.mesh.data.items() if key != ("vertex", self._chosen)
+                if (key[0] == "vertex" or has_faces) and one.dtype in DTYPES and one.components}  # fmt: skip
+        grid = replace(grid, mesh=replace(grid.mesh, data=data))
+        for domain, names in (("vertex", grid.point_data), ("face", grid.cell_data)):
+            for name in names:
+                if domain == "face" or name != self._chosen:
+                    (self._fields if (domain, name) in data else self._others)[domain][name] = None
         self._field_data.update(dict.fromkeys(grid.field_data))
         if self._chosen is None or not len(grid.mesh.points):
             return grid.mesh
@@ -173,16 +192,25 @@ class GridReader:
             *not_kept_data(self._lost()),
         )
 
-    def contents(self, frames: Sequence[Sequence[Path]], objects: Sequence[MeshObject]) -> tuple[Content, ...]:
-        """List what the files of frames hold."""
-        kept = {"point data": [] if self._chosen is None else [self._chosen]}
+    def contents(
+        self, frames: Sequence[Sequence[Path]], objects: Sequence[MeshObject], notices: Sequence[str]
+    ) -> tuple[Content, ...]:
+        """List what the files of frames hold; lines of `notices` name data that cannot be fields."""
+        uneven = {name for line in notices if isinstance(line, NotKept) for name in line.names}
+        kept = {
+            kind: [name for name in self._fields[domain] if name not in uneven]
+            for domain, kind in _KINDS_OF_DATA.items()
+        }
+        kept["point data"] += [] if self._chosen is None else [self._chosen]
         has_times = any(time is not None for time in self._times.values())
+        lost = {kind: [*self._lost()[kind], *(name for name in self._fields[domain] if name in uneven)]
+                for domain, kind in _KINDS_OF_DATA.items()} | {"field data": list(self._field_data)}  # fmt: skip
         times: Fate = "dropped" if self.time_notices(frames) else "coded"
         return (
-            *contents_of(objects, kept, self._lost()),
+            *contents_of(objects, kept, lost),
             *[Content(f"/field data/{TIME}", "field data", times)] * has_times,
         )
 
     def _lost(self) -> dict[str, Iterable[str]]:
-        others = [name for name in self._point_data if name != self._chosen]
-        return {"point data": others, "cell data": self._cell_data, "field data": self._field_data}
+        others = {kind: self._others[domain] for domain, kind in _KINDS_OF_DATA.items()}
+        return {**others, "field data": self._field_data}

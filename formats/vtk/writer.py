@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
+from pdecodec.formats.base.frame_data import ON_FACES, DataKey
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
-from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
+from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.vtk.xml_files import TYPES
 from pdecodec.mesh.arrays import Float32Array
-from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.mesh.sequence import BLOCK_BYTES, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
@@ -39,7 +41,7 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     path = output.path
     check_writable(path, overwrite=output.overwrite)
     grids = _Grids()
-    frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
+    frames = replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
 
     def listed(files: Sequence[Path]) -> bytes:
         rows = "".join(
@@ -74,19 +76,23 @@ class _Grid:
         counts = np.concatenate([whole.face_counts, whole.line_counts])
         faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
         kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
+        self._fields = _FieldsOfFrames(sequence)
+        own = {name for domain, name in self._fields.names.values() if domain == "vertex"}
         point_data = b""
-        if len(sequence.objects) > 1:
+        if len(sequence.objects) > 1 and "object" not in own:
             sizes = [item.vertex_count for item in sequence.objects]
             point_data = _array("object", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes))
         colors = joined_colors(sequence)
-        if colors is not None:
+        if colors is not None and "color" not in own:
             point_data += _array("color", colors)
         self._normals = VertexNormals(sequence)
-        kind = ' Normals="Normals"' if self._normals.held else ""
+        self._has_normals = bool(self._normals.held) and "Normals" not in own
+        kind = ' Normals="Normals"' if self._has_normals else ""
         piece = f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
         self._pieces = (
             f"{piece}      <PointData{kind}>".encode() + point_data,
-            b"</PointData>\n      <Points>",
+            b"</PointData>\n      <CellData>",
+            b"</CellData>\n      <Points>",
             b"</Points>\n      <Cells>"
             + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
             + _array("offsets", np.cumsum(counts, dtype=np.int32))
@@ -96,6 +102,7 @@ class _Grid:
         self.notices = lost_by_joining(
             sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
         )
+        self.notices += not_kept(self._fields.lost, "fields not kept: {}")
 
     def of_frame(self, points: Float32Array, frame: int) -> list[bytes]:
         head = (
@@ -104,9 +111,61 @@ class _Grid:
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
             + b"</FieldData>\n"
         )
-        normals = _array("Normals", self._normals.at(points)) if self._normals.held else b""
-        before, between, after = self._pieces
-        return [head, before, normals, between, _array("Points", points), after]
+        normals = _array("Normals", self._normals.at(points)) if self._has_normals else b""
+        point_data, cell_data = self._fields.at(frame)
+        before, cells, between, after = self._pieces
+        return [head, before, normals, *point_data, cells, *cell_data, between, _array("Points", points), after]
+
+
+class _FieldsOfFrames:
+    """The fields of a run on vertices and faces, as data of points and cells.
+
+    Attributes
+    ----------
+    names : dict of str to (domain, name)
+        Of the fields that are written, by their own names; flags are written as 0 and 1.
+    lost : list of str
+        Names of other fields: those on corners and objects, and whole numbers that not all objects have.
+    """
+
+    def __init__(self, sequence: MeshSequence) -> None:
+        self._sequence = sequence
+        self.names: dict[str, DataKey] = {}
+        self.lost: list[str] = []
+        on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
+        for one in sequence.fields:
+            if one.domain not in ("vertex", "face") or (one.objects is not None and one.dtype.kind != "f"):
+                self.lost.append(one.name)
+                continue
+            plain = one.name.removesuffix(ON_FACES.format(""))
+            is_twin = one.domain == "face" and plain != one.name and plain in on_vertices
+            self.names[one.name] = one.domain, plain if is_twin else one.name
+        fields = [sequence.field_named(name) for name in self.names]
+        size = sum(one.row_count(sequence.objects) * one.components * one.dtype.itemsize for one in fields)
+        self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
+        self._start, self._block = 0, dict[str, NDArray[Any]]()
+
+    def at(self, frame: int) -> tuple[list[bytes], list[bytes]]:
+        """Return the data of points and of cells of a frame; lines have no values on faces: NaN, or 0."""
+        if not self._start <= frame < self._start + self._at_a_time or not self._block:
+            self._start = frame
+            stop = min(frame + self._at_a_time, self._sequence.frame_count)
+            self._block = {name: self._sequence.read_field(name, frame, stop) for name in self.names}
+        found: dict[str, list[bytes]] = {"vertex": [], "face": []}
+        lines = self._sequence.connectivity.line_count
+        for name, (domain, label) in self.names.items():
+            field, values = self._sequence.field_named(name), self._block[name][frame - self._start]
+            missing = np.nan if field.dtype.kind == "f" else 0
+            if field.objects is not None:
+                counts = replace(field, objects=None).row_counts(self._sequence.objects)
+                has_it = np.repeat([index in field.objects for index in range(len(counts))], counts)
+                whole = np.full((has_it.size, *values.shape[1:]), missing, values.dtype)
+                whole[has_it] = values
+                values = whole
+            if domain == "face" and lines:
+                values = np.append(values, np.full((lines, *values.shape[1:]), missing, values.dtype), axis=0)
+            found[domain].append(_array(label, values.astype(np.uint8) if values.dtype == bool else values))
+        return found["vertex"], found["face"]
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:
@@ -117,7 +176,11 @@ def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> b
     # Length and data are encoded together: readers of uncompressed data decode them together.
     text = base64.b64encode(len(raw).to_bytes(8, "little") + raw)
     kind = _NAMES[data.dtype.str[1:]]
-    return f'<DataArray type="{kind}" Name="{name}"{width}{length} format="binary">'.encode() + text + b"</DataArray>"
+    return (
+        f'<DataArray type="{kind}" Name={quoteattr(name)}{width}{length} format="binary">'.encode()
+        + text
+        + b"</DataArray>"
+    )
 
 
 def listed_files(path: Path) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,10 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.frame_data import DataKey, StoredData
 from pdecodec.formats.base.frame_meshes import MeshFile
 from pdecodec.formats.vtk.cells import Cells
 from pdecodec.formats.vtk.grid_files import TIME, GridFile, grid_of_cells, is_vectors, joined_grids
+from pdecodec.mesh.fields import FieldDomain
 from pdecodec.mesh.sequence import Connectivity
 
 _CELLS = {
@@ -108,7 +111,9 @@ class XmlFile:
         if self._kind == "UnstructuredGrid":
             hidden = None if ghosts is None or not (ghosts & _HIDDEN_BITS).any() else (ghosts & _HIDDEN_BITS) > 0
             cells = self._grid_cells(piece.find("Cells"), hidden)
-            return grid_of_cells(points, cells, arrays, cell_names, self._wanted, only_used=hidden is not None)
+            shown = None if hidden is None else ~hidden
+            stored = self._stored(data, "vertex") | self._stored(cell_data, "face", shown)
+            return grid_of_cells(points, cells, arrays, cell_names, self._wanted, stored, only_used=hidden is not None)
         if ghosts is not None and (ghosts & _HIDDEN_BITS).any():
             raise InputError(
                 "holds ghost cells of polygons, which are not told apart; write it without them",
@@ -116,10 +121,35 @@ class XmlFile:
             )
         vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
         joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
-        mesh = MeshFile(points, Connectivity(len(points), *faces, *joined))
+        # Cell data are those of vertices, lines and faces, in this order.
+        others = slice(len(vertices[0]) + len(lines[0]), None)
+        stored = self._stored(data, "vertex") | self._stored(cell_data, "face", others)
+        notices: tuple[str, ...] = ()
+        if others.start and len(faces[0]) and len(stored) > len(arrays):
+            notices = (f"{others.start} cells are no faces: their cell data are not kept",)
+        mesh = MeshFile(points, Connectivity(len(points), *faces, *joined), (), notices, stored)
         vectors = tuple(name for name, values in arrays.items() if is_vectors(values))
         added = arrays[self._wanted] if self._wanted in vectors and self._wanted is not None else None
         return GridFile(mesh, vectors, tuple(arrays), tuple(cell_names), added)
+
+    def _stored(
+        self, arrays: list[ElementTree.Element], domain: FieldDomain, rows: Any = None
+    ) -> dict[DataKey, StoredData]:
+        """Return data on points or cells, all or some rows of them, by name; text is left out."""
+        found: dict[DataKey, StoredData] = {}
+        for one in arrays:
+            if one.get("Name") == GHOSTS or str(one.get("type")) not in TYPES:
+                continue
+            width = int(one.get("NumberOfComponents", "1")) or 1
+            one_array = StoredData(np.dtype(TYPES[str(one.get("type"))]), width, partial(self._rows, one, width))
+            found[domain, str(one.get("Name"))] = one_array if rows is None else one_array.gathered(rows)
+        return found
+
+    def _rows(self, array: ElementTree.Element, width: int) -> NDArray[Any]:
+        try:
+            return self._array(array).reshape(-1, width)
+        except XML_DAMAGE as error:
+            raise damaged(f"its data {array.get('Name')!r} are damaged ({error}); export it again") from error
 
     def _data(self, array: ElementTree.Element) -> NDArray[Any]:
         """Return point data named `wanted`; for others an empty array of the same type and number of components."""
