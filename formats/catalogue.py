@@ -174,9 +174,11 @@ BUILT_IN = (
         writer="pdecodec.formats.vtk.writer:write_pvd",
         holds_fields=True,
         holds_runs=True,
-        keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
-        "solids; parts are joined; motion is the points of each step, or the vectors that a setting names",
-        loses="names of objects (numbers stay, as point data), other attributes (named when read), up axis and unit",
+        keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), data of "
+        "points and cells (fields), the surface of solids; parts are joined; motion is the points of each "
+        "step, or the vectors that a setting names",
+        loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects, data "
+        "that only some frames have unless they are floats, up axis and unit",
     ),
     Format(
         name="vtu",
@@ -189,9 +191,9 @@ BUILT_IN = (
         holds_runs=True,
         frame_per_file=True,
         keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids, "
-        "times (field data TimeValue, where every file has it); VTK reads what pdecodec itself cannot (pip install "
-        "'pdecodec[vtk]')",
-        loses="names of objects (numbers stay, as point data), other attributes (named when read)",
+        "data of points and cells (fields), times (field data TimeValue, where every file has it); VTK reads "
+        "what pdecodec itself cannot (pip install 'pdecodec[vtk]')",
+        loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects",
     ),
     Format(
         name="vtp",
@@ -201,9 +203,9 @@ BUILT_IN = (
         options=("displacement",),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, points, times (field data TimeValue); VTK reads what pdecodec itself cannot (pip install "
-        "'pdecodec[vtk]')",
-        loses="data of points and cells (named)",
+        keeps="faces, lines, points, data of points and cells (fields), times (field data TimeValue); VTK "
+        "reads what pdecodec itself cannot (pip install 'pdecodec[vtk]')",
+        loses="data of lines and vertices, text, data of files that VTK reads (named)",
     ),
     Format(
         name="vtk",
@@ -213,9 +215,9 @@ BUILT_IN = (
         options=("displacement",),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, the surface of solids; VTK reads what pdecodec itself cannot (pip install "
-        "'pdecodec[vtk]')",
-        loses="data of points and cells (named), times (frames are numbered)",
+        keeps="faces, lines, the surface of solids, data of points and cells (fields); VTK reads what "
+        "pdecodec itself cannot (pip install 'pdecodec[vtk]')",
+        loses="text, data of files that VTK reads (named), times (frames are numbered)",
     ),
     Format(
         name="pvtu",
@@ -227,7 +229,7 @@ BUILT_IN = (
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
         keeps="what their parts keep; parts are joined, ghost cells left out",
-        loses="data of points and cells (named), times (frames are numbered)",
+        loses="text, data of files that VTK reads (named), times (frames are numbered)",
     ),
     Format(
         name="series",
@@ -238,7 +240,7 @@ BUILT_IN = (
         options=("displacement",),
         write_with="a .pvd file",
         keeps="what its files keep, times",
-        loses="data of points and cells (named)",
+        loses="data of lines and vertices, text, data of files that VTK reads (named)",
     ),
     Format(
         name="exodus",

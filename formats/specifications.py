@@ -37,7 +37,7 @@ class Specification:
 _ARRAYS = Specification(("points", "times", "fps", "faces", "objects", "metadata"), ("other arrays",))
 
 _VTK = Specification(
-    ("Points", "Cells", "TimeValue", "vectors chosen as the displacement"), ("PointData", "CellData", "FieldData")
+    ("Points", "Cells", "TimeValue", "vectors chosen as the displacement", "PointData", "CellData"), ("FieldData",)
 )
 
 _OBJ_KEPT = "f l p o g s usemtl mtllib"

@@ -98,6 +98,8 @@ class Holds:
         Of :data:`SHAPES`.
     attributes : tuple of str
         Of :data:`ATTRIBUTES`.
+    fields : tuple of str
+        Domains of fields.
     names : {"all", "tree", "one"}
         Whether objects keep their names; in a tree, or joined to one mesh.
     times : {"all", "counted"}
@@ -117,6 +119,7 @@ class Holds:
     read: Callable[[str], dict[str, Any]] = field(default=lambda path: {})
     shapes: tuple[str, ...] = tuple(SHAPES)
     attributes: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
     names: Literal["all", "tree", "one"] = "tree"
     times: Literal["all", "counted"] = "all"
     metadata: bool = True
@@ -139,8 +142,9 @@ class Holds:
 
 def _write_cache(sequence: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
     """Write a point cache, and an NPZ file with the data that it cannot hold."""
-    write_sequence(sequence, path, **options)
-    return write_sequence(sequence, f"{path}.npz", **options)
+    told = write_sequence(sequence, path, **options)
+    # Opening the cache takes all but fields from the NPZ file.
+    return (*(line for line in told if line.startswith("fields")), *write_sequence(sequence, f"{path}.npz", **options))
 
 
 def _of_cache(path: str) -> dict[str, Any]:
@@ -257,14 +261,16 @@ _PLY = (*_COLORS, "uv own", "uv shared")
 _OF_TWO = tuple(name for name in SHAPES if name not in ("lines that share", "faces and lines"))
 """Shapes for formats that tell lines from faces by their number of vertices."""
 
+_DOMAINS = ("vertex", "face", "corner", "object")
+
 _CACHE = partial(Holds, write=_write_cache, read=_of_cache, names="all", attributes=_EVERY, empty=True)
 _ONE = partial(Holds, names="one", metadata=False)
 _COUNTED = partial(_ONE, times="counted", runs=True)
 _READ = partial(_COUNTED, written=False)
 
 CONTRACT = (
-    Holds(file="x.npz", names="all", attributes=_EVERY, empty=True),
-    Holds(file="x.h5", names="all", attributes=_EVERY, empty=True),
+    Holds(file="x.npz", names="all", attributes=_EVERY, fields=_DOMAINS, empty=True),
+    Holds(file="x.h5", names="all", attributes=_EVERY, fields=_DOMAINS, empty=True),
     Holds(file="x.pdeanim", write=_write_pdeanim, written=False, names="all", attributes=_EVERY, runs=True, empty=True,
           infinite=False, error=3e-6),
     _CACHE(file="x.mdd"),
@@ -277,10 +283,10 @@ CONTRACT = (
     Holds(file="x.gltf", attributes=(*_SCENE, "uv missing"), infinite=False, error=2.0**-21, attribute_error=1e-7),
     Holds(file="x/", attributes=_OBJ, metadata=False, runs=True, infinite=False, attribute_error=1e-7),
     _ONE(file="x.xdmf"),
-    _ONE(file="x.pvd", runs=True),
+    _ONE(file="x.pvd", runs=True, fields=_DOMAINS[:2]),
     _ONE(file="x.e", write=_write_exodus, written=False, shapes=tuple(one for one in _OF_TWO if one != "polygons")),
     _ONE(file="x.vtu.series", write=_write_series, written=False, runs=True),
-    _COUNTED(file="x.####.vtu"),
+    _COUNTED(file="x.####.vtu", fields=_DOMAINS[:2]),
     _COUNTED(file="x.####.ply", shapes=("vertex", "points", *FACES), attributes=_PLY, attribute_error=1 / 509),
     _READ(file="x.####.vtp", write=_write_vtp),
     _READ(file="x.####.pvtu", write=_write_pvtu),

@@ -298,7 +298,7 @@ LAYOUT = {
     "dropped": ("heat", "field_odd", "name", "colour of the year"),
 }
 EXPECTED = {
-    vtu: {"coded": ("positions", "faces", "field data"), "dropped": (*DATA, "field data")},
+    vtu: {"coded": ("positions", "faces", "field data", *DATA), "dropped": ("field data",)},
     xdmf: {"coded": ("positions", "faces", "times"), "dropped": (*DATA, "grid data", "sets", "information")},
     exodus: {
         "coded": ("positions", "faces", "times", "nodal variables", "blocks"),

@@ -237,13 +237,15 @@ def test_vectors_of_vtk_move_nothing_unless_they_are_asked_for(tmp_path: Path, e
         assert read.notices == (
             f"the mesh stands still: nothing says that {name!r} is its displacement; set displacement=NAME to add "
             "vectors to the geometry",
-            f"point data {name!r}, 'heat' and cell data 'rank' are not kept",
         )
+        assert [(one.name, one.domain) for one in read.fields] == [
+            (name, "vertex"),
+            ("heat", "vertex"),
+            ("rank", "face"),
+        ]
     with open_sequence(path, fps=24, displacement=name) as read:
-        assert read.notices == (
-            f"the vectors {name!r} are added to the geometry: they move the mesh",
-            "point data 'heat' and cell data 'rank' are not kept",
-        )
+        assert read.notices == (f"the vectors {name!r} are added to the geometry: they move the mesh",)
+        assert [one.name for one in read.fields] == ["heat", "rank"]
     with pytest.raises(InputError, match=f"has no vectors 'heat' on its nodes .*; there are {name!r}"):
         open_sequence(path, displacement="heat")
 
@@ -253,18 +255,36 @@ def test_geometry_that_moves_is_not_moved_again(tmp_path: Path) -> None:
         write_vtk(tmp_path / f"x{frame}.vtu", float(amount), displacement=VELOCITY * amount)
     assert moved_by(tmp_path / "x#.vtu") == along(2)
     with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
-        assert read.notices == ("point data 'displacement' and cell data 'rank' are not kept",)
+        assert read.notices == ()
+        np.testing.assert_array_equal(read.read_field("displacement", 2, 3)[0], VELOCITY * RISE[2])
     write_vtk(tmp_path / "x1.vtu", 0.1)
     lacks = pytest.raises(InputError, match=r"x1\.vtu: has no vectors 'displacement' on its points")
     with open_sequence(tmp_path / "x#.vtu", fps=24, displacement="displacement") as read, lacks:
         read.read_frames(1, 2)
 
 
-def test_data_that_only_later_files_have_are_named_too(tmp_path: Path) -> None:
-    write_vtk(tmp_path / "x0.vtu")
-    write_vtk(tmp_path / "x1.vtu", 1.0, late=np.zeros(4))
+def test_data_that_some_files_lack_are_missing_there_or_named(tmp_path: Path) -> None:
+    """Floats are NaN where a file lacks them; whole numbers, and components that change, have no place."""
+    write_vtk(tmp_path / "x0.vtu", flag=np.zeros(4, np.int32), flow=np.zeros((4, 3)))
+    write_vtk(tmp_path / "x1.vtu", 1.0, late=np.arange(4.0), flow=np.zeros(4), rank=np.arange(4, dtype=np.int8))
     with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
-        assert read.notices == ("point data 'late' and cell data 'rank' are not kept",)
+        assert read.notices == ("not kept, because frames lack them or store them in other ways: flag, flow, rank",)
+        assert [one.name for one in read.fields] == ["late", "rank"]
+        np.testing.assert_array_equal(read.read_field("late", 0, 2), [[np.nan] * 4, [0, 1, 2, 3]])
+        dropped = {one.path for one in read.list_contents() if one.fate == "dropped"}
+        assert dropped >= {"/point data/flag", "/point data/flow"}
+
+
+def test_cell_data_follow_the_faces_of_solids_and_the_order_of_polygons(tmp_path: Path) -> None:
+    cube = np.concatenate([SQUARE + np.array([0, 0, z]) for z in range(3)])
+    values = np.array([[1.0, 2], [3, 4], [5, 6]])
+    cells = [("hexahedron", [[*range(8)], [*range(4, 12)]]), ("line", [[0, 4]])]
+    meshio.Mesh(cube, cells, cell_data={"stress": [values[:2], values[2:]]}).write(tmp_path / "x.vtu")
+    with open_sequence(tmp_path / "x.vtu") as read:
+        found = read.read_field("stress", 0, 1)[0]
+        heights = cube[read.connectivity.face_indices.reshape(-1, 4), 2].mean(axis=1)
+        np.testing.assert_array_equal(found, values[(heights > 1).astype(int)])
+        assert "1 of 3 cells have no face on the surface: their cell data are not kept" in read.notices
 
 
 def test_a_grid_without_types_of_cells_is_one_line(tmp_path: Path) -> None:
@@ -342,7 +362,8 @@ def test_parallel_files_are_read_alone_as_frames_and_in_lists(tmp_path: Path) ->
             found = read.read_frames(0, 3)
             assert np.allclose(found[:, :, 2], RISE[:, None])
             assert found[0, :, 0].tolist() == [0, 1, 1, 0, 2, 3, 3, 2]
-            assert "point data 'u' and cell data 'rank' are not kept" in read.notices
+            assert read.read_field("u", 1, 3).shape == (2, 8, 3)
+            assert read.read_field("rank", 0, 3).shape == (3, 2)
     assert len(input_files(str(tmp_path / "x.pvd"))) == len(input_files(str(tmp_path / "x.pvtu.series"))) == 10
     with open_sequence(tmp_path / "x.pvd", displacement="u") as read:
         assert read.read_frames(0, 1)[0, :, 0].tolist() == [1, 2, 2, 1, 3, 4, 4, 3]

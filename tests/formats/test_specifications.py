@@ -208,9 +208,9 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
         "Points": (vtu, counts(3)),
         "Cells": (vtu, counts(3)),
         "TimeValue": (lambda folder: vtu(folder, field_data=array("TimeValue", "Float64", "2")), counts(3)),
-        "vectors chosen as the displacement": (lambda folder: vtu(folder, VECTORS), "'shift'"),
-        "PointData": (lambda folder: vtu(folder, array("heat", "Float64", "1 2 3")), "point data 'heat'"),
-        "CellData": (lambda folder: vtu(folder, "", array("load", "Float64", "1")), "cell data 'load'"),
+        "vectors chosen as the displacement": (lambda folder: vtu(folder, VECTORS), has_field("shift vertex")),
+        "PointData": (lambda folder: vtu(folder, array("heat", "Float64", "1 2 3")), has_field("heat vertex")),
+        "CellData": (lambda folder: vtu(folder, "", array("load", "Float64", "1")), has_field("load face")),
         "FieldData": (lambda folder: vtu(folder, "", "", array("run", "Float64", "1")), "field data 'run'"),
     },
     "xdmf": {
