@@ -66,8 +66,8 @@ this large for the file to grow linearly from there on: the first few frames pre
     "--rms",
     type=fraction,
     metavar="X|P%",
-    help="Largest root mean square error, as a fraction of the same diagonal, instead of --tolerance; encodes several "
-    "times.",
+    help="Largest root mean square error, as a fraction of the diagonal of frame 0's bounding box, instead of "
+    "--tolerance; encodes several times.",
 )
 @click.option(
     "--size",
@@ -127,8 +127,8 @@ this large for the file to grow linearly from there on: the first few frames pre
     multiple=True,
     callback=parse_fields,
     metavar="NAME=X",
-    help="The same for one field: NAME=1e-4, NAME='0.5 units' of the field, NAME=exact, or NAME=drop to leave it out. "
-    "Repeatable.",
+    help="Largest error of one field: NAME=1e-4 of its range, NAME='0.5 units' of the field, NAME=exact, or NAME=drop "
+    "to leave it out. Repeatable.",
 )
 @click.option(
     "--order",

@@ -81,7 +81,7 @@ def decode_view(data: bytes, entry: Mapping[str, Any], most: int = MAX_DECODED_B
     """
     stride, count, mode, kind = entry["byteStride"], entry["count"], entry["mode"], entry.get("filter", "NONE")
     if not (isinstance(stride, int) and isinstance(count, int) and 0 < stride <= 256 and count >= 0):
-        raise ValueError("its rows have no size")
+        raise ValueError("the number or size of its rows is missing or invalid")
     if stride * count > most:
         raise ValueError(f"it decodes to {stride * count / 1e9:.1f} GB, only {most / 1e9:.1f} GB are allowed")
     if kind != "NONE" and (mode != "ATTRIBUTES" or stride not in _FILTER_STRIDES.get(str(kind), ())):

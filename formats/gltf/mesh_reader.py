@@ -351,7 +351,7 @@ def _remove_missing(color: Attribute, missing: Int32Array) -> Attribute:
     if not missing.size:
         return color
     if not 0 <= missing.min() <= missing.max() < len(color.values):
-        raise ValueError(f"an element without {color.name} is out of range")
+        raise ValueError(f"the recorded elements without {color.name} do not all exist")
     has = np.ones(len(color.values), bool)
     has[missing] = False
     indices = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)

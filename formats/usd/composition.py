@@ -109,7 +109,7 @@ def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:
 
 
 def _from(folder: Path, name: str) -> str:
-    """Return the name of a file relative to a folder, if it is inside."""
+    """Return the name of a file, relative to the folder if it is inside."""
     return str(Path(name).relative_to(folder)) if Path(name).is_relative_to(folder) else name
 
 

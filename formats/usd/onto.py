@@ -137,7 +137,7 @@ class _Over:
         of_points = [one.name for one in shapes if one.instances]
         if of_points:
             raise InputError(
-                "is an instance of a PointInstancer, where all have one shape",
+                "is an instance of a PointInstancer, which cannot move the vertices of single instances",
                 code="unsupported-feature",
                 object=of_points[0],
                 setting="objects",

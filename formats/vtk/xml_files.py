@@ -85,7 +85,7 @@ class XmlFile:
         self._compressor = root.get("compressor")
         pieces = root.findall(f"./{self._kind}/Piece")
         if not pieces:
-            raise ValueError("there is no piece")
+            raise ValueError("it has no Piece element")
         if any(int(piece.get("NumberOfStrips", "0")) for piece in pieces):
             raise InputError(
                 "holds triangle strips; cut them into triangles first", code="unsupported-feature", path=path
@@ -196,7 +196,7 @@ class XmlFile:
         if kind == "ascii":
             return np.fromiter(map(float if dtype.kind == "f" else int, text.split()), dtype)
         if self._compressor not in (None, "vtkZLibDataCompressor"):
-            raise ValueError(f"its compressor is {self._compressor}")
+            raise ValueError(f"its compressor {self._compressor} is not supported, only vtkZLibDataCompressor")
         if kind == "binary":
             packed = "".join(text.split()).encode()
             return np.frombuffer(self._decoded(packed) if packed else b"", dtype)

@@ -118,7 +118,7 @@ class Animation(MeshSequence):
 
     @cached_property
     def meshes(self) -> tuple[MeshObject, ...]:
-        """The objects without their attributes, which need no reference frame."""
+        """The objects without their attributes; reading them needs no reference frame."""
         with self._naming_the_file():
             parts, names = self._core.connectivity(), self._core.names()
         return tuple(

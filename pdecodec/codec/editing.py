@@ -246,7 +246,7 @@ def cut_animation(
         through = [frame for frame in (first, end) if frame not in edges]
         if through and not recode:
             places = "; ".join(_nearest(edges, frame, animation) for frame in through)
-            raise SettingsError(f"groups of frames are not cut through: {places}; or code them again", path=source)
+            raise SettingsError(f"groups of frames cannot be cut in two: {places}; or code them again", path=source)
 
         def pieces() -> Iterator[Coded]:
             inner = (whole[0], whole[-1]) if whole else (end, end)

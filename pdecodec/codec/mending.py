@@ -159,7 +159,7 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
             reason = f"its table of sections is damaged: it declares {end} bytes"
             raise CorruptFileError(reason, code="table", offset=HEADER.size)
         raise LimitError(
-            f"says that it has {end} bytes, and has {size}; the memory limit is {most_missing}",
+            f"declares {end} bytes, but has {size}; restoring its length exceeds the memory limit of {most_missing}",
             path=name,
             limit="max_memory",
         )

@@ -145,7 +145,7 @@ def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
 
 
 def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
-    """Return a plain file's descriptor, where reads need not move its position: threads and forks share that."""
+    """Return the descriptor of a plain file: the core reads it without moving its shared position."""
     if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
         raw = getattr(file, "raw", file)
         if type(raw) is io.FileIO:

@@ -65,7 +65,7 @@ def as_svg(chart: Chart) -> str:
 
     whole = _complete(chart, _PAPER)
     drawn: str = vl_convert.vegalite_to_svg(whole, vl_version=VERSION, allowed_base_urls=[])
-    # Vega numbers clips through a whole process, and a picture may hold several charts.
+    # Vega counts the ids of clip paths up over a whole process. Ids of our own stay the same, and unique in a picture.
     own = hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:8]
     names = {name: f"{own}-{k}" for k, name in enumerate(dict.fromkeys(re.findall(r'id="(\w+)"', drawn)))}
     return re.sub(r'(?<=id=")\w+(?=")|(?<=url\(#)\w+(?=\))', lambda found: names.get(found[0], found[0]), drawn)

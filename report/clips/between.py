@@ -97,7 +97,7 @@ def straight_lines(knots: Float64Array, points: Float32Array, times: Float64Arra
 
 
 def nearest_frame(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
-    """Take the kept frame nearest in time, the earlier of two: the default of Alembic's library."""
+    """Return the kept frame nearest in time, the earlier one if two are equally near, as Alembic's library does."""
     before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     is_later = knots[before + 1] - times < times - knots[before]
     return points[before + is_later]

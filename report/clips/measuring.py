@@ -93,7 +93,7 @@ def measure_clip(
             progress(len(found), plan.points, f"{clip}: {point.coder}")
 
     def missing(version: str) -> list[float]:
-        """Return tolerances without a kept measurement; take the others."""
+        """Return the tolerances without a kept measurement, and add the kept measurements of the others."""
         there = {item: kept.find(measurement_key(digest, version, item), clip) for item in plan.tolerances}
         for point in there.values():
             if point is not None:

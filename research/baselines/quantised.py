@@ -121,7 +121,7 @@ class _RawBaseline(Baseline):
         def encode(length: float) -> bytes:
             largest = float(np.abs(points).max())
             if largest > float(np.finfo(self.number).max):
-                raise UnreachableError(f"a coordinate of {largest:.3g} is beyond its numbers")
+                raise UnreachableError(f"a coordinate of {largest:.3g} is too large for {self.number.__name__}")
             writer = FieldWriter()
             writer.numbers("2Q", *points.shape[:2])
             writer.sized(squeeze(points.astype(self.number)))

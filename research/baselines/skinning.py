@@ -222,6 +222,6 @@ def _best_transforms(wanted: Float64Array, rest: Float64Array, share: Float64Arr
         linear = left @ right
     else:
         spread = (around * share[:, None]).T @ around
-        # Flat vertices do not determine the transform across them: the identity does.
+        # Coplanar vertices do not determine the transform across their plane, so it is the identity there.
         linear = np.eye(3) + (crossed - spread) @ np.linalg.pinv(spread, rcond=FLAT_EXTENT_RATIO, hermitian=True)
     return np.concatenate([linear, (centres - linear @ centre)[..., None]], axis=2)
