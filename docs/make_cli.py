@@ -31,7 +31,7 @@ def help_pages() -> str:
 
 
 def _pages(command: click.Command, context: click.Context) -> list[str]:
-    """A command's page, and after it those of its own commands."""
+    """Return the page of a command, followed by the pages of its subcommands."""
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     lines = [f"## {context.command_path}", "", "```text", usage, "```", "", *_paragraphs(command.help or "")]
     lines += [f"- `{names}`: {' '.join(text.split())}" for names, text in _options(command, context)]

@@ -74,7 +74,7 @@ def _text(value: Any) -> str:
 
 
 def main(report: Path, page: Path) -> None:
-    """Replace what is between the marks; the charts are those of the clip with most positions."""
+    """Replace the text between the marks; the charts show the clip with the most positions."""
     record_file = report / "report.json"
     record = json.loads(record_file.read_text(encoding="utf-8"))
     largest = max(record["points"], key=lambda point: point["frames"] * point["vertices"])["clip"]

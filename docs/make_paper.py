@@ -28,7 +28,7 @@ COLOURS = 64
 
 
 def keep(reproduction: Path, stability: Path, target: Path) -> None:
-    """Copy what the repository keeps of both reports."""
+    """Copy the parts of both reports that the repository keeps."""
     target.mkdir(parents=True, exist_ok=True)
     for folder, charts, name in (
         (reproduction, REPRODUCTION_CHARTS, "report.json"),

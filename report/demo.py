@@ -152,7 +152,7 @@ def _encode(
 
 
 def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | None) -> Between:
-    """Encode every second frame, and compare the others with what the decoder returns there."""
+    """Encode every second frame, and compare the other frames with positions decoded at their times."""
     kept = FrameSelection(sequence, range(0, sequence.frame_count, 2))
     left_out = FrameSelection(sequence, range(1, sequence.frame_count, 2))
     encode(kept, path, EncodeSettings(tolerance=TOLERANCE), overwrite=True, progress=progress)

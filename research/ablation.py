@@ -71,7 +71,7 @@ def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
         if isinstance(value, bool) or not isinstance(value, int | float) or value in (0, float("inf")):
             continue
         for factor, change in ((0.5, "half"), (2.0, "double")):
-            # Of a ratio, what it is above one: below one nothing would be left.
+            # Halve or double only the part of a ratio above 1: below 1 it would be meaningless.
             changed = 1.0 + factor * (value - 1.0) if item.name.endswith("_ratio") else type(value)(value * factor)
             yield item.name, change, replace(tuning, **{item.name: changed})  # type: ignore[arg-type]  # one of many
 

@@ -114,7 +114,7 @@ public:
 
     u64 bytes() const { return bytes_; }
 
-    // Nothing taken yet, from the same limit.
+    // An object that has taken no memory yet, under the same limit.
     TakenMemory another() const { return limit_ ? TakenMemory(*limit_) : TakenMemory(); }
 
     void take(u64 bytes, std::string_view what) {

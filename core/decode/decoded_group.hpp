@@ -37,7 +37,7 @@ public:
     // Wait until all are decoded.
     void wait();
 
-    // Stop decoding soon: no thread takes parts.
+    // Stop decoding soon; call it when no thread takes parts.
     void stop() { is_stopped_ = true; }
 
     // Turn each part into motion as soon as it is decoded, until the last; any number of threads share the parts.

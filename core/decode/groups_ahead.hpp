@@ -46,7 +46,7 @@ public:
         return k == 0 && !is_dropped_ ? coefficients_.get() : nullptr;
     }
 
-    // Discard them: the layout is another one.
+    // Discard these groups: the layout has changed.
     void drop_coefficients();
 
 private:

@@ -17,7 +17,7 @@ struct Connectivity {
     std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
 };
 
-// The same, in the caller's arrays.
+// The same faces and lines, as views of the caller's arrays.
 struct ConnectivityView {
     i64 vertices;
     std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;

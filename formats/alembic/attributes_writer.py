@@ -216,7 +216,7 @@ class ExtrasWriter:
 
 
 class _ParameterKind(NamedTuple):
-    """The kind of a parameter, by Alembic's name, and what else is the same in all its samples."""
+    """Name of a parameter's kind in Alembic, and the other properties that all its samples share."""
 
     kind: str
     domain: AttributeDomain

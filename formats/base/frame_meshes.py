@@ -166,7 +166,7 @@ class FrameChanges:
         return (*self._notices.values(), *changes)
 
     def contents(self, objects: Iterable[MeshObject]) -> tuple[Content, ...]:
-        """List what the files hold: what is kept of the objects of the first frame, and what of all is not kept."""
+        """List the content of files: data of the first frame that are kept, and data of any frame that are not."""
         lost = [name for line in self._notices.values() if isinstance(line, NotKept) for name in line.names]
         lost += sorted(self._absent)
         lost += [f"changes of {kind}" for kind in sorted(self._frames.keys() - self._absent)]

@@ -301,7 +301,7 @@ class VertexNormals:
         )
 
     def holds(self, item: MeshObject, attribute: Attribute) -> bool:
-        """Return whether an attribute is what the written normals stand for."""
+        """Return whether the written normals represent an attribute."""
         return self.held and attribute is group_attribute(item)
 
     def at(self, points: Float32Array) -> Float32Array:

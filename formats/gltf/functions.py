@@ -230,7 +230,7 @@ def find_functions(
 
 
 def _pseudo_inverse(functions: Float64Array) -> Float64Array:
-    """Return what gives the least-squares rest shape and shapes of independent functions: (1 + count, samples)."""
+    """Return the matrix that maps samples to the least-squares rest shape and shapes: (1 + count, samples)."""
     ordinates, triangle = np.linalg.qr(np.column_stack([np.ones(len(functions)), functions]))
     return np.asarray(np.linalg.solve(triangle, ordinates.T))
 

@@ -116,7 +116,7 @@ class ObjectThirds:
         self._points = np.zeros((0, 0, 3), np.float32)
 
     def blocks(self, index: int) -> Blocks | None:
-        """Return what reads the positions of an object; valid until another object is asked for."""
+        """Return a reader of the positions of an object; valid until another object is asked for."""
         sequence, own = self._sequence, self._places[index]
         if sequence is None:
             return None

@@ -85,7 +85,7 @@ def _notice(original: UsdSequence, path: Path, *, of_root: bool) -> tuple[str, .
 
 
 def _hand_on(below: Any, layer: Any, name: str) -> None:
-    """Copy a stage's setting from a layer to the one over it: those of sublayers do not count."""
+    """Copy a stage's setting from a layer to the layer over it, because USD ignores settings of sublayers."""
     root, wanted = below.pseudoRoot, layer.pseudoRoot
     if root.HasInfo(name):
         wanted.SetInfo(name, root.GetInfo(name))

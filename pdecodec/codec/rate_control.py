@@ -241,7 +241,7 @@ def _interpolated(fine: tuple[float, float], coarse: tuple[float, float], close:
 
 
 def _numbered(progress: Progress | None, attempt: int) -> Progress | None:
-    """The same progress, saying which encode it is."""
+    """Return the progress callback with the number of the encode in its text."""
     if progress is None:
         return None
     return lambda done, total, what: progress(done, total, f"{what}, attempt {attempt}")

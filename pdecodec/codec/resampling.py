@@ -97,7 +97,7 @@ def sampled(
 
 
 class _SampledRun(MeshSequence):
-    """A run of an animation, at its own times that stand for others."""
+    """A run of an animation, sampled at times of its own that are presented as other times."""
 
     def __init__(
         self, animation: Animation, number: int, asked: Float64Array, inside: Float64Array, quantity: str

@@ -141,7 +141,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
 
 
 class _Saved:
-    """The runs of an animation of which something decodes, and what does not decode."""
+    """Return the runs of an animation that decode at least in part, and a list of what does not decode."""
 
     def __init__(self, animation: Animation) -> None:
         self.animation = animation

@@ -1,4 +1,4 @@
-"""What a file tells of how it was encoded: its bound, and what else could have been taken."""
+"""Read how a file was encoded: its bound, and the alternatives to the encoder's choices."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequenc
 
 
 def _rate(chosen: Int64Array, fps: float) -> float | None:
-    """Return the rate of evenly spaced frames: the source's over the step, not what rounded times say; else None."""
+    """Return the rate of evenly spaced frames (the source's over the step, since times are rounded), otherwise None."""
     steps = np.diff(chosen)
     if (steps != steps[:1]).any():
         return None

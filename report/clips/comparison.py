@@ -1,4 +1,4 @@
-"""Compare two reports: what got better, what got worse, and whether the change is acceptable."""
+"""Compare two reports: figures that got better or worse, and whether the change is acceptable."""
 
 from __future__ import annotations
 

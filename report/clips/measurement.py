@@ -184,7 +184,7 @@ def best_baseline(points: Iterable[Measurement], tolerance: float, *, published:
 
 
 def size_ratio(point: Measurement, other: Measurement | None) -> float | None:
-    """Return the bytes of one over those of another, without connectivity."""
+    """Return the ratio of the bytes of two measurements, without connectivity."""
     return None if other is None or not other.size or point.size is None else point.size / other.size
 
 

@@ -1,4 +1,4 @@
-"""No more model than a clip needs: what else the encoder tried, and what each would have cost."""
+"""Chart the candidates that the encoder tried on a clip, and the cost of each."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figu
 
 
 def _ratio(size: int, chosen: int) -> float | None:
-    """Return a size over that of the choice; None if the choice takes nothing, as motion that is not there does."""
+    """Return a size divided by that of the choice; None if the choice takes no bytes because nothing moves."""
     return size / chosen if chosen else None

@@ -162,4 +162,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, *arguments: object) -> None:
-        """Nothing: the library does not print."""
+        """Log nothing: the library does not print."""

@@ -188,7 +188,7 @@ def _triangles(connectivity: Connectivity) -> NDArray[np.uint32]:
 
 
 def _order_of(connectivity: Connectivity) -> Int64Array | None:
-    """Vertex that Draco returns at each place; None where it does not return every vertex once."""
+    """Return the vertex at each position of Draco's output; None if Draco does not return every vertex once."""
     if connectivity.face_count == 0:
         return None
     mask = 2**INDEX_BITS - 1

@@ -61,7 +61,7 @@ class RoundedSkinning:
         return centres * self.step, np.maximum(np.sqrt(squares), 1.0)
 
     def skinning(self) -> Skinning:
-        """The skinning that the quantised values stand for."""
+        """Return the skinning that the quantised values represent."""
         centres, radii = self.centres_and_radii()
         coded = self.motions[..., :-3] / radii[:, None]
         linear = _rotations(coded) if coded.shape[2] == 3 else np.eye(3) + coded.reshape(*coded.shape[:2], 3, 3)

@@ -190,7 +190,7 @@ def _single_errors(moved: Float64Array, rest: Float64Array, transforms: Float64A
 
 
 def _fitted_transforms(moved: Float64Array, skinning: Skinning, *, rigid: bool) -> Float64Array:
-    """Fit transforms bone by bone, each to what the others leave of its vertices."""
+    """Fit transforms bone by bone, each to the motion of its vertices that the other bones do not explain."""
     transforms = skinning.transforms.copy()
     missing = moved - skinning.positions()
     for bone in range(transforms.shape[1]):

@@ -50,7 +50,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def blas_threads() -> list[int]:
-    """Return the thread counts of numpy's BLAS; empty if it is none of :data:`_CALLS`."""
+    """Return the thread counts of numpy's BLAS; empty if this BLAS is not in :data:`_CALLS`."""
     return [int(library.count()) for library in _libraries()]
 
 

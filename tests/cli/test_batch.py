@@ -122,7 +122,7 @@ def test_a_clip_is_done_again_when_its_options_or_its_bytes_change_and_not_when_
     coarse = Path("out/a.pdeanim").read_bytes()
     assert done(source, "out").state == "done"
     assert Path("out/a.pdeanim").read_bytes() != coarse
-    # The same length and the same time: the bytes alone tell.
+    # Length and modification time are unchanged: only the bytes differ.
     status = source.stat()
     write_sequence(sheet(0.5), source, overwrite=True)
     os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
@@ -172,7 +172,7 @@ def ended_amid_a_batch(outputs: int, number: signal.Signals) -> tuple[int, str]:
         time.sleep(0.01)
     os.killpg(process.pid, number)
     words = process.communicate(timeout=100)[1]
-    with suppress(ProcessLookupError):  # its worker takes a moment, and what it left is its own until then
+    with suppress(ProcessLookupError):  # its worker ends a moment later, and owns its unfinished files until then
         while True:
             os.killpg(process.pid, 0)
             time.sleep(0.01)

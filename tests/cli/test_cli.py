@@ -1,4 +1,4 @@
-"""The commands end to end: what they write, what they print and where."""
+"""Commands from end to end: files written, text printed, and the stream it goes to."""
 
 from __future__ import annotations
 

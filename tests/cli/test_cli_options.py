@@ -1,4 +1,4 @@
-"""What the options of several commands mean: frames, byte counts, outputs."""
+"""Options that several commands share: frames, byte counts, outputs."""
 
 from __future__ import annotations
 

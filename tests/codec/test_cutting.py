@@ -1,4 +1,4 @@
-"""Cutting and joining files, and appending to one: what stays to the last bit, what is coded, what is refused."""
+"""Cut, join and append to files: data kept bit by bit, data coded again, and inputs that are refused."""
 
 from __future__ import annotations
 

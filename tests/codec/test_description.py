@@ -46,7 +46,7 @@ def encoded(sequence: MeshSequence) -> bytes:
 
 
 def with_description(data: bytes, description: bytes) -> Animation:
-    """A file opened whose section SEQN is another."""
+    """Open a file with its section SEQN replaced."""
     return open_animation(seal([replace(p, content=description) if p.kind == "SEQN" else p for p in take_apart(data)]))
 
 

@@ -160,7 +160,7 @@ def test_every_setting_that_an_error_names_is_one_of_a_function() -> None:
 
 
 def test_nothing_looks_into_the_words_of_an_error() -> None:
-    """Neither asks what `error.message` or ``str(error)`` holds, nor takes it apart."""
+    """Assert that code neither tests nor parses `error.message` or ``str(error)``."""
 
     def is_words(node: ast.AST) -> bool:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "str" and node.args:

@@ -67,7 +67,7 @@ def faces_of(rows: int, columns: int, width: int = 3) -> list[list[int]]:
 
 
 def soup(faces: Sequence[Sequence[int]], coordinates: Int64Array) -> tuple[list[MeshObject], ReferenceFrame]:
-    """Every face with vertices of its own."""
+    """Return a mesh in which faces share no vertices."""
     corners = np.array([corner for face in faces for corner in face])
     ends = np.cumsum([len(face) for face in faces])
     own = [list(range(end - len(face), end)) for face, end in zip(faces, ends.tolist(), strict=True)]

@@ -210,7 +210,7 @@ def test_any_mesh_of_any_size_comes_back_within_the_bound(
 
 def test_what_functions_carry_is_told_of_the_first_group_that_moves() -> None:
     path = np.random.default_rng(4).normal(size=(24, 1, 3)).cumsum(axis=0)
-    points = wave(1, 9, 9) + path * np.linspace(0.5, 1, 81)[:, None]  # each goes some share of one path
+    points = wave(1, 9, 9) + path * np.linspace(0.5, 1, 81)[:, None]  # each vertex moves along the same path, scaled
     points[:8] = points[8]
     report = encode(sheet(points, 9, 9), group_frames=8, tolerance=1e-2)
     assert report.groups == 3

@@ -1,4 +1,4 @@
-"""Files at addresses: what is read of them and how much, what is written, and what goes wrong."""
+"""Files at addresses: which bytes are read, what is written, and errors."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_second_of_a_long_clip_takes_a_seconds_share_of_its_bytes(server: Serv
                 following = animation.read_frames(frames[0], min(frames[1] + RATE, RATE * SECONDS))
             assert opened <= 1.55 * share
             assert len(following) >= RATE
-            # The next second takes its own groups, and nothing else again.
+            # Decoding the next second reads the groups of that second only.
             assert server.bytes_given - opened <= 1.1 * share
 
 

@@ -77,7 +77,7 @@ def waves(rows: int, frames: int) -> ArraySequence:
 
 
 def modes(rows: int, frames: int, count: int) -> ArraySequence:
-    """So many shapes, each swinging at its own pace."""
+    """Return a clip of several shapes that swing at different frequencies."""
     random, at = np.random.default_rng(1), np.arange(frames)
     shapes = random.normal(size=(count, rows, rows))
     for _ in range(2):
@@ -88,7 +88,7 @@ def modes(rows: int, frames: int, count: int) -> ArraySequence:
 
 
 def noise() -> ArraySequence:
-    """Motion that takes all functions of time that there are."""
+    """Return motion that needs the largest number of functions of time."""
     return sheet(12, np.cumsum(np.random.default_rng(6).normal(size=(90, 12, 12)), axis=0))
 
 

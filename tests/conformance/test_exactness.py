@@ -110,7 +110,7 @@ def element_of(coordinates: list[tuple[int, int, int]]) -> SpaceBasis:
 
 
 def local_count(basis: SpaceBasis) -> int:
-    """Local coordinates that a single element takes: those that are more than rounding."""
+    """Return the number of local coordinates of a single element, without those that are only rounding errors."""
     _, kinds, _ = basis.subbands
     return -2 - int(kinds[-1])
 

@@ -89,7 +89,7 @@ def test_groups_that_fit_one_by_one_are_decoded_where_they_do_not_beside_each_ot
     data = pdecodec.encode(pdecodec.ArraySequence(points), settings=settings).data or b""
     with pdecodec.open(data) as animation:
         expected = animation.sample(animation.times)
-    # Residuals of one group take a megabyte, those of all eight more than there is.
+    # Residuals of one group take 1 MB; those of all eight groups exceed the limit.
     with pdecodec.open(data, limits=pdecodec.DecodeLimits(max_memory=6_500_000)) as animation:
         np.testing.assert_array_equal(animation.sample(animation.times), expected)
 

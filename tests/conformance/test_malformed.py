@@ -325,7 +325,7 @@ def many_runs(runs: int) -> bytes:
 
 
 def patches_of_one_point(vertices: int, groups: int, frames: int, functions: int, kind: int) -> bytes:
-    """A file of as many patches as vertices, and groups in which nothing moves."""
+    """Return a file with one patch per vertex, and groups in which nothing moves."""
     item = MeshObject("a", Connectivity(vertices))
     basis = build_space_basis("patch", [item], np.zeros((vertices, 3), np.int64), points=1, functions=1)
     parts = points_only(vertices, groups * frames)
@@ -359,7 +359,7 @@ def test_whatever_a_file_declares_many_of_stays_within_the_limit(name: str) -> N
     data = make()
     read, write = os.pipe()
     if (child := os.fork()) == 0:
-        # The peak counts from here on.
+        # Measure the peak from here on.
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
         before = resident("VmRSS")
         os.write(write, f"{outcome(data)} {resident('VmHWM') - before}".encode())

@@ -1,4 +1,4 @@
-"""The independent decoder of the specification gives what the library gives, to the margin."""
+"""The specification's independent decoder and the library agree within the margin."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def listing(path: Path) -> list[str]:
 def read_or_refused(path: Path) -> list[Any]:
     archive = Abc.IArchive(str(path))
     if path.stem == "openusd_testAbcCamera":
-        # No geometry: nothing of it is read.
+        # It is no geometry, so its content is not read.
         return list(take_inventory(archive, [], [], [])[0])
     with open_sequence(path) as read:
         return list(read.contents)

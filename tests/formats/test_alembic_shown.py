@@ -44,7 +44,7 @@ def test_each_shape_has_a_transform_of_its_own_by_which_programs_name_it(tmp_pat
         assert np.allclose(bake_transforms(read).read_frames(0, 5), expected, atol=1e-6)
     top = Abc.IArchive(str(tmp_path / "x.abc")).getTop()
     assert list(shapes_below(top)) == ["/body/left", "/body/right", "/alone", "/deep/one"]
-    # What they share stands above them, and they go with it.
+    # The transform that both share is on the node above them, and they inherit it.
     assert AbcGeom.IXform(top, "body").getSchema().getNumSamples() == clip.frame_count
     assert AbcGeom.IXform(top.getChild("body"), "left").getSchema().getInheritsXforms()
 

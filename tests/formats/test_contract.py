@@ -139,7 +139,7 @@ def test_times_come_back_that_no_rate_counts(held: Holds, times: NDArray[np.floa
 @each_format("x.npz", "x.h5", "x/", "x.pvd", "x.xdmf", times="all", written=True)
 def test_times_that_would_fall_together_are_refused_and_rounding_is_told(held: Holds, tmp_path: Path) -> None:
     path, is_float32 = held.path(tmp_path), held.file.endswith(("mdd", "glb", "gltf"))
-    # glTF counts from the first time.
+    # glTF stores times relative to the first one.
     far, close = np.append(0, 1e6 + np.arange(23) / 24), np.arange(24) * 1e-15
     for fine in [far] * is_float32 + [close] * (not path.endswith("mdd")):
         with pytest.raises(InputError, match=r"frame \d: its time .* is the same as the one before in .*; write \.npz"):
@@ -195,7 +195,7 @@ def test_any_mix_of_faces_lines_and_points_comes_back(held: Holds, tmp_path: Pat
 
 
 def told_objects() -> Mapping[str, MeshObject]:
-    """An object for each attribute; what goes with some of them is there too."""
+    """Return one object per attribute, with the other attributes that some of them need."""
     others = {
         "group overlapping": [Attribute("group:other", "face", np.array([0, 1], np.uint8))],
         # A subdivision surface has no normals in a file; its edges are kept all the same.
@@ -267,7 +267,7 @@ def test_odd_names_come_back_or_are_told(held: Holds, tmp_path: Path) -> None:
         if held.names == "one":
             assert_same_motion(read, expected, held)
             return
-        # Those below one branch of a tree stand together.
+        # Objects below one branch of a tree are consecutive.
         left = by_object(read)
         assert len(left) == len(NAMES)
         for item, points in by_object(expected):

@@ -47,7 +47,7 @@ def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) ->
     root: dict[str, Any] = json.loads(json.dumps(file.root))
     made = GltfBuilder()
     made.root.update({key: root[key] for key in ("nodes", "meshes", "scenes", "scene", "asset", "animations")})
-    made.floats([[7, 7, 7]])  # so that every number is another
+    made.floats([[7, 7, 7]])  # shifts all indices
     primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
     samplers = [one for animation in root["animations"] for one in animation["samplers"]]
     known: dict[int, int] = {}
@@ -170,7 +170,7 @@ def test_sets_of_faces_are_primitives_named_in_their_extras_and_come_back(tmp_pa
         def forget(made: GltfBuilder) -> None:
             del made.root["meshes"][0]["extras"]
 
-        # Another program leaves the primitives: they say what they are.
+        # Another program may drop a mesh's extras, but each primitive still says what it is.
         path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", forget)
         with open_sequence(path) as read:
             item = read.objects[0]

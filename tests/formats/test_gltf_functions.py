@@ -1,4 +1,4 @@
-"""Functions of time that give a motion: as few as there are, and none where they would be too many."""
+"""Finding functions of time from a motion: the fewest that give it, or none if it needs too many."""
 
 from __future__ import annotations
 

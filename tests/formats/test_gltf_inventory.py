@@ -61,7 +61,7 @@ def shown_nodes(root: dict[str, Any]) -> list[int]:
 
 
 def listing(root: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give what is in a file and not in meshes that move: a kind of :data:`KINDS`, or nothing, and a name."""
+    """Yield what a file holds besides moving meshes: a kind of :data:`KINDS`, if it has one, and a name."""
     for kind in ("image", "camera"):
         for name in named(root.get(f"{kind}s", []), kind):
             yield ("texture" if kind == "image" else kind), name

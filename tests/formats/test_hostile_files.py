@@ -42,7 +42,7 @@ HUGE = 10**12
 
 @contextmanager
 def little(memory: int = MAX_MEMORY) -> Iterator[None]:
-    """Let what happens within take little time and memory, as errors of Python else."""
+    """Limit time and memory of the block; Python raises an error if it needs more."""
 
     def too_slow(number: int, frame: object) -> None:
         raise TimeoutError(f"took more than {MAX_SECONDS} s")

@@ -30,7 +30,7 @@ CLOSE = 4e-7
 
 
 def others(source: MeshSequence, frames: int = 4, seed: int = 3) -> ArraySequence:
-    """The objects of a sequence with another motion."""
+    """Return the objects of a sequence, moved differently."""
     points = np.random.default_rng(seed).normal(size=(frames, source.vertex_count, 3)).astype(np.float32)
     times = np.arange(1, frames + 1) / 24
     return ArraySequence(points, objects=source.objects, times=times, fps=24.0, metadata=source.metadata)

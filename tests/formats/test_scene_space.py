@@ -192,7 +192,7 @@ def test_differences_are_the_velocities_of_parabolas_at_irregular_times() -> Non
 
 
 def spun(names: str, moving: str) -> ArraySequence:
-    """Objects of which some turn and rise."""
+    """Return objects, some of which turn and rise."""
     clip = scene([body(name, ()) for name in names.split()])
     turns = np.repeat(np.eye(4)[None], 5, axis=0)
     turns[:, :2, :2] = [[[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]] for t in clip.times]

@@ -347,7 +347,7 @@ def test_implicit_shapes_become_closed_polygons_of_their_size(tmp_path: Path, ki
         edges |= set(zip(face, face[1:] + face[:1], strict=True))
         for a, b in pairwise(face[1:]):
             six_volumes += np.linalg.det(points[0][[face[0], a, b]])
-    assert len(edges) == whole.face_indices.size  # no edge twice the same way round
+    assert len(edges) == whole.face_indices.size  # no edge occurs twice in the same direction
     if kind != "Plane":
         assert edges == {(b, a) for a, b in edges}
         assert 0.97 * volume < six_volumes / 6 <= volume * 1.0001

@@ -78,7 +78,7 @@ def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
     ]
     (folder / "jobs.json").write_text(json.dumps(listed), encoding="utf-8")
     for job in listed:
-        # Of another format's files, which have the same numbers.
+        # Remove outputs of another format's jobs, which have the same names.
         Path(str(job["out"])).unlink(missing_ok=True)
     command = [python, str(HERE / "blender_job.py"), str(folder / "jobs.json")]
     subprocess.run(command, capture_output=True, check=False, timeout=PATIENCE)

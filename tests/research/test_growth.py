@@ -1,4 +1,4 @@
-"""The measurement of growth measures what it says."""
+"""Tables of how time and memory grow with the size of a clip."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def test_sizes_are_measured_in_processes_of_their_own() -> None:
     assert (small.frames, small.vertices, large.frames, large.vertices) == (4, 64, 40, 256)
     for way in (small.encoding, small.decoding, large.encoding, large.decoding):
         assert 0 < way.first <= way.whole
-    # Three more groups take time, of which the smaller clip has one alone.
+    # The larger clip has three more groups, which take time; the smaller one has a single group.
     assert large.decoding.after > 0.2 * large.decoding.first
     assert small.decoding.after < 0.2 * small.decoding.first
     assert small.memory > 2**24

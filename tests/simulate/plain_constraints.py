@@ -1,4 +1,4 @@
-"""Constraints and their sweeps in plain numpy, one after another, as the equations stand."""
+"""Constraints and sweeps over them in plain numpy, one by one, exactly as in the equations."""
 
 from __future__ import annotations
 

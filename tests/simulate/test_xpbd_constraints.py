@@ -94,7 +94,7 @@ def test_constraints_that_are_taken_at_once_give_the_bits_of_one_after_another(k
     random = np.random.default_rng(7)
     count, each = 60, {"distance": 2, "chain": 5, "bending": 4}[kind]
     rest = random.normal(size=(count, 3))
-    # Some share particles with the one before, some with none for long.
+    # Some constraints share particles with the previous one, others with none of the recent ones.
     particles = np.stack([random.choice(20 if i % 3 else count, each, replace=False) for i in range(150)])
     make_batch = {
         "distance": partial(DistanceConstraints.from_positions, compliance=0.02),

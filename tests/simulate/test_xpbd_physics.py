@@ -33,7 +33,7 @@ def all_pairs(count: int) -> list[list[int]]:
 
 
 def hung(count: int, *, drag: float = 0.0, **material: float) -> System:
-    """One kilogram after another, a metre apart, on springs below a held point at the origin."""
+    """Return masses of 1 kg, one metre apart, on springs below a fixed point at the origin."""
     positions = np.zeros((count + 1, 3))
     positions[:, 1] = -np.arange(count + 1)
     links = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)

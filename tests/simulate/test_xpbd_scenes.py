@@ -1,4 +1,4 @@
-"""The bundled scenes: sizes, meshes, motion, and that the same request gives the same bits."""
+"""Bundled scenes: sizes, meshes, motion; equal requests give equal bits."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def test_another_process_gives_the_same_bits() -> None:
             "print(hashlib.sha256(scene.simulate(frames=10).read_frames(0, 10).tobytes()).hexdigest())"
         )
         command, root = [sys.executable, "-c", script], Path(__file__).resolve().parents[2]
-        environment = {**os.environ, "PYTHONHASHSEED": "1"}  # another order of sets than here
+        environment = {**os.environ, "PYTHONHASHSEED": "1"}  # in a process with another order of sets
         found = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root, env=environment).stdout
         own = build(name, **SMALL[name]).simulate(frames=10).read_frames(0, 10)
         assert found.strip() == hashlib.sha256(own.tobytes()).hexdigest()

@@ -44,7 +44,7 @@ def mesh_objects(draw: st.DrawFn) -> list[MeshObject]:
 
 
 def meshes_of(objects: Sequence[MeshObject]) -> list[Mesh]:
-    """Convert objects to those of the specification's decoder."""
+    """Convert objects to the types of the specification's decoder."""
 
     def split(indices: Int32Array, counts: Int32Array) -> list[list[int]]:
         return [piece.tolist() for piece in np.split(indices, np.cumsum(counts)[:-1])] if counts.size else []

@@ -1,4 +1,4 @@
-"""A server of a folder on this machine that gives parts of files, and counts what it gives."""
+"""A local server of a folder that serves byte ranges and counts them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(data[begin:end])
 
     def log_message(self, *_: object) -> None:
-        """Says nothing."""
+        """Log nothing."""
 
 
 @contextmanager

@@ -51,7 +51,7 @@ class PlayedMesh:
 
 
 class _Server(http.server.ThreadingHTTPServer):
-    """Serves the page, the modules and the files; takes what comes back."""
+    """Serves the page, the modules and the files; receives the page's results."""
 
     def __init__(self, files: Sequence[tuple[Path, Sequence[float]]], modules: Path, *, draw: bool) -> None:
         self.files, self.modules, self.draw = files, modules, draw

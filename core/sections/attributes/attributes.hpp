@@ -41,7 +41,7 @@ struct Attribute {
     std::vector<std::string> labels;
 };
 
-// The same, in the caller's arrays.
+// The same attribute, as views of the caller's arrays.
 struct AttributeView {
     std::string name;
     Domain domain;

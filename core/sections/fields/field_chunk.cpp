@@ -22,7 +22,7 @@ struct FrameReferences {
     i64 frame, before, after, second, beyond;
 };
 
-// The order in which frames are coded, and what predicts each.
+// The order in which frames are coded, and the frames that predict each.
 std::vector<FrameReferences> schedule(i64 frames, int levels) {
     std::vector<FrameReferences> found;
     for (int level = levels; level >= 0; --level) {

@@ -10,7 +10,7 @@
 
 namespace pdeanim {
 
-// What the rows of a field are.
+// The kind of element that the rows of a field belong to.
 enum class FieldSite : u8 { vertex, face, corner, object };
 constexpr int field_sites = 4;
 

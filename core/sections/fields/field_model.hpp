@@ -9,7 +9,7 @@
 
 namespace pdeanim {
 
-// What is known about a remainder.
+// Context of a remainder: known values around it.
 struct RemainderContext {
     // A value that may return, as a remainder. There is none where the confidence is 0.
     struct Candidate {

@@ -34,7 +34,7 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Head head) {
 // Raw vertices, by frame and then place.
 class RawModel {
 public:
-    // Code one vertex; frame and place are those of the one before, and become its own.
+    // Code one vertex. On entry, frame and place belong to the previous vertex, on return to this one.
     template <Mode mode>
     void code(RangeCoder<mode> &coder, i64 &frame, i64 &place, i64 wanted_frame, i64 wanted_place, Position &position) {
         const i64 passed_over = frames_.code(coder, wanted_frame - frame + 1) - 1;

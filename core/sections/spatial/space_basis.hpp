@@ -26,7 +26,7 @@ public:
     // `grid`: of the reference frame, owned by the caller.
     SpaceBasis(std::shared_ptr<const SpaceLayout> layout, std::span<const GridPoint> grid, int threads);
 
-    // The same, but choose the layout.
+    // Build the basis and choose its layout.
     SpaceBasis(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid,
                int threads);
 

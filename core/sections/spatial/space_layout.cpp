@@ -84,7 +84,7 @@ SpaceLayout::SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> p
         if (half >= 0) functions += affine_[half] + affine_[half + 1] - affine_[node];
     }
     coefficient_starts_[0] = functions;
-    // Unit vectors fill up what polynomials leave.
+    // Unit vectors complete the basis that polynomials leave incomplete.
     const i64 most = form.is_affine ? form.functions : least(form.functions, space_functions);
     for (i64 e = 0; e < elements(); ++e) {
         coefficient_starts_[e + 1] = coefficient_starts_[e] + least(patches_->size(e), most) - affine(e);

@@ -55,7 +55,7 @@ class TooSlowError(Exception):
 
 
 def read_all(folder: Path, seed: Seed, *, isolate: bool = False) -> None:
-    """Open, and read what there is; what is raised but our errors is a finding, as is what does not fit together."""
+    """Open and read a file. Any exception but our own errors, and any inconsistent content, is a finding."""
     mesh = folder / "mesh.obj" if "mesh.obj" in seed.files else None
     try:
         with open_sequence(folder / seed.opened, mesh=mesh, skip_unsupported=True, isolate=isolate) as sequence:

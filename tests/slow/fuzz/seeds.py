@@ -32,7 +32,7 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.5]])
 
 @dataclass(frozen=True)
 class Seed:
-    """Files by name, of which `changed` is mutated, and the one that is opened."""
+    """Files by name: `changed` is the one that is mutated, `opened` the one that is opened."""
 
     files: dict[str, bytes]
     changed: str
