@@ -75,7 +75,7 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
     groups[between] = in_rounds(std::move(groups[between]), members, each, halves);
     Slots slots;
     std::vector<i32> free(static_cast<std::size_t>(halves.particles),
-                          0);  // the first slot in which no earlier constraint moves it
+                          0);  // for each particle, the first slot after its earlier constraints
     for (const Group group : {within_first, within_second, between}) {
         if (group == between) std::fill(free.begin(), free.end(), 0);
         Timetable table;

@@ -82,7 +82,7 @@ std::optional<Decimal> shortest(float number) {
     if (number == 0.0f) return Decimal{0, 0};
     const double wide = number;
     const i64 leading = static_cast<i64>(std::floor(std::log10(wide)));
-    // Every decimal of six digits survives float32, so a shorter one is six digits that end in zeros.
+    // Every decimal of up to six digits survives float32. A shorter one is found as six digits that end in zeros.
     for (int digits = 6; digits < 10; ++digits) {
         const i64 shift = digits - 1 - leading;
         if (shift > largest_exponent || shift < -largest_exponent) return {};

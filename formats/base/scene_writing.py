@@ -177,7 +177,7 @@ def _keys_of(objects: Sequence[MeshObject]) -> list[ShapeKey]:
 def shape_keys(sequence: MeshSequence) -> list[ShapeKey]:
     """Return the shapes of the sequence's file, in the order of its objects.
 
-    With several runs, objects of every run count; those without vertices are no shapes there.
+    With several runs, the shapes of all runs are returned; objects without vertices are not shapes of the file.
     """
     if len(sequence.runs) == 1:
         return _keys_of(sequence.objects)

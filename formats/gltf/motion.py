@@ -156,9 +156,9 @@ def motion_of(frames: Float32Array, thirds: Blocks | None, rows: NormalRows | No
         lengths = np.linalg.norm(start, axis=1, keepdims=True)
         unit = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), first)
         if np.linalg.norm(unit - rows.of(rest[None])[0], axis=1).max() > np.radians(MAX_REST_NORMAL_ANGLE):
-            # Blender does not morph normals: it turns those of the rest shape as the surface turns from there, and that
-            # shape may resemble no frame. Instead a frame becomes the rest shape, and a function that is always 1 adds
-            # the difference.
+            # Blender does not morph normals: it turns the rest shape's normals as the surface turns away from it. The
+            # fitted rest shape may resemble no frame, so a frame becomes the rest shape instead, and a function that is
+            # always 1 adds the difference.
             at = rows.least_flattened(frames)
             unit, lengths = rows.of(frames[at : at + 1])[0].astype(np.float64), np.ones((rows.count, 1))
             functions = np.column_stack([np.ones(len(functions)), functions])

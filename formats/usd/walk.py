@@ -47,7 +47,7 @@ def shapes_of(stage: Any, scan: ShapeScan) -> list[UsdShape]:
 
 
 def shapes_again(shapes: Sequence[UsdShape], scan: ShapeScan) -> list[UsdShape]:
-    """Return shapes as they are at the time code of another walk, without those that have no vertices there."""
+    """Return the shapes at the time code of another scan, without shapes that have no vertices at that time."""
     found: list[UsdShape] = []
     for shape in shapes:
         opened: UsdShape | None = shape

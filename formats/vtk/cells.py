@@ -150,7 +150,7 @@ class Cells:
         return Connectivity(int(used.sum()), whole.face_counts, corners, whole.line_counts, ends), np.flatnonzero(used)
 
     def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array]]:
-        """Return borders of faces of only one solid, (faces, nodes) of one size or (nodes,), and their cells."""
+        """Return faces that belong to a single solid, (faces, nodes) of one size or (nodes,) each, and their cells."""
         nodes = len(points)
         borders: dict[int, list[Int64Array]] = {}
         corners: dict[int, list[Int64Array]] = {}

@@ -56,7 +56,7 @@ def _recorded(animation: Animation) -> EncodeSettings | None:
 
 
 def alternatives_of(animation: Animation) -> list[Question]:
-    """Return what else an encoder looks at in the first frames of a file, found out from what it decodes to.
+    """Return the alternatives that an encoder compares in the first frames: it encodes the decoded frames again.
 
     Raises
     ------

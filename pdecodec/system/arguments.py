@@ -34,7 +34,7 @@ def as_number(value: Any, setting: str) -> float:
         return float(value)
     except OverflowError as error:
         raise SettingsError("must be below 2^1024", setting=setting) from error
-    except (TypeError, ValueError) as error:  # an array of one text
+    except (TypeError, ValueError) as error:  # such as an array that holds one string
         raise SettingsError(f"must be a number, not {shown(value)}", setting=setting) from error
 
 

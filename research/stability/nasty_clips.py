@@ -19,7 +19,7 @@ def waving_sheet(side: int, frames: int) -> tuple[Float64Array, MeshObject]:
     -------
     points : (frames, side * side, 3) float64
     mesh : MeshObject
-        Of quads.
+        The faces are quads.
     """
     x, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side), indexing="ij"))
     t = np.arange(frames)[:, None] / FPS

@@ -84,7 +84,7 @@ def test_a_worker_that_is_killed_and_a_clip_that_is_corrupt_cost_a_batch_nothing
     [failed] = [line for line in said.err.splitlines() if line.startswith("failed: ")]
     assert "clips/corrupt.npz: is not a readable NumPy archive" in failed
     rows = json.loads(said.out)["clips"]
-    # What was done when the worker ended, and not told yet, was found to be there.
+    # Clips finished but not yet reported when the worker ended are found on disk, and count as kept.
     assert [row["state"] in ("done", "kept") for row in rows] == [True] * (CLIPS - 1) + [False]
     there = places("out")
     assert len(there) == CLIPS - 1

@@ -329,7 +329,7 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 
 def test_stl_keeps_three_vertices_to_a_triangle_in_every_frame(tmp_path: Path) -> None:
     frames = np.random.default_rng(3).normal(size=(2, 3, 3, 3)).astype(np.float32)
-    frames[1] = frames[1, :1]  # triangles that fall together stay apart
+    frames[1] = frames[1, :1]  # coincident triangles keep their own vertices
     for number, triangles in enumerate(frames):
         facets = np.zeros(3, FACET)
         facets["corners"] = triangles

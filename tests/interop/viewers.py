@@ -43,7 +43,7 @@ class Seen:
     failed : str
         What the program said instead; else empty.
     normals, corners : (times, corners, 3), (corners,) or None
-        Where the program tells.
+        None if the program does not report them.
     materials : int
     uvs : int
         Most UV sets of a mesh.
