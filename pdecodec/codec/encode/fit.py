@@ -88,26 +88,7 @@ class Candidate:
 class QuantisedGroup:
     """A quantised group without its residuals.
 
-    Attributes
-    ----------
-    entry : GroupEntry
-        Sizes and checksum are still zero.
-    time_functions : QuantisedTimeFunctions or None
-        None if there are none to code.
-    quantised : (functions of space, channels) int64
-    values : (vertices, channels) float32 or float64 [scene units]
-        Coefficients of the functions of time, vertex by vertex, before projection and quantisation.
-    """
-
-    entry: GroupEntry
-    time_functions: QuantisedTimeFunctions | None
-    quantised: Int64Array
-    values: Rows
-
-
-@dataclass(frozen=True, eq=False)
-class FittedGroup:
-    """A fitted group with its residuals and its cost.
+    Of a heavy group that is kept, coefficients are in the smallest of the three types that holds them.
 
     Attributes
     ----------
@@ -116,7 +97,31 @@ class FittedGroup:
     time_functions : QuantisedTimeFunctions or None
         None if there are none to code.
     packed : (functions of space, channels) int16, int32 or int64
-        Coefficients; of a heavy group in the smallest of these types that holds them.
+        Coefficients.
+    """
+
+    entry: GroupEntry
+    time_functions: QuantisedTimeFunctions | None
+    packed: NDArray[np.signedinteger[Any]]
+
+    @property
+    def quantised(self) -> Int64Array:
+        """Return the coefficients, (functions of space, channels) int64."""
+        return self.packed.astype(np.int64, copy=False)
+
+    def bits(self, basis: SpaceBasis) -> float:
+        """Return the measured bits of coefficients and functions of time."""
+        bits = measure_coefficients(self.quantised, basis, axes=self.entry.axes) if self.entry.width else 0.0
+        return bits + self.time_functions.bits if self.time_functions else bits
+
+
+@dataclass(frozen=True, eq=False)
+class FittedGroup:
+    """A fitted group with its residuals and its cost.
+
+    Attributes
+    ----------
+    group : QuantisedGroup
     residuals : Residuals
     largest_square, sum_of_squares : float [scene units^2]
         Squares of the distances between source and decoded positions; 0 for a trial.
@@ -125,25 +130,18 @@ class FittedGroup:
         Bits of all three chunks; infinite if not measured.
     """
 
-    entry: GroupEntry
-    time_functions: QuantisedTimeFunctions | None
-    packed: NDArray[np.signedinteger[Any]]
+    group: QuantisedGroup
     residuals: Residuals
     largest_square: float
     sum_of_squares: float
     plan: ResidualPlan
     bits: float
 
-    @property
-    def quantised(self) -> Int64Array:
-        """Return the coefficients, (functions of space, channels) int64."""
-        return self.packed.astype(np.int64, copy=False)
-
     def measured(self, basis: SpaceBasis) -> FittedGroup:
         """Return the fitted group with its bits measured."""
         if math.isfinite(self.bits):
             return self
-        return replace(self, bits=_bits(basis, self.entry, self.quantised, self.time_functions) + self.plan.bits)
+        return replace(self, bits=self.group.bits(basis) + self.plan.bits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,15 +386,17 @@ class GroupFitter:
         self, basis: SpaceBasis, choice: Candidate, *, is_measured: bool = True, is_trial: bool = False
     ) -> FittedGroup:
         """Fit, and measure the bits if requested; the result of a trial cannot be encoded."""
-        group = self.quantised(basis, choice)
-        entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
-        del group  # frees its values
+        group = self.quantised(basis, choice)[0]
         if self.is_heavy:
             self.put_aside()  # comparing with the source takes that memory at once
-        return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured, is_trial=is_trial)
+        return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
-    def quantised(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None) -> QuantisedGroup:
-        """Return quantised functions of time and coefficients."""
+    def quantised(
+        self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None
+    ) -> tuple[QuantisedGroup, Rows]:
+        """Return quantised functions of time and coefficients, and the coefficients of the functions of time vertex by
+        vertex before projection and quantisation, (vertices, channels) [scene units].
+        """
         zone = zone or self.tuning.dead_zones[0]
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
@@ -423,27 +423,26 @@ class GroupFitter:
             step=step,
             time_step=0.0 if choice.time == "cosines" else time_functions.step if time_functions else time_step,
         )
-        return QuantisedGroup(entry, time_functions, quantised, values)
+        return QuantisedGroup(entry, time_functions, quantised), values
 
     def fitted(
         self,
         basis: SpaceBasis,
-        entry: GroupEntry,
-        quantised: Int64Array,
-        time_functions: QuantisedTimeFunctions | None = None,
+        group: QuantisedGroup,
         excess: Excess | None = None,
         *,
         is_measured: bool = True,
         is_trial: bool = False,
     ) -> FittedGroup:
-        """Decode quantised coefficients, compare with the source, and return the group with residuals and cost.
+        """Decode a quantised group, compare with the source, and return the group with residuals and cost.
 
         If `excess` is given, it is filled with the errors beyond the aim of the refinement.
         """
+        entry, quantised = group.entry, group.quantised
         largest = magnitudes(quantised)
 
         def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
-            functions = group_functions(entry, self._time(entry, time_functions), quantised, basis)
+            functions = group_functions(entry, self._time(group), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (self.tuning.aim, self.tuning.aim, FARTHEST_PUSH)
             missing = self.held(functions, self.points, basis.order).missing(
@@ -452,13 +451,13 @@ class GroupFitter:
             return missing, plan_residuals(missing[0], basis.starts)
 
         def measured() -> float:
-            return _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
+            return group.bits(basis) if is_measured else math.inf
 
         (missing, plan), bits = both(held, measured)
-        packed: NDArray[np.signedinteger[Any]] = quantised
         if self.is_heavy:
-            packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
-        return FittedGroup(entry, time_functions, packed, *missing, plan, bits + plan.bits)
+            smallest = np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1))
+            group = replace(group, packed=quantised.astype(smallest))
+        return FittedGroup(group, *missing, plan, bits + plan.bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """Return a fitted group as bytes.
@@ -466,23 +465,24 @@ class GroupFitter:
         If float32 sums take more than half of their error margin, positions are summed in float64 instead: a decoder
         that sums in another order may need the other half.
         """
-        quantised, time_functions = fitted.quantised, fitted.time_functions
+        group = replace(fitted.group, packed=fitted.group.quantised)
+        quantised, time_functions = group.quantised, group.time_functions
 
         def model() -> tuple[bytes, bytes]:
-            coefficients = encode_coefficients(quantised, basis, axes=fitted.entry.axes) if fitted.entry.width else b""
+            coefficients = encode_coefficients(quantised, basis, axes=group.entry.axes) if group.entry.width else b""
             return time_functions.to_bytes() if time_functions else b"", coefficients
 
         def rest() -> tuple[FittedGroup, bytes]:
-            last, entry = fitted, fitted.entry
-            if entry.single and not self._is_single_enough(basis, entry, quantised, time_functions):
-                entry = replace(entry, single=False)
-                last = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+            last = fitted
+            if group.entry.single and not self._is_single_enough(basis, group):
+                double = replace(group, entry=replace(group.entry, single=False))
+                last = self.fitted(basis, double, is_measured=False)
             return last, encode_residuals(last.residuals, basis.starts, last.plan)
 
         (last, residual_bytes), model_bytes = both(rest, model)
         chunks = *model_bytes, residual_bytes
         return EncodedGroup(
-            last.entry.with_chunks(chunks),
+            last.group.entry.with_chunks(chunks),
             chunks,
             last.largest_square,
             last.sum_of_squares,
@@ -490,24 +490,23 @@ class GroupFitter:
             int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0),
         )
 
-    def _is_single_enough(
-        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
-    ) -> bool:
+    def _is_single_enough(self, basis: SpaceBasis, group: QuantisedGroup) -> bool:
         """Return whether sums in float32 take at most half of their error margin."""
         few = basis.element_count < PRECISION_STRIDE**2
         stride, frame_stride = (1, PRECISION_STRIDE) if few else (PRECISION_STRIDE, 1)
-        time = np.ascontiguousarray(self._time(entry, time_functions)[::frame_stride])
+        time = np.ascontiguousarray(self._time(group)[::frame_stride])
         subbands = basis.subbands_of(np.arange(0, basis.element_count, stride), least_depth=0)
-        some = quantised[basis.functions_in(subbands)]
+        some = group.quantised[basis.functions_in(subbands)]
         single, double = (
-            group_functions(replace(entry, single=is_single), time, some, basis, subbands).motion
+            group_functions(replace(group.entry, single=is_single), time, some, basis, subbands).motion
             for is_single in (True, False)
         )
         found = _core.farthest_apart(single, double, time, np.ascontiguousarray(self._reference), thread_count())
         return found <= 0.5 * SINGLE_MARGIN * self.residual_step
 
-    def _time(self, entry: GroupEntry, time_functions: QuantisedTimeFunctions | None) -> Float64Array:
+    def _time(self, group: QuantisedGroup) -> Float64Array:
         """Return decoded functions of time, (frames, 3 or 1, functions)."""
+        entry, time_functions = group.entry, group.time_functions
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
         return functions_of_time(entry, decoded, self.times)
 
@@ -545,14 +544,6 @@ class GroupFitter:
         return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
 
 
-def _bits(
-    basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
-) -> float:
-    """Return the measured bits of coefficients and functions of time."""
-    bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
-    return bits + time_functions.bits if time_functions else bits
-
-
 def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
     """Return decoded functions of time at unit length, (frames or 3 frames, functions)."""
     return normalise(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
@@ -579,25 +570,18 @@ class Refinement:
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> None:
         self.choice = choice
         self._fitter, self._basis, self._zone = fitter, basis, zone
-        start = fitter.quantised(basis, choice, zone)
+        start, values = fitter.quantised(basis, choice, zone)
         if fitter.is_heavy:
             fitter.put_aside()
         self._entry, self._time_functions = start.entry, start.time_functions
-        self._values = np.ascontiguousarray(start.values)
+        self._values = np.ascontiguousarray(values)
         self._dual = dual_functions(
             unit_functions(start.time_functions)
             if start.time_functions
             else cosines(fitter.frames, start.entry.functions)
         )
         self._excess, self._push = Excess(), 1.0
-        self.best: FittedGroup = fitter.fitted(
-            basis,
-            start.entry,
-            start.quantised,
-            start.time_functions,
-            self._excess,
-            is_measured=not fitter.is_heavy,
-        )
+        self.best: FittedGroup = fitter.fitted(basis, start, self._excess, is_measured=not fitter.is_heavy)
 
     def refine(self, passes: int) -> Refinement:
         """Quantise the coefficients again, at most `passes` times as long as that pays; return self.
@@ -610,7 +594,8 @@ class Refinement:
             before = self.best.bits
             excess = Excess()
             quantised, _ = quantise_on(self._basis, self._pushed, entry.functions, entry.axes, entry.step, self._zone)
-            found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
+            group = QuantisedGroup(entry, self._time_functions, quantised)
+            found = self._fitter.fitted(self._basis, group, excess)
             if found.bits < self.best.bits:
                 self._excess.add_to(self._values, self._dual, entry.axes, self._push)
                 self.best, self._excess = found, excess

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.encode.fit import EncodedGroup, FittedGroup, GroupFitter
+from pdecodec.codec.encode.fit import EncodedGroup, FittedGroup, GroupFitter, QuantisedGroup
 from pdecodec.codec.encode.pipeline import FINEST_STEP, Encoder
 from pdecodec.codec.encode.quantise import QUARTERS, quantise
 from pdecodec.codec.encode.report import ask
@@ -205,7 +205,7 @@ class PaperEncoder(Encoder):
             step=step,
             alpha=projected.alpha,
         )
-        return fitter.fitted(self._basis, entry, quantised[:, : entry.width])
+        return fitter.fitted(self._basis, QuantisedGroup(entry, None, quantised[:, : entry.width]))
 
     def _summary(self) -> str:
         groups = len(self._entries)

@@ -393,7 +393,7 @@ class AutoEncoder(Encoder):
         return side_by_side(*(partial(encoded, index) for index in sorted(waiting)))
 
     def _encoded(self, group: FinishedGroup) -> EncodedPart:
-        choice, functions, explained = group.choice, group.fitted.entry.functions, None
+        choice, functions, explained = group.choice, group.fitted.group.entry.functions, None
         if self._explained is None and functions and choice.time != "cosines":
             explained = group.fitter.displacements(choice.origin).explained(functions, choice.time)
         return EncodedPart(choice, group.fitter.encode(group.fitted, self._space), explained)
