@@ -253,7 +253,8 @@ def _encode(
     )
     for one in report.fields:
         kept = f"bound {one.bound:.3g}, max error {one.max_error:.3g}" if one.bound else "exact"
-        say(f"field {one.name}: {byte_size(one.bytes)}, range {one.smallest:.4g} to {one.largest:.4g}, {kept}")
+        how = f"; {one.coding}" if checked.why or not one.bytes else ""
+        say(f"field {one.name}: {byte_size(one.bytes)}, range {one.smallest:.4g} to {one.largest:.4g}, {kept}{how}")
     for warning in report.warnings:
         parameters = click.get_current_context().command.params
         say(f"warning: {in_options(warning, parameters) if isinstance(warning, Notice) else warning}")

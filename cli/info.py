@@ -274,6 +274,7 @@ def _field_rows(fields: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]
             parts.append(f"{low:.4g} to {high:.4g} {one['unit']}".rstrip())
             parts.append(f"bound {one['bound']:.3g}" if one["bound"] else "exact")
             parts.append(byte_size(one["bytes"]))
+            parts += [one["computed"]] if "computed" in one else []
         elif one["unit"]:
             parts.append(one["unit"])
         yield f"field {one['name']}", ", ".join(parts)

@@ -611,6 +611,8 @@ class FieldGroup(NamedTuple):
     offset: int
     size: int
     checksum: int
+    source: int
+    component: int
 
 class StoredField(NamedTuple):
     """A header of section FLDS."""

@@ -33,7 +33,8 @@ public:
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),
           groups_(sections_, options.kept_bytes, turns_), evaluator_(sections_, groups_, turns_),
-          fields_(sections_, groups_, evaluator_, turns_), stored_fields_(sections_, turns_, options.kept_bytes) {}
+          fields_(sections_, groups_, evaluator_, turns_),
+          stored_fields_(sections_, evaluator_, turns_, options.kept_bytes) {}
 
     // Check every byte, and decode everything.
     void verify() {

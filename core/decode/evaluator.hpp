@@ -26,7 +26,7 @@ struct FrameResiduals {
     std::vector<Position> base;  // positions by the model alone; empty without raw vertices
 };
 
-// Public functions may be called from several threads, which take turns, except the last two: their caller holds the
+// Public functions may be called from several threads, which take turns, except the last four: their caller holds the
 // turn.
 class Evaluator {
 public:
@@ -43,6 +43,10 @@ public:
     // Return the weights of one group's functions of time: (time axes, functions).
     std::vector<double> weights(Quantity quantity, double time, std::size_t group);
 
+    // A quantity of all vertices at a frame: out is (vertices, 3).
+    void evaluate_frame(Quantity quantity, i64 frame, std::span<float> out) {
+        evaluate_all(quantity, {&run_.times()[frame], 1}, out);
+    }
     FrameResiduals residuals_at(i64 frame);
     ResidualScale residual_scale();
     const Patches &patches();

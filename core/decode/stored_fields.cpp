@@ -22,6 +22,9 @@ constexpr u64 bytes_per_field = 4096, bytes_per_field_group = 256;
 // time as frames, what the coder keeps of a frame is as large as all frames.
 constexpr u64 bytes_at_work = 64;
 
+// Computed frames that are kept: as many as a spline between two frames needs.
+constexpr std::size_t most_computed = 64;
+
 CorruptError wrong_header(const std::string &what) { return CorruptError(Section("FLDS"), what); }
 
 std::string read_text(FieldReader &fields) {
@@ -39,10 +42,15 @@ FieldGroup read_field_group(FieldReader &fields, FieldType type, i64 left) {
     if (code >= field_codes) throw wrong_header("has a group of coding " + std::to_string(code) + ", which is unknown");
     group.code = FieldCode{code};
     group.frames = fields.count();
-    group.skipped = fields.count();
-    group.in_chunk = fields.count();
     if (group.frames < 1 || group.frames > left)
         throw wrong_header("has groups of more or fewer frames than there are");
+    if (is_computed(group.code)) {
+        if (has_source(group.code)) group.source = fields.count();
+        if (group.code == FieldCode::copy) group.component = fields.count();
+        return group;
+    }
+    group.skipped = fields.count();
+    group.in_chunk = fields.count();
     if (group.in_chunk < 1 || group.in_chunk > limits::most_group_frames || group.skipped >= group.in_chunk) {
         throw wrong_header("has a chunk of " + std::to_string(group.in_chunk) + " frames, " +
                            std::to_string(group.skipped) + " of them skipped");
@@ -96,6 +104,26 @@ FieldHeader read_header(FieldReader &fields, i64 frames, i64 objects, i64 most_g
         header.groups.push_back(group);
     }
     return header;
+}
+
+// Throw if a group of a field cannot be computed as it says.
+void check_computed(const std::vector<FieldHeader> &headers, const FieldHeader &own, const FieldGroup &group) {
+    if (!is_computed(group.code)) return;
+    if (!has_source(group.code)) {
+        if (!is_float(own.type) || own.site != FieldSite::vertex || own.components != 3 || !own.objects.empty())
+            throw wrong_header("computes a field from the motion that is no vector of each vertex");
+        return;
+    }
+    if (group.source >= static_cast<i64>(headers.size())) throw wrong_header("computes a field from none");
+    const FieldHeader &source = headers[group.source];
+    const bool is_copy = group.code == FieldCode::copy;
+    const bool is_alike = source.site == own.site && source.objects == own.objects && source.type == own.type;
+    const bool fits =
+        is_copy ? group.component <= source.components - own.components : own.components == 1 && is_float(own.type);
+    if (!is_alike || !fits) throw wrong_header("computes a field from one of another kind");
+    for (const FieldGroup &other : source.groups) {
+        if (has_source(other.code)) throw wrong_header("computes a field from one that is computed from a field");
+    }
 }
 
 template <class T> void store(std::span<u8> out, std::size_t index, T value) {
@@ -186,6 +214,9 @@ const std::vector<FieldHeader> &StoredFields::headers() {
                 }
             }
             fields.finish();
+            for (const FieldHeader &own : found) {
+                for (const FieldGroup &group : own.groups) check_computed(found, own, group);
+            }
             if (at != end) throw CorruptError(Section("FDAT"), "is longer than the fields say");
         }
         headers_ = std::move(found);
@@ -244,14 +275,18 @@ std::vector<u8> StoredFields::chunk(const FieldGroup &group) {
     return data;
 }
 
+// Return a part that is kept, which becomes the latest; none if it is not kept.
+const std::vector<u8> *StoredFields::find(KeptParts &kept, std::size_t field, std::size_t part) {
+    const auto place =
+        std::find_if(kept.begin(), kept.end(), [&](const Kept &one) { return one.field == field && one.part == part; });
+    if (place == kept.end()) return nullptr;
+    kept.splice(kept.begin(), kept, place);
+    return &kept.front().values;
+}
+
 // Return a decoded group; it stays until another one is requested.
 const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index) {
-    for (auto place = kept_.begin(); place != kept_.end(); ++place) {
-        if (place->field == field && place->group == index) {
-            kept_.splice(kept_.begin(), kept_, place);
-            return kept_.front().values;
-        }
-    }
+    if (const std::vector<u8> *known = find(kept_, field, index)) return *known;
     turns_.check_cancelled();
     const FieldHeader &header = headers()[field];
     const FieldGroup &own = header.groups[index];
@@ -278,10 +313,75 @@ const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index)
     return kept_.front().values;
 }
 
+// Compute one frame of a field of floats.
+template <class Real>
+void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i64 wanted, std::span<u8> out) {
+    const std::size_t count = out.size() / sizeof(Real);
+    if (group.code == FieldCode::magnitude) {
+        const std::span<const u8> values = frame(group.source, wanted);
+        const i64 columns = headers()[group.source].components;
+        for (std::size_t i = 0; i < count; ++i) {
+            double sum = 0.0;
+            for (i64 k = 0; k < columns; ++k) {
+                Real value;
+                std::memcpy(&value, values.data() + (i * columns + k) * sizeof(Real), sizeof(Real));
+                sum += static_cast<double>(value) * static_cast<double>(value);
+            }
+            store(out, i, static_cast<Real>(std::sqrt(sum)));
+        }
+        return;
+    }
+    const bool is_velocity = group.code == FieldCode::velocity;
+    const TakenMemory taken(run_.memory(), count * sizeof(float), "field " + header.name);
+    std::vector<float> found(count);
+    if (!is_velocity || run_.frames() > 1) {
+        evaluator_.evaluate_frame(is_velocity ? Quantity::velocities : Quantity::positions, wanted, found);
+    }
+    if (!is_velocity && first_positions_.empty()) {
+        first_positions_.resize(count);
+        evaluator_.evaluate_frame(Quantity::positions, 0, first_positions_);
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+        const double from = is_velocity ? 0.0 : static_cast<double>(first_positions_[i]);
+        store(out, i, static_cast<Real>(static_cast<double>(found[i]) - from));
+    }
+}
+
+// Return a frame of a group without a chunk; it stays until another one is requested.
+std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldGroup &group, i64 wanted) {
+    if (const std::vector<u8> *known = find(computed_, field, static_cast<std::size_t>(wanted))) return *known;
+    turns_.check_cancelled();
+    const FieldHeader &header = headers()[field];
+    const std::size_t width = static_cast<std::size_t>(header.components * size_of_type(header.type));
+    const std::size_t size = static_cast<std::size_t>(domain(header).rows()) * width;
+    while (computed_.size() >= most_computed ||
+           (!computed_.empty() && (computed_.size() + 1) * size > static_cast<u64>(largest_budget_))) {
+        computed_.pop_back();
+    }
+    TakenMemory taken(run_.memory(), size, "field " + header.name);
+    std::vector<u8> values(size);
+    if (group.code == FieldCode::copy) {
+        const std::span<const u8> from = frame(group.source, wanted);
+        const std::size_t item = static_cast<std::size_t>(size_of_type(header.type));
+        const std::size_t stride = static_cast<std::size_t>(headers()[group.source].components) * item;
+        const std::size_t skip = static_cast<std::size_t>(group.component) * item;
+        for (std::size_t at = 0, source = skip; at < size; at += width, source += stride) {
+            std::memcpy(values.data() + at, from.data() + source, width);
+        }
+    } else if (header.type == FieldType::f32) {
+        compute<float>(header, group, wanted, values);
+    } else {
+        compute<double>(header, group, wanted, values);
+    }
+    computed_.push_front({field, static_cast<std::size_t>(wanted), std::move(values), std::move(taken)});
+    return computed_.front().values;
+}
+
 std::span<const u8> StoredFields::frame(std::size_t field, i64 wanted) {
     const FieldHeader &header = headers()[field];
     const std::size_t index = header.group_of(wanted);
     const FieldGroup &own = header.groups[index];
+    if (is_computed(own.code)) return computed_frame(field, own, wanted);
     const std::vector<u8> &all = group(field, index);
     const std::size_t size = all.size() / static_cast<std::size_t>(own.in_chunk);
     const i64 inside = std::min(own.skipped + wanted - own.first, own.in_chunk - 1);
@@ -356,13 +456,21 @@ void StoredFields::evaluate(std::size_t field, std::span<const double> times, in
 
 void StoredFields::check(std::size_t field, std::size_t index) {
     const auto guard = turns_.take();
-    chunk(headers()[field].groups[index]);
+    const FieldGroup &own = headers()[field].groups[index];
+    if (is_computed(own.code)) {
+        for (i64 k = 0; k < own.frames; ++k) frame(field, own.first + k);
+    } else {
+        chunk(own);
+    }
 }
 
 void StoredFields::verify() {
     const auto guard = turns_.take();
     for (std::size_t field = 0; field < headers().size(); ++field) {
-        for (std::size_t index = 0; index < headers()[field].groups.size(); ++index) group(field, index);
+        for (std::size_t index = 0; index < headers()[field].groups.size(); ++index) {
+            // Computed values have no bytes of their own.
+            if (!is_computed(headers()[field].groups[index].code)) group(field, index);
+        }
     }
 }
 

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "decode/evaluate/spline.hpp"
+#include "decode/evaluator.hpp"
 #include "decode/run_sections.hpp"
 #include "sections/fields/field_domain.hpp"
 
@@ -27,9 +27,12 @@ inline i64 size_of_type(FieldType type) {
 }
 
 // How whole numbers become values: themselves (floats: by their bits, in order), pairs of 32 bits, the higher half first,
-// or times a unit.
-enum class FieldCode : u8 { exact, halves, quantised };
-constexpr int field_codes = 3;
+// or times a unit. The others have no chunk: values are computed from those of another field, or from the motion.
+enum class FieldCode : u8 { exact, halves, quantised, copy, magnitude, velocity, displacement };
+constexpr int field_codes = 7;
+
+inline bool is_computed(FieldCode code) { return code >= FieldCode::copy; }
+inline bool has_source(FieldCode code) { return code == FieldCode::copy || code == FieldCode::magnitude; }
 
 // Consecutive frames of a field: some frames of a chunk, the last of which holds for the rest.
 struct FieldGroup {
@@ -39,6 +42,7 @@ struct FieldGroup {
     double unit = 0.0;  // width of a quantisation step
     u64 offset = 0, size = 0;
     u32 checksum = 0;
+    i64 source = 0, component = 0;  // of a copy: number of the field, and its component that is the first here
 };
 
 struct FieldHeader {
@@ -58,8 +62,8 @@ struct FieldHeader {
 class StoredFields {
 public:
     // All of them must outlive it. largest_budget: bytes of decoded groups at most.
-    StoredFields(RunSections &run, Turns &turns, i64 largest_budget)
-        : run_(run), turns_(turns), largest_budget_(largest_budget) {}
+    StoredFields(RunSections &run, Evaluator &evaluator, Turns &turns, i64 largest_budget)
+        : run_(run), evaluator_(evaluator), turns_(turns), largest_budget_(largest_budget) {}
 
     // CorruptError or LimitError if they are damaged, or ask for too much.
     const std::vector<FieldHeader> &headers();
@@ -84,24 +88,31 @@ public:
 
 private:
     struct Kept {
-        std::size_t field, group;
-        std::vector<u8> values;  // (frames of the chunk, rows, components) of the field's type
+        std::size_t field, part;  // part: a group, or a frame that is computed
+        std::vector<u8> values;   // (frames of the chunk, rows, components) of the field's type
         TakenMemory taken;
     };
+    using KeptParts = std::list<Kept>;  // the latest first
 
     const FieldDomain &domain(const FieldHeader &header);
     std::vector<u8> chunk(const FieldGroup &group);
     const std::vector<u8> &group(std::size_t field, std::size_t group);
     std::span<const u8> frame(std::size_t field, i64 frame);
+    std::span<const u8> computed_frame(std::size_t field, const FieldGroup &group, i64 frame);
+    const std::vector<u8> *find(KeptParts &kept, std::size_t field, std::size_t part);
+    template <class Real>
+    void compute(const FieldHeader &header, const FieldGroup &group, i64 frame, std::span<u8> out);
     std::pair<i64, i64> rows_of(std::size_t field, std::optional<i64> object);
     template <class Real> void mix(std::size_t field, double time, int derivative, i64 skip, std::span<Real> out);
 
     RunSections &run_;
+    Evaluator &evaluator_;
     Turns &turns_;
     i64 largest_budget_;
     std::optional<std::vector<FieldHeader>> headers_;
     std::map<std::pair<int, std::vector<i64>>, FieldDomain> domains_;
-    std::list<Kept> kept_;  // the latest first
+    KeptParts kept_, computed_;
+    std::vector<float> first_positions_;  // of frame 0, if displacements need them
     std::optional<BrokenSpline> spline_;
 };
 

@@ -120,6 +120,11 @@ class Spool:
         self.length = 0
         self.checksum = 0
 
+    @property
+    def file(self) -> BinaryIO:
+        """The file, closed with the spool."""
+        return self._file
+
     def append(self, data: bytes) -> None:
         with write_errors(self._named):
             self._file.write(data)

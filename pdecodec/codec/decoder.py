@@ -18,7 +18,7 @@ from pdecodec.codec.container import FIELD_SECTIONS
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
-from pdecodec.codec.sections.fields import field_of
+from pdecodec.codec.sections.fields import computed_words, field_of
 from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
@@ -493,6 +493,7 @@ class Animation(MeshSequence):
                 "bound": stored.bound,
                 "bytes": sum(group.size for group in stored.groups),
                 "groups": len(stored.groups),
+                **({"computed": words} if (words := computed_words(stored, self.fields)) else {}),
             }
             for facts, stored in zip(super().field_facts(), self.stored_fields, strict=True)
         ]

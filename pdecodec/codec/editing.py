@@ -12,7 +12,7 @@ import os
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,7 +26,7 @@ from pdecodec.codec.encode.field_sections import encode_field
 from pdecodec.codec.encode.report import generator
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
-from pdecodec.codec.sections.fields import FieldEntry, encode_field_headers, entry_of, joined_entries
+from pdecodec.codec.sections.fields import COPY, FROM_FIELDS, FieldEntry, encode_field_headers, entry_of, joined_entries
 from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
 from pdecodec.codec.settings import EXACT, UNITS, EffortName
 from pdecodec.codec.stored_choices import bound_of
@@ -405,9 +405,20 @@ def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tupl
     """Write the chunks of fields that all parts have; return section FLDS and the names of other fields.
 
     Chunks of files are copied whole, whatever their frames; fields of sequences are encoded within the bound before.
+    Values that are computed from the motion are stored exactly where frames are cut or joined: the motion's derivative
+    at the edges, and its first frame, become others.
     """
     having = [part.animation if isinstance(part, CodedFile) else part for part, _, _ in parts]
     shared = [field for field in having[0].fields if all(field in one.fields for one in having)]
+    names = {field.name for field in shared}
+    computed = {
+        field.name
+        for one in having
+        if isinstance(one, Animation)
+        for field, stored in zip(one.fields, one.stored_fields, strict=True)
+        if any(group.code in FROM_FIELDS for group in stored.groups)
+    }
+    place_of = {field.name: place for place, field in enumerate(shared) if field.name not in computed}
     entries = []
     for field in shared:
         own: list[FieldEntry] = []
@@ -415,13 +426,24 @@ def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tupl
             if isinstance(part, CodedFile):
                 stored = part.animation.stored_fields[part.animation.fields.index(field)]
                 entry, used = entry_of(stored, first, end)
+                is_whole = len(parts) == 1 and end - first == part.animation.frame_count
+                places = {number: place_of.get(one.name) for number, one in enumerate(part.animation.fields)}
+                if any(
+                    places[group.source] is None if group.code in FROM_FIELDS else group.code >= COPY and not is_whole
+                    for group in entry.groups
+                ):
+                    frames = FrameSelection(part.animation, range(first, end))
+                    entry.groups[:], used = encode_field(frames, field, EXACT, spool)[0].groups, []
+                entry.groups[:] = [
+                    replace(group, source=places[group.source] or 0) if group.code in FROM_FIELDS else group
+                    for group in entry.groups
+                ]
                 for number in used:
                     spool.append(part.field_chunk(stored.groups[number]))
             else:
                 entry, _ = encode_field(part, field, f"{own[0].bound!r} {UNITS}" if own[0].bound else EXACT, spool)
             own.append(entry)
         entries.append(joined_entries(own))
-    names = {field.name for field in shared}
     lost = dict.fromkeys(field.name for one in having for field in one.fields if field.name not in names)
     return encode_field_headers(entries) if entries else b"", tuple(lost)
 

@@ -89,7 +89,7 @@ def decode_run(
     groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
     remarks = read_remarks(sections["META"])
     motion = Motion(times, jumps, groups, model, reference, space)
-    fields = read_fields(sections["FLDS"], sections.get("FDAT"), meshes, len(times))
+    fields = read_fields(sections["FLDS"], sections.get("FDAT"), meshes, len(times), motion)
     return Animation(meshes, times, fps, remarks, reference, motion, fields)
 
 

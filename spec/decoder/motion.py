@@ -159,6 +159,39 @@ class Motion:
             found[self._order] = points
         return found[self._ties]
 
+    def positions_at(self, frame: int) -> Float32Array:
+        """Return positions at a frame."""
+        return self.positions(self._times[frame])
+
+    def velocities(self, frame: int) -> Float32Array:
+        """16.2 to 16.4: return the derivative of positions at a frame [scene units / s]: (vertices, 3) float32."""
+        if len(self._times) == 1:
+            return np.zeros((len(self._ties), 3), np.float32)
+        piece = min(frame, len(self._times) - 2)
+        start, step = self._times[piece], self._times[piece + 1] - self._times[piece]
+        if self._forms:
+            index = bisect_right(self._firsts, frame) - 1
+            form = self._forms[index]
+            row = form.at(self._times[frame], derivative=True)
+            speeds = (np.array([row] * 3)[:, np.newaxis] @ self.group(index).fields)[:, 0].T
+        else:
+            # Four positions give a cubic, and so its slope at either end.
+            shares = (-11.0, 18.0, -9.0, 2.0) if frame == piece else (-2.0, 9.0, -18.0, 11.0)
+            times = [start, start + step / 3, start + step * 2 / 3, self._times[piece + 1]]
+            speeds = sum(
+                (share * self._evaluate_model(time) for share, time in zip(shares, times, strict=True)),
+                np.zeros_like(self._reference),
+            ) / (2.0 * step)
+        for at, sign in ((piece, -1.0), (piece + 1, 1.0)):
+            points = self._evaluate_model(self._times[at])
+            corrected = points.copy()
+            self._correct(corrected, at, 1.0)
+            speeds = speeds + sign * (corrected - points) / step
+        found = np.empty((len(self._ties), 3), np.float32)
+        with np.errstate(over="ignore"):
+            found[self._order] = speeds
+        return found[self._ties]
+
     def margin(self, time: float) -> float:
         """Section 19: return how far a coordinate of another decoder may deviate before rounding to float32."""
         margin = 0.0

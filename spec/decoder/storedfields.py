@@ -7,19 +7,33 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from spec.decoder.fieldchunks import Chunk, neighbours_of_rows, read_chunk
 from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
+from spec.decoder.motion import Motion
 
 SITES = ("vertex", "face", "corner", "object")
 TYPES = "fdbhiqBHIQ?"
 INTEGERS = {"f": "<i", "d": "<q"}
 """Integers of the size of a float."""
 
-EXACT, HALVES, QUANTISED = range(3)
+EXACT, HALVES, QUANTISED, COPY, MAGNITUDE, VELOCITY, DISPLACEMENT = range(7)
 NO_NUMBERS = (0.0, float("nan"), float("inf"), float("-inf"))
 
 Value = float | int | bool
+
+
+@dataclass
+class Computed:
+    """25.2: a group without a chunk: how its values are computed, and from which components of which field."""
+
+    first: int
+    frames: int
+    code: int
+    source: int = 0
+    component: int = 0
 
 
 @dataclass
@@ -35,9 +49,12 @@ class StoredField:
     range: tuple[float, float]
     bound: float
     frames: list[list[Value]] = field(default_factory=list)
+    computed: list[Computed] = field(default_factory=list)
 
 
-def read_fields(headers: bytes, chunks: bytes | None, meshes: list[Mesh], frames: int) -> list[StoredField]:
+def read_fields(
+    headers: bytes, chunks: bytes | None, meshes: list[Mesh], frames: int, motion: Motion
+) -> list[StoredField]:
     """25.1: read FLDS and FDAT of a run of `frames` frames."""
     if not headers:
         return []
@@ -47,7 +64,55 @@ def read_fields(headers: bytes, chunks: bytes | None, meshes: list[Mesh], frames
     fields.finish()
     data.finish()
     require(len({one.name for one in found}) == len(found), "two fields of one name")
+    for one in found:
+        for group in one.computed:
+            check_computed(found, one, group)
+    # Fields from the motion first: others may be computed from them.
+    groups = [(own, group) for own in found for group in own.computed]
+    for one, group in sorted(groups, key=lambda pair: -pair[1].code):
+        for at in range(group.first, group.first + group.frames):
+            one.frames[at] = compute(found, one, group, motion, at)
     return found
+
+
+def check_computed(fields: list[StoredField], own: StoredField, group: Computed) -> None:
+    """25.2: check that a group can be computed."""
+    if group.code in (VELOCITY, DISPLACEMENT):
+        is_vector = own.site == "vertex" and own.components == 3 and not own.objects
+        require(own.type in INTEGERS and is_vector, "motion as a field of another kind")
+        return
+    require(group.source < len(fields), "a field computed from none")
+    source = fields[group.source]
+    is_alike = (source.site, source.type, source.objects) == (own.site, own.type, own.objects)
+    require(is_alike, "a field computed from one of another kind")
+    if group.code == COPY:
+        require(group.component + own.components <= source.components, "components that do not exist")
+    else:
+        require(own.components == 1 and own.type in INTEGERS, "a magnitude that is no float")
+    is_root = all(other.code not in (COPY, MAGNITUDE) for other in source.computed)
+    require(is_root, "a field computed from one that is computed from a field")
+
+
+def compute(fields: list[StoredField], own: StoredField, group: Computed, motion: Motion, at: int) -> list[Value]:
+    """25.3: compute the values of a frame."""
+    if group.code in (VELOCITY, DISPLACEMENT):
+        if group.code == VELOCITY:
+            vectors = motion.velocities(at).astype(np.float64)
+        else:
+            first, now = (motion.positions_at(frame).astype(np.float64) for frame in (0, at))
+            vectors = now - first
+        with np.errstate(over="ignore"):
+            return list(vectors.astype(own.type).ravel().tolist())
+    source = fields[group.source]
+    values, size = source.frames[at], source.components
+    rows = [values[k : k + size] for k in range(0, len(values), size)]
+    if group.code == COPY:
+        return [value for row in rows for value in row[group.component : group.component + own.components]]
+    with np.errstate(over="ignore", invalid="ignore"):
+        sums = [np.float64(0.0)] * len(rows)
+        for k in range(size):
+            sums = [total + np.float64(row[k]) ** 2 for total, row in zip(sums, rows, strict=True)]
+        return list(np.sqrt(np.array(sums)).astype(own.type).tolist())
 
 
 def read_text(fields: Fields) -> str:
@@ -83,10 +148,16 @@ def read_group(
     fields: Fields, data: Fields, found: StoredField, neighbours: list[list[int]], left: int
 ) -> list[list[Value]]:
     """25.2: read a group and its chunk; return its frames."""
-    code, frames, skipped, in_chunk = fields.u8(), fields.count(), fields.count(), fields.count()
+    code, frames = fields.u8(), fields.count()
+    require(code <= DISPLACEMENT, "an unknown coding")
     require(1 <= frames <= left, "more frames than there are")
+    if code >= COPY:
+        source = fields.count() if code in (COPY, MAGNITUDE) else 0
+        component = fields.count() if code == COPY else 0
+        found.computed.append(Computed(len(found.frames), frames, code, source, component))
+        return [[] for _ in range(frames)]
+    skipped, in_chunk = fields.count(), fields.count()
     require(skipped < in_chunk <= 4096, "a chunk of too few or too many frames")
-    require(code <= QUANTISED, "an unknown coding")
     require(code != HALVES or struct.calcsize(f"<{found.type}") == 8, "halves of a small type")
     require(code != QUANTISED or found.type in INTEGERS, "quantised values that are no floats")
     unit = fields.f64() if code == QUANTISED else 1.0

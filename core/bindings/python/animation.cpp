@@ -283,7 +283,8 @@ nb::list stored_fields(PyAnimation &self) {
     return list_of(headers, [](const FieldHeader &one) {
         const nb::list groups = list_of(one.groups, [](const FieldGroup &group) {
             return named("FieldGroup", group.first, group.frames, group.skipped, group.in_chunk,
-                         static_cast<int>(group.code), group.unit, group.offset, group.size, group.checksum);
+                         static_cast<int>(group.code), group.unit, group.offset, group.size, group.checksum,
+                         group.source, group.component);
         });
         return named("StoredField", one.name, static_cast<int>(one.site), static_cast<int>(one.type), one.components,
                      one.unit, one.objects, one.smallest, one.largest, one.bound, groups);
@@ -378,7 +379,7 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "DecodedAttribute", "name domain values indices labels");
     add_tuple(module, "Reference", "grid origin step is_smoothed ties");
     add_tuple(module, "Corrections", "frames vertices offsets");
-    add_tuple(module, "FieldGroup", "first frames skipped in_chunk code unit offset size checksum");
+    add_tuple(module, "FieldGroup", "first frames skipped in_chunk code unit offset size checksum source component");
     add_tuple(module, "StoredField", "name site type components unit objects smallest largest bound groups");
     module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")

@@ -1,7 +1,8 @@
 """Encode the fields of a sequence: sections FLDS and FDAT.
 
 Each field is read twice: for its range and the frames at which it changes, then group by group. Every chunk is decoded
-again, so that the error that the report gives is measured; a group that missed its bound is stored exactly.
+again, so that the error that the report gives is measured; a group that missed its bound is stored exactly. Fields that
+can be computed have no chunks.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.container import Section, Spool
+from pdecodec.codec.encode.computed_fields import FieldComputer
 from pdecodec.codec.encode.fields import (
     FieldQuantiser,
     choose_coding,
@@ -50,9 +52,9 @@ class _Survey:
 
 
 def encode_fields(
-    sequence: MeshSequence, settings: EncodeSettings, spool: Spool
+    sequence: MeshSequence, settings: EncodeSettings, spool: Spool, sections: Sequence[Section]
 ) -> tuple[list[Section], list[FieldReport]]:
-    """Encode the fields of one run of frames; chunks go to `spool`.
+    """Encode the fields of one run of frames, whose other sections are given; chunks go to `spool`.
 
     Returns
     -------
@@ -60,11 +62,13 @@ def encode_fields(
         FLDS and FDAT; none if no field is kept.
     reports : list of FieldReport
     """
-    entries, reports = [], []
+    entries: list[FieldEntry] = []
+    reports = []
+    computer = FieldComputer(sequence, sections, spool)
     for field in sequence.fields:
         asked = settings.fields.get(field.name, settings.field_tolerance)
         if asked != DROP:
-            entry, report = encode_field(sequence, field, asked, spool)
+            entry, report = encode_field(sequence, field, asked, spool, computer, entries)
             entries.append(entry)
             reports.append(report)
     if not entries:
@@ -102,9 +106,17 @@ def domain_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldDomain:
 
 
 def encode_field(
-    sequence: MeshSequence, field: Field, asked: float | str, spool: Spool
+    sequence: MeshSequence,
+    field: Field,
+    asked: float | str,
+    spool: Spool,
+    computer: FieldComputer | None = None,
+    before: Sequence[FieldEntry] = (),
 ) -> tuple[FieldEntry, FieldReport]:
-    """Encode one field as asked (:attr:`EncodeSettings.fields`); its chunks go to `spool`."""
+    """Encode one field as asked (:attr:`EncodeSettings.fields`); its chunks go to `spool`.
+
+    With a computer and the fields `before` it, the field has no chunks if it can be computed.
+    """
     survey = _survey(sequence, field)
     bound = field_bound(asked, survey.largest - survey.smallest)
     quantiser = field_quantiser(field.dtype, survey.smallest, survey.largest, bound)
@@ -114,6 +126,18 @@ def encode_field(
     limit = 0.0 if quantiser.step is None or bound is None else bound
     exact = FieldQuantiser(field.dtype, None)
     domain = domain_of(field, sequence.objects)
+    values_of_all = sequence.frame_count * domain.rows * field.components
+    tried = ""
+    for recipe in computer.candidates(field, before, limit) if computer else ():
+        assert computer
+        error, words = computer.error_of(field, recipe, before, limit), recipe.words(before)
+        if error <= limit:
+            entry = computer.entry(field, recipe, survey.smallest, survey.largest, limit)
+            how = f"not stored: {words}, within the bound at every frame"
+            return entry, FieldReport(
+                field.name, 0, values_of_all, survey.smallest, survey.largest, limit, error, coding=how
+            )
+        tried += f"; the {words} misses the bound"
     started, largest_error, coding = spool.length, 0.0, None
     groups = []
     for first, in_chunk, frames in _divide(
@@ -139,7 +163,8 @@ def encode_field(
         groups.append(FieldGroupEntry(frames, 0, in_chunk, code, unit, len(data), zlib.crc32(data)))
         spool.append(data)
     entry = FieldEntry(field, survey.smallest, survey.largest, limit, groups)
-    values_of_all = sequence.frame_count * domain.rows * field.components
+    how = "exact" if quantiser.step is None else "quantised"
+    how += ", functions of time" if coding and coding.left_over else ", predicted from frames and neighbours"
     return entry, FieldReport(
         field.name,
         spool.length - started,
@@ -149,6 +174,7 @@ def encode_field(
         limit,
         largest_error,
         note,
+        how + tried,
     )
 
 

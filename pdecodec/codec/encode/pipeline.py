@@ -119,8 +119,9 @@ class Encoder(ABC):
                     frames += encoded.entry.frames
                     if self._progress:
                         self._progress(frames, self._sequence.frame_count, "encoding")
-                field_sections, self._fields = encode_fields(self._sequence, self._settings, spools[-1])
-            yield [*self._sections(spools[:-1]), *field_sections]
+                sections = self._sections(spools[:-1])
+                fields, self._fields = encode_fields(self._sequence, self._settings, spools[-1], sections)
+            yield [*sections, *fields]
         finally:
             beside.shutdown()
             for spool in spools:

@@ -119,6 +119,8 @@ class FieldReport:
         Largest error allowed (0: exact) and measured [units of the field].
     note : str
         Why it is stored otherwise than asked; mostly empty.
+    coding : str
+        How it is stored or computed, and why.
     """
 
     name: str
@@ -129,6 +131,7 @@ class FieldReport:
     bound: float
     max_error: float
     note: str = ""
+    coding: str = ""
 
     @property
     def bits_per_value(self) -> float:
@@ -299,6 +302,7 @@ def total_reports(reports: Sequence[FieldReport]) -> list[FieldReport]:
             max(one.bound for one in own),
             max(one.max_error for one in own),
             next((one.note for one in own if one.note), ""),
+            " and ".join(dict.fromkeys(one.coding for one in own)),
         )
         for name, own in by_name.items()
     ]

@@ -16,8 +16,13 @@ from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
 SITES: tuple[FieldDomain, ...] = get_args(FieldDomain)
 """Domains, by their numbers in the file."""
 
-EXACT, HALVES, QUANTISED = range(3)
-"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit."""
+EXACT, HALVES, QUANTISED, COPY, MAGNITUDE, VELOCITY, DISPLACEMENT = range(7)
+"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit; or values computed
+when they are decoded, from another field or from the motion.
+"""
+
+FROM_FIELDS = (COPY, MAGNITUDE)
+"""Codings that compute values from another field."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,8 @@ class FieldGroupEntry:
         Of a quantised value [units of the field].
     size, checksum : int
         Of the chunk.
+    source, component : int
+        Number of the field that values are computed from, and its component that a copy begins with.
     """
 
     frames: int
@@ -45,6 +52,13 @@ class FieldGroupEntry:
     unit: float
     size: int
     checksum: int
+    source: int = 0
+    component: int = 0
+
+
+def computed_group(frames: int, code: int, source: int = 0, component: int = 0) -> FieldGroupEntry:
+    """Return a group of frames without a chunk."""
+    return FieldGroupEntry(frames, 0, 0, code, 0.0, 0, 0, source, component)
 
 
 @dataclass(frozen=True)
@@ -86,6 +100,11 @@ def encode_field_headers(entries: Iterable[FieldEntry]) -> bytes:
         writer.numbers("3d", entry.smallest, entry.largest, entry.bound)
         for group in entry.groups:
             writer.numbers("B", group.code)
+            if group.code >= COPY:
+                writer.count(group.frames)
+                for number in (group.source, group.component)[: {COPY: 2, MAGNITUDE: 1}.get(group.code, 0)]:
+                    writer.count(number)
+                continue
             for number in (group.frames, group.skipped, group.in_chunk):
                 writer.count(number)
             if group.code == QUANTISED:
@@ -110,6 +129,9 @@ def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) 
         high = group.frames if end is None else min(group.frames, end - group.first)
         if high <= low:
             continue
+        if group.code >= COPY:
+            groups.append(computed_group(high - low, group.code, group.source, group.component))
+            continue
         skipped = min(group.skipped + low, group.in_chunk - 1)
         groups.append(
             FieldGroupEntry(high - low, skipped, group.in_chunk, group.code, group.unit, group.size, group.checksum)
@@ -126,4 +148,25 @@ def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
         max(part.largest for part in parts),
         max(part.bound for part in parts),
         [group for part in parts for group in part.groups],
+    )
+
+
+def computation(code: int, source: str, component: int) -> str:
+    """Describe how values of a coding are computed, in words."""
+    return {
+        COPY: f"copy of {source!r}, from component {component}",
+        MAGNITUDE: f"magnitude of {source!r}",
+        VELOCITY: "velocity of the motion",
+        DISPLACEMENT: "displacement from frame 0",
+    }[code]
+
+
+def computed_words(stored: _core.StoredField, fields: Sequence[Field]) -> str:
+    """Return how a field of a file is computed, in words; empty if it is stored."""
+    return " and ".join(
+        dict.fromkeys(
+            computation(group.code, fields[group.source].name, group.component)
+            for group in stored.groups
+            if group.code >= COPY
+        )
     )
