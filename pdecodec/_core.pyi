@@ -201,6 +201,8 @@ class FieldDomain:
     def __init__(self, site: int, parts: Sequence[Part]) -> None: ...
     @property
     def rows(self) -> int: ...
+    def some(self, rows: Int64Array) -> FieldDomain:
+        """Return some of the rows, given in ascending order, and which of them are neighbours."""
 
 def encode_field_chunk(
     domain: FieldDomain, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int

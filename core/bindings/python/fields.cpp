@@ -28,6 +28,24 @@ void make_domain(FieldDomain *domain, int site, const nb::list &parts) {
     new (domain) FieldDomain(FieldSite{static_cast<u8>(site)}, views);
 }
 
+FieldDomain some_rows(const FieldDomain &domain, const Flat<i64> &rows) {
+    const std::span<const i64> chosen(rows.data(), rows.size());
+    std::vector<i32> places(domain.rows(), -1);
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+        require(chosen[i] >= 0 && chosen[i] < domain.rows() && (i == 0 || chosen[i] > chosen[i - 1]),
+                "rows are those of the domain, in ascending order");
+        places[chosen[i]] = static_cast<i32>(i);
+    }
+    FieldDomain found(FieldSite::object, {});
+    for (const i64 row : chosen) {
+        for (const i32 neighbour : domain.of(row)) {
+            if (places[neighbour] >= 0) found.neighbours.push_back(places[neighbour]);
+        }
+        found.starts.push_back(static_cast<i64>(found.neighbours.size()));
+    }
+    return found;
+}
+
 nb::bytes py_encode_field_chunk(const FieldDomain &domain, const Block<i64> &values,
                                 const std::optional<Block<u8>> &kinds, int levels, int step) {
     require(static_cast<i64>(values.shape(1)) == domain.rows() && values.shape(2) >= 1 &&
@@ -109,7 +127,8 @@ void bind_fields(nb::module_ &module) {
     add_tuple(module, "FieldChunk", "values kinds step");
     nb::class_<FieldDomain>(module, "FieldDomain", "Rows of a field, and which of them are neighbours.")
         .def("__init__", &make_domain, "site"_a, "parts"_a)
-        .def_prop_ro("rows", &FieldDomain::rows);
+        .def_prop_ro("rows", &FieldDomain::rows)
+        .def("some", &some_rows, "rows"_a);
     module.def("encode_field_chunk", &py_encode_field_chunk, "domain"_a, "values"_a, "kinds"_a.none(), "levels"_a,
                "step"_a);
     module.def("encode_transformed_field_chunk", &py_encode_transformed_field_chunk, "domain"_a, "values"_a,

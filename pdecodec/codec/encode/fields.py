@@ -56,10 +56,15 @@ GROUP_VALUES = 1 << 20
 """Values of a group of frames, about: as many as decode in a tenth of a second."""
 
 MAX_GROUP_FRAMES = 512
-TRIAL_VALUES = 1 << 16
-"""Values of the frames, about, on which ways to code a chunk are compared."""
+TRIAL_VALUES = 1 << 13
+"""Values, about, on which predictions are compared."""
 
-MIN_TRIAL_FRAMES = 33
+TRIAL_FRAMES = 96
+TRIAL_PARTS = 4
+"""Parts of the rows from which the values of a trial are taken."""
+
+TRANSFORM_TRIAL_VALUES = 1 << 15
+"""Values, about, on which transforms are compared: all frames of a group, of some rows."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +176,7 @@ def group_frames(frames: int, width: int) -> int:
 
 
 def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]) -> FieldCoding:
-    """Return the coding that makes the first frames of a field smallest.
+    """Return the coding that makes a sample of a field smallest.
 
     Parameters
     ----------
@@ -181,19 +186,37 @@ def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: 
         A group of frames.
     """
     predictions = [one for one in PREDICTIONS if quantiser.step is not None or one.fractions == 1]
-    frames = max(TRIAL_VALUES // max(values[0].size, 1), MIN_TRIAL_FRAMES)
-    best = min(predictions, key=lambda coding: len(encode_chunk(domain, quantiser, values[:frames], coding)))
+    some, rows = some_rows(domain, TRIAL_VALUES // (min(len(values), TRIAL_FRAMES) * values.shape[2]))
+    sample = values[:TRIAL_FRAMES, rows]
+    best = min(predictions, key=lambda coding: len(encode_chunk(some, quantiser, sample, coding)))
     if quantiser.step is None or kinds_of(values) is not None:
         return best
-    least = len(encode_chunk(domain, quantiser, values, best))
-    motion = spectrum(quantiser.quantise(values, TRANSFORMS[0].fractions)[0])
-    for coding in TRANSFORMS:
-        if function_count(motion, coding) is None:
+    numbers = quantiser.quantise(values, TRANSFORMS[0].fractions)[0]
+    motion = spectrum(numbers)
+    counts = [function_count(motion, coding) for coding in TRANSFORMS]
+    if counts[0] is None:
+        return best
+    some, rows = some_rows(domain, TRANSFORM_TRIAL_VALUES // values[:, 0].size)
+    least = float(len(encode_chunk(some, quantiser, values[:, rows], best)))
+    motion = Spectrum(motion.rows.reshape(*values.shape[1:], -1)[rows].reshape(-1, len(values)), motion.functions)
+    for coding, count in zip(TRANSFORMS, counts, strict=True):
+        if count is None:
             break
-        size = len(encode_chunk(domain, quantiser, values, coding))
+        data = encode_transformed(some, numbers[:, rows], motion, count, coding)
+        of_time = int.from_bytes(data[2 + count : 6 + count], "little")  # the same for all rows
+        size = len(data) - of_time * (1.0 - some.rows / domain.rows)
         if size < least:
             best, least = coding, size
     return best
+
+
+def some_rows(domain: _core.FieldDomain, count: int) -> tuple[_core.FieldDomain, Int64Array]:
+    """Return about so many rows of a domain, in a few parts spread over it, and their numbers."""
+    part = max(count // TRIAL_PARTS, 1)
+    starts = np.linspace(0, domain.rows, TRIAL_PARTS, endpoint=False).astype(np.int64)
+    rows = np.unique(starts[:, None] + np.arange(min(part, -(-domain.rows // TRIAL_PARTS))))
+    rows = rows[rows < domain.rows]
+    return domain.some(rows), rows
 
 
 class Spectrum(NamedTuple):
