@@ -99,6 +99,20 @@ def test_tied_vertices_have_one_position_at_all_times(settings: dict[str, float]
     assert np.abs(independent.decode(report.data).motion.positions(0.1) - own).max() < 1e-5
 
 
+def test_fields_of_tied_vertices_keep_their_own_values() -> None:
+    clip = split_tube()
+    own = np.arange(clip.vertex_count, dtype=np.float32) + np.arange(FRAMES, dtype=np.float32)[:, None]
+    labels = np.arange(clip.vertex_count, dtype=np.int32) % 7
+    fields = {"own": own, "label": np.broadcast_to(labels, own.shape).copy()}
+    split = ArraySequence(clip.points, objects=clip.objects, fps=24, fields=fields)
+    report = pdecodec.encode(split, settings=EncodeSettings(tolerance=1e-3))
+    with pdecodec.open(report.data) as animation:
+        assert animation.info()["tied_vertices"]
+        found = animation.read_field("own", 0, FRAMES)
+        assert np.abs(found - own).max() < 0.5  # neighbours in a set are at least 1 apart
+        np.testing.assert_array_equal(animation.read_field("label", 0, FRAMES), fields["label"])
+
+
 def test_a_split_mesh_takes_hardly_more_than_a_whole_one() -> None:
     clip = split_tube()
     _, first = np.unique(ties_of(clip.points), return_index=True)
