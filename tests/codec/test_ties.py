@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ from hypothesis import strategies as st
 import pdecodec
 from pdecodec import ArraySequence, EncodeSettings, InputError
 from pdecodec.codec.editing import cut_animation, join_animations
+from pdecodec.codec.encode.fit import GroupFitter
 from pdecodec.codec.encode.reference import TieFinder
+from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.sections.reference import (
+    NO_TIES,
     ReferenceFrame,
     decode_reference,
     encode_reference,
@@ -119,6 +124,25 @@ def test_a_split_mesh_takes_hardly_more_than_a_whole_one() -> None:
     whole = ArraySequence(clip.points[:, first], fps=24)
     split, alone = (pdecodec.encode(each, tolerance=1e-3).sections for each in (clip, whole))
     assert split["COEF"] + split["CORR"] < 1.5 * (alone["COEF"] + alone["CORR"])
+
+
+def test_ties_make_no_search_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clip with many tied vertices is not searched as one of few vertices would be."""
+    clip = split_tube()
+    tuning = replace(TUNINGS["default"], small_clip_positions=1000)
+    monkeypatch.setitem(TUNINGS, "default", tuning)
+    fits, fit = [0], GroupFitter.fit
+
+    def counted(*given: Any, **named: Any) -> Any:
+        fits[-1] += 1
+        return fit(*given, **named)
+
+    monkeypatch.setattr(GroupFitter, "fit", counted)
+    pdecodec.encode(clip, tolerance=1e-3)
+    fits.append(0)
+    monkeypatch.setattr(TieFinder, "ties", NO_TIES)
+    pdecodec.encode(clip, tolerance=1e-3)
+    assert 0 < fits[0] <= 1.1 * fits[1]
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5, 100.0])

@@ -230,7 +230,7 @@ class GroupFitter:
     @property
     def is_large(self) -> bool:
         """Return whether the mesh is large, so that full fits are avoided."""
-        return self.places > self.tuning.small_mesh_vertices
+        return len(self._reference) > self.tuning.small_mesh_vertices
 
     def prepare(self, choice: Candidate) -> None:
         """Compute what fits of a temporal basis and origin share, before several threads would each compute it."""

@@ -454,14 +454,19 @@ class ModelSearch:
         return self.times.size * self._places
 
     @property
+    def _vertices(self) -> int:
+        """Number of vertices: tied ones count, so that no search takes longer because some are tied."""
+        return self.points.shape[1]
+
+    @property
     def _places(self) -> int:
         """Number of vertices that are not tied to others."""
-        return len(self.points[0]) - self.references.tied
+        return self._vertices - self.references.tied
 
     @property
     def _is_by_rule(self) -> bool:
         """Return whether the clip is encoded by rule, without a search."""
-        return self._positions > self.tuning.searched_positions
+        return self.times.size * self._vertices > self.tuning.searched_positions
 
     def _by_rule(self, look: FirstLook | None) -> FinishedModel:
         """Return the model that suits most clips, without a search."""
@@ -603,7 +608,7 @@ class ModelSearch:
         """Return whether the clip is so small that the step of the reference frame, which is much of it, is searched
         at every effort.
         """
-        return self._positions <= self.tuning.small_clip_positions
+        return self.times.size * self._vertices <= self.tuning.small_clip_positions
 
     @property
     def _is_exhaustive(self) -> bool:
@@ -612,7 +617,7 @@ class ModelSearch:
 
     @property
     def _is_large(self) -> bool:
-        return self._places > self.tuning.small_mesh_vertices
+        return self._vertices > self.tuning.small_mesh_vertices
 
     def _cost(self, model: _Model) -> float:
         """Return the bits of the first frames with their share of the reference frame and the spatial basis."""
