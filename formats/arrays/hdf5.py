@@ -63,6 +63,8 @@ class Hdf5Sequence(LaidOutSequence):
             with _file_errors(path):
                 linked, lost = _dataset_names(self._file, scope), _attribute_names(self._file)
                 check_has_points(list(linked), "dataset")
+                # HDF5 refuses to list a file while a dataset with external data is open.
+                containers = list(_containers(self._file, lost))
 
                 def item(name: str) -> Any:
                     return linked_item(self._file, name, scope) if linked[name] else _found(self._file[name])
@@ -74,7 +76,7 @@ class Hdf5Sequence(LaidOutSequence):
 
                 self._points = sliced("points")
                 self._take(list(linked), lambda name: _read(item(name), scope), fps, "dataset", sliced)
-            self._contents += _containers(self._file, lost)
+            self._contents += containers
             self.notices = (*self.notices, *not_kept(lost, "attributes not kept: {}"))
         except InputError:
             self._file.close()
