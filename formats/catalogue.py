@@ -118,13 +118,14 @@ BUILT_IN = (
         holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
+        holds_fields=True,
         write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
-        "of each run, ids of points, transforms (kept apart on request), irregular times, the stage's range, up axis, "
-        "unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes become polygons, instances "
-        "become objects",
-        loses="stored velocities, primvars that change, creases, tetrahedra except for their surface, widths, cameras "
+        "of each run, ids of points, fields (primvars that change, velocities, accelerations), transforms (kept apart "
+        "on request), irregular times, the stage's range, up axis, unit; UsdSkel and blend shapes are applied, "
+        "implicit shapes become polygons, instances become objects",
+        loses="text that changes, creases, tetrahedra except for their surface, widths, cameras "
         "and lights, materials except for their names, custom attributes, variants that are not selected, visibility, "
         "NURBS, instances that come and go",
     ),

@@ -13,6 +13,9 @@ one of `labels`: ``periodic`` if lines close ``transform`` object see :mod:`pdec
 
 If a format has one main UV set, it is called ``uv``; its other sets keep their names after a colon. The same holds
 for colours.
+
+Fields, which change in time, have the roles ``uv``, ``color``, ``velocities``, ``accelerations``, ``vector:NAME`` and
+``normal:NAME``; the last four are directions, which turn with positions.
 """
 
 from __future__ import annotations
@@ -24,10 +27,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
+
+SPACE = 3
+"""Components of a direction."""
 
 UV, COLOR, GROUP, MATERIAL, ID, POINT = "uv", "color", "group", "material", "id", "point"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
+
+VELOCITIES, ACCELERATIONS, VECTOR, NORMAL = "velocities", "accelerations", "vector", "normal"
+"""Roles of fields that are directions: they turn with positions, and all but normals scale with them."""
+
+
+def direction_role(field: Field) -> Literal["vector", "normal"] | None:
+    """Return how a field turns with positions: as vectors, as normals of unit length, or not at all."""
+    if field.components != SPACE or field.is_exact:
+        return None
+    role = field.name.partition(":")[0]
+    if role == NORMAL:
+        return "normal"
+    return "vector" if role == VECTOR or field.name in (VELOCITIES, ACCELERATIONS) else None
 
 
 def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
@@ -61,6 +81,14 @@ def role_name(role: str, name: str, main: Sequence[str]) -> str:
 def source_name(attribute: Attribute, role: str, main: str) -> str:
     """Undo :func:`role_name`: return what a format calls the attribute."""
     return main if attribute.name == role else attribute.name.removeprefix(f"{role}:")
+
+
+def field_source_name(field: Field, main_uv: str, main_color: str) -> str:
+    """Return what a format calls a field that has a role; the field's own name if it has none."""
+    role, _, name = field.name.partition(":")
+    if not name or role not in (UV, COLOR, VECTOR, NORMAL):
+        return {UV: main_uv, COLOR: main_color}.get(field.name, field.name)
+    return name
 
 
 def label_of(item: MeshObject, name: str) -> str | None:

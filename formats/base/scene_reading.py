@@ -14,12 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups, vertex_slices
+from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups, reversed_corners, vertex_slices
 from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
-from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
+from pdecodec.formats.base.scene_space import (
+    apply_matrices,
+    mirrors,
+    transform_attribute,
+    turned_around,
+    turned_directions,
+)
+from pdecodec.formats.base.scene_writing import unique_name
 from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field, rows_of_domain
 from pdecodec.mesh.sequence import (
     Attribute,
     AttributeDomain,
@@ -176,6 +184,58 @@ def lost_textures(count: int, names: Sequence[str]) -> tuple[str, ...]:
     return (f"not kept: {textures}{named}; writing the motion onto this file keeps them",)
 
 
+@dataclass(frozen=True, eq=False)
+class ShapeField:
+    """Values of one shape that change in time.
+
+    Attributes
+    ----------
+    field : Field
+    read_at : callable
+        Returns the values (rows of the file[, components]) at a time of the format; None if there are none then.
+    times : sequence of float
+        When the values are sampled; empty if they are one value that stays.
+    rows : int
+        Number of rows in the file.
+    order : (rows,) int64 or None
+        Row of the file for each row, unless they stand in the same order.
+    """
+
+    field: Field
+    read_at: Callable[[float], NDArray[Any] | None]
+    times: Sequence[float]
+    rows: int
+    order: Int64Array | None = None
+
+    def at(self, time: float) -> NDArray[Any]:
+        """Return the values (rows, components) at a time; NaN, or 0 for whole numbers, if there are none then."""
+        found, width = self.read_at(time), self.field.components
+        if found is None or found.size != self.rows * width:
+            count = self.rows if self.order is None else len(self.order)
+            return np.full((count, width), 0 if self.field.is_exact else np.nan, self.field.dtype)
+        values = found.reshape(-1, width)
+        return (values if self.order is None else values[self.order]).astype(self.field.dtype, copy=False)
+
+
+def fields_of_shapes(shapes: Sequence[Shape]) -> tuple[tuple[Field, ...], dict[str, dict[int, ShapeField]]]:
+    """Return the fields of several shapes, and by their names what each shape gives to them, by its index.
+
+    What has one name but several domains, types or numbers of components becomes several fields, with numbers appended.
+    """
+    found: dict[Field, dict[int, ShapeField]] = {}
+    for index, shape in enumerate(shapes):
+        for one in shape.fields:
+            found.setdefault(one.field, {})[index] = one
+    fields: list[Field] = []
+    sources: dict[str, dict[int, ShapeField]] = {}
+    for like, of_shapes in found.items():
+        name = unique_name(like.name, set(sources))
+        everywhere = len(of_shapes) == len(shapes)
+        fields.append(dataclasses.replace(like, name=name, objects=None if everywhere else tuple(of_shapes)))
+        sources[name] = of_shapes
+    return tuple(fields), sources
+
+
 @dataclass(kw_only=True, eq=False)
 class Shape:
     """A shape of a scene that can be read.
@@ -192,11 +252,13 @@ class Shape:
         Names of data that is not kept.
     hidden : bool
         Whether the file hides it, always or at times.
+    fields : list of ShapeField
     """
 
     name: str
     connectivity: Connectivity
     attributes: Sequence[Attribute]
+    fields: Sequence[ShapeField] = ()
     gather: Int64Array | None = None
     left_out: Sequence[str] = ()
     hidden: bool = False
@@ -298,6 +360,22 @@ class SceneSequence(MeshSequence):
         None for none.
         """
 
+    def _field_times(self, start: int, stop: int) -> Sequence[float]:
+        """Return the times of frames as :meth:`ShapeField.at` takes them."""
+        return [float(time) for time in self.times[start:stop]]
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        times = self._field_times(start, stop)
+        values = np.empty((stop - start, field.row_count(self.objects), field.components), field.dtype)
+        for index, source in self._field_sources[field.name].items() if times else ():
+            shape, own = self._shapes[index], field.rows_of_object(self.objects, index)
+            found = np.stack([source.at(time) for time in times])
+            if field.domain == "corner" and self.objects[index].connectivity is not shape.connectivity:
+                found = found[:, reversed_corners(shape.connectivity.face_counts)]
+            matrices = None if self._keep else self._matrices(shape, start, stop)
+            values[:, own] = found if matrices is None else turned_directions(field, found, matrices)
+        return values if field.components > 1 else values[:, :, 0]
+
     @property
     def shapes(self) -> Sequence[Any]:
         """The file's shape of each object."""
@@ -314,6 +392,7 @@ class SceneSequence(MeshSequence):
         """Take shapes as objects, once times are known; `transforms` is ``bake`` or ``keep``."""
         self._shapes, self._keep = shapes, transforms == "keep"
         self.objects = tuple(self._object(shape) for shape in shapes)
+        self.fields, self._field_sources = fields_of_shapes(shapes)
 
     def _object(self, shape: Shape) -> MeshObject:
         item = MeshObject(shape.name, shape.connectivity, tuple(shape.attributes))
@@ -352,6 +431,7 @@ class Extras:
     order : (corners,) int64
         Corner of the file for each corner of `connectivity`.
     attributes : list of Attribute
+    fields : list of ShapeField
     own : dict
         Arrays that only pdecodec's writers store.
     left_out : list of str
@@ -361,6 +441,7 @@ class Extras:
     connectivity: Connectivity
     order: Int64Array = field(default_factory=lambda: np.zeros(0, np.int64))
     attributes: list[Attribute] = field(default_factory=list)
+    fields: list[ShapeField] = field(default_factory=list)
     own: dict[str, NDArray[Any]] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
 
@@ -396,6 +477,34 @@ class Extras:
             rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
             domain, indices = "corner", rows[self.connectivity.face_indices]
         self.attributes.append(Attribute(name, domain, values, indices, labels))
+
+    def add_field(
+        self,
+        field: Field,
+        read_at: Callable[[float], NDArray[Any] | None],
+        times: Sequence[float],
+    ) -> None:
+        """Add values that change, with the components of the first sample that is not empty; nothing if all are empty.
+
+        They are left out if that sample does not fit the shape. Later ones that do not fit have no values.
+        """
+        first = next((found for time in times or (0.0,) if (found := read_at(time)) is not None and found.size), None)
+        if first is None:
+            return
+        rows = rows_of_domain(MeshObject("", self.connectivity), field.domain)
+        if not rows or (len(first) != rows and field.domain != "object"):
+            self.left_out.append(f"{field.name} (it does not fit the mesh)")
+            return
+        taken = {one.field.name for one in self.fields} | {one.name for one in self.attributes}
+        like = dataclasses.replace(field, name=unique_name(field.name, taken), components=first.size // rows)
+        order = self.order if field.domain == "corner" else None
+        self.fields.append(ShapeField(like, read_at, times, rows, order))
+
+    def gathered_fields(self, gather: Int64Array | None) -> list[ShapeField]:
+        """Return the fields of a shape whose vertices are some of the file's points (:attr:`Shape.gather`)."""
+        if gather is None:
+            return self.fields
+        return [dataclasses.replace(one, order=gather) if one.field.domain == "vertex" else one for one in self.fields]
 
     def add_normals(self, domain: AttributeDomain, normals: NDArray[Any], indices: Int32Array | None) -> None:
         """Add which corners share a normal; leave normals out if they do not fit the shape."""

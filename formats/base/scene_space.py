@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats.base.attribute_roles import reversed_corners, vertex_slices
+from pdecodec.formats.base.attribute_roles import COLOR, UV, direction_role, reversed_corners, vertex_slices
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
@@ -149,7 +149,8 @@ class PlacedSequence(DerivedSequence):
             metadata[UNIT] = unit_text(metres / scale)
         self.metadata = metadata
         self._turn = turn.astype(np.float64) * scale
-        untouched = ", ".join(repr(one.name) for one in source.fields if one.components > 1)
+        plain = [one for one in source.fields if one.components > 1 and direction_role(one) is None]
+        untouched = ", ".join(repr(one.name) for one in plain if one.name.partition(":")[0] not in (COLOR, UV))
         if untouched and (self._turn != np.eye(3)).any():
             told = f"positions are turned and scaled, fields are not: {untouched}"
             self.notices = (*self.notices, told)
@@ -168,6 +169,17 @@ class PlacedSequence(DerivedSequence):
         placed = Attribute(TRANSFORM, "object", rows)
         attributes = tuple(placed if one is transform else one for one in item.attributes)
         return MeshObject(item.name, item.connectivity, attributes)
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = super()._field_values(field, start, stop)
+        if direction_role(field) is not None:
+            turn = np.eye(4)
+            turn[:3, :3] = self._turn
+            values = values.copy()
+            for index in (index for index, kept in enumerate(self._kept) if not kept):
+                own = field.rows_of_object(self.objects, index)
+                values[:, own] = turned_directions(field, values[:, own], turn[None])
+        return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with rounding_noticed(float(np.abs(self._turn).max())):
@@ -239,6 +251,32 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
         return to_float32(points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3])
 
 
+def turned_directions(field: Field, values: NDArray[Any], matrices: Float64Array) -> NDArray[Any]:
+    """Return values of a field under matrices of positions: the same ones if they are no directions.
+
+    Parameters
+    ----------
+    field : Field
+    values : (frames, rows, 3) array
+    matrices : (frames or 1, 4, 4) float64
+        For points that are rows. Vectors take their linear part, normals what keeps them normal, with their length.
+
+    Returns
+    -------
+    (frames, rows, 3) array
+    """
+    role, linear = direction_role(field), matrices[:, :3, :3]
+    if role is None or (linear == np.eye(3)).all():
+        return values
+    if role == "vector":
+        return np.asarray(values @ linear, values.dtype)
+    cofactors = np.cross(np.roll(linear, -1, axis=1), np.roll(linear, -2, axis=1))
+    turned = values @ (cofactors * np.where(np.linalg.det(linear) < 0, -1.0, 1.0)[:, None, None])
+    lengths = [np.linalg.norm(one, axis=2, keepdims=True) for one in (values, turned)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(turned * np.where(lengths[1] > 0, lengths[0] / lengths[1], 0.0), values.dtype)
+
+
 def mirrors(matrices: Iterable[Float64Array]) -> bool:
     """Return whether the first of some matrices (4, 4) that does not flatten mirrors."""
     signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
@@ -290,12 +328,16 @@ class BakedTransforms(DerivedSequence):
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = super()._field_values(field, start, stop)
-        if field.domain == "corner" and any(map(self._mirrored, self._transforms)):
-            values = values.copy()
-            for index, (item, transform) in enumerate(zip(self.objects, self._transforms, strict=True)):
-                own = field.rows_of_object(self.objects, index)
-                if own.stop > own.start and self._mirrored(transform):
-                    values[:, own] = values[:, own][:, reversed_corners(item.connectivity.face_counts)]
+        if field.domain != "corner" and direction_role(field) is None:
+            return values
+        values = values.copy()
+        for index, (item, transform) in enumerate(zip(self.objects, self._transforms, strict=True)):
+            own = field.rows_of_object(self.objects, index)
+            if transform is None or own.stop == own.start:
+                continue
+            if field.domain == "corner" and self._mirrored(transform):
+                values[:, own] = values[:, own][:, reversed_corners(item.connectivity.face_counts)]
+            values[:, own] = turned_directions(field, values[:, own], matrices_at(transform, self.times[start:stop]))
         return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:

@@ -37,6 +37,7 @@ from pdecodec.formats.base.normals import NORMAL_GROUP, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_space import TRANSFORM
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 DEFAULT_NAME = "mesh"
@@ -208,11 +209,15 @@ class ShapeWriter(ABC):
     in_samples : list of str
         Names of attributes that samples hold.
     notices : list of str
+    fields : list of (Field, array)
+        The object's fields at the frames that :meth:`write` gets, (frames, rows, components), for the points that the
+        object is drawn with.
     """
 
     def __init__(self, key: ShapeKey, title: str, *, changes: bool) -> None:
         self.key, self.title, self.changes = key, title, changes
         self.notices: list[str] = []
+        self.fields: list[tuple[Field, NDArray[Any]]] = []
 
     def begin(self, item: MeshObject, times: Float64Array) -> None:
         """Begin a run of frames at times [s], in which the shape is this object."""
@@ -263,7 +268,7 @@ def write_shapes(
 
     `before` is called with the number of frames of each block before it is written.
     """
-    places: dict[ShapeKey, Any] = {}
+    places: dict[ShapeKey, tuple[int, Any]] = {}
     for run, begin, start, block in output.blocks_of_runs(sequence, title):
         if start == begin:
             of_run = sequence.times[begin : begin + run.frame_count]
@@ -271,23 +276,37 @@ def write_shapes(
         before(len(block))
         times = sequence.times[start : start + len(block)]
         moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
+        fields = _fields_of_block(run, start - begin, len(block))
         for key, shape in shapes.items():
-            own = places.get(key, slice(0))
+            index, own = places.get(key, (-1, slice(0)))
+            shape.fields = [
+                (field, values[:, rows] if gather is None else values[:, rows.start + gather])
+                for field, values in fields
+                if index >= 0 and (rows := field.rows_of_object(run.objects, index)).stop > rows.start
+                for gather in [shape.drawn.gather if field.domain == "vertex" else None]
+            ]
             shape.write(block[:, own], None if moving is None else moving[:, own], times)
         yield times
 
 
+def _fields_of_block(run: MeshSequence, start: int, frames: int) -> list[tuple[Field, NDArray[Any]]]:
+    """Return each field and its values (frames, rows, components) at some frames of a run."""
+    found = [(field, run.read_field(field.name, start, start + frames)) for field in run.fields]
+    return [(field, values.reshape(frames, -1, field.components)) for field, values in found]
+
+
 def _begin_run(
     shapes: Mapping[ShapeKey, ShapeWriter], run: MeshSequence, times: Float64Array, *, every: bool
-) -> dict[ShapeKey, Any]:
-    """Let all shapes begin a run; return the run's vertices that each of them is drawn with."""
+) -> dict[ShapeKey, tuple[int, Any]]:
+    """Let all shapes begin a run; return the object of each, -1 if there is none, and the vertices it is drawn with."""
     objects = run.objects if every else _with_vertices(run)
-    found = dict(zip(_keys_of(objects), zip(objects, vertex_slices(objects), strict=True), strict=True))
-    places: dict[ShapeKey, Any] = {}
+    numbers = [index for index, item in enumerate(run.objects) if every or item.vertex_count]
+    found = dict(zip(_keys_of(objects), zip(objects, numbers, vertex_slices(objects), strict=True), strict=True))
+    places: dict[ShapeKey, tuple[int, Any]] = {}
     for key, shape in shapes.items():
-        item, own = found.get(key, (MeshObject(key.name, Connectivity(0)), slice(0, 0)))
+        item, index, own = found.get(key, (MeshObject(key.name, Connectivity(0)), -1, slice(0, 0)))
         shape.begin(item, times)
-        places[key] = own if shape.drawn.gather is None else own.start + shape.drawn.gather
+        places[key] = index, own if shape.drawn.gather is None else own.start + shape.drawn.gather
     return places
 
 

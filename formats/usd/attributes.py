@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
-from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, role_name
+from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, NORMAL, UV, VECTOR, role_name
 from pdecodec.formats.base.scene_reading import Extras
-from pdecodec.formats.usd.metadata import NAME, OWN
-from pdecodec.formats.usd.values import changes_with_time, value_at
+from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY
+from pdecodec.formats.usd.values import ALWAYS, changes_with_time, codes_within, spline_codes, value_at
 from pdecodec.mesh.arrays import Int64Array
+from pdecodec.mesh.fields import DTYPES, Field
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity
 
 _DOMAINS: dict[str, AttributeDomain] = {
@@ -34,11 +36,18 @@ _OTHERS_OWN = ("skel:",)
 
 
 def read_extras(
-    prim: Any, connectivity: Connectivity, order: Int64Array, *, moves: bool = False, at: float | None = None
+    prim: Any,
+    connectivity: Connectivity,
+    order: Int64Array,
+    span: tuple[float, float] = ALWAYS,
+    *,
+    moves: bool = False,
+    at: float | None = None,
 ) -> Extras:
-    """Read all constant data of the prim; `order` as in :class:`Extras`, `moves` tells whether its points move.
+    """Read all data of the prim; `order` as in :class:`Extras`, `moves` tells whether its points move.
 
-    If the time code `at` is given, everything is read there, whether constant or not.
+    Primvars that change between the codes of `span`, in which the connectivity is constant, become fields. If the time
+    code `at` is given, everything else is read there.
     """
     extras = Extras(connectivity, order)
     for primvar in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance():
@@ -46,7 +55,7 @@ def read_extras(
             continue
         name = str(primvar.GetPrimvarName())
         if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
-            _read_primvar(primvar, name, extras, moves, at)
+            _read_primvar(primvar, name, extras, moves, at, span)
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetNamespace() == OWN:
             extras.own[attribute.GetBaseName()] = np.array(value_at(attribute, at), np.int32)
@@ -70,11 +79,89 @@ def _read_normals(mesh: Any, extras: Extras, at: float | None) -> None:
         extras.add_normals(_DOMAINS.get(str(interpolation), "object"), np.array(found, np.float32), indices)
 
 
-def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool, at: float | None) -> None:
+def read_directions(attribute: Any, extras: Extras, span: tuple[float, float], *, is_skinned: bool) -> None:
+    """Read velocities or accelerations of points; those of skinned points belong to the points before skinning."""
+    name = attribute.GetName()
+    if is_skinned:
+        extras.left_out.append(name)
+    else:
+        extras.add_field(Field(name, "vertex", components=3), *_values_in_time([attribute], span))
+
+
+def _values_in_time(
+    attributes: Sequence[Any], span: tuple[float, float], width: int = 1
+) -> tuple[Callable[[float], NDArray[Any] | None], list[float]]:
+    """Return a function that reads an attribute, and its indices if it has some, at a code, and when it is sampled.
+
+    `width` elements are one row. Codes after the last sample in the span read that one: the next may be of other faces.
+    """
+    codes = merged_codes(attributes, span)
+
+    def read_at(code: float) -> NDArray[Any] | None:
+        inside = min(code, codes[-1]) if codes and span[1] < np.inf else code
+        stored, *indices = (attribute.Get(inside) for attribute in attributes)
+        if stored is None or (indices and indices[0] is None):
+            return None
+        values = np.atleast_1d(np.array(stored))
+        values = values.reshape(-1, width) if width > 1 and values.size % width == 0 else values
+        if not indices:
+            return values
+        rows = np.array(indices[0], np.int64)
+        missing = (rows < 0) | (rows >= len(values))
+        if not len(values):
+            return None
+        found = values[np.where(missing, 0, rows)]
+        found[missing] = np.nan if found.dtype.kind == "f" else 0
+        return found
+
+    return read_at, codes
+
+
+def merged_codes(attributes: Sequence[Any], span: tuple[float, float]) -> list[float]:
+    """Return the codes in a span at which one of several attributes is sampled, or has a knot of a spline."""
+    found = [codes_within(one, span) for one in attributes]
+    found += [spline_codes(one, one.GetPrim().GetStage()) for one in attributes]
+    return sorted({code for codes in found for code in codes})
+
+
+def _read_field(primvar: Any, name: str, extras: Extras, span: tuple[float, float]) -> None:
+    attribute, role = primvar.GetAttr(), primvar.GetTypeName().role
+    read_at, codes = _values_in_time(
+        [attribute, *([primvar.GetIndicesAttr()] if primvar.IsIndexed() else [])], span, primvar.GetElementSize()
+    )
+    first = next((found for code in codes if (found := read_at(code)) is not None), None)
+    if first is None:
+        return
+    stored = np.dtype(np.float32) if first.dtype == np.float16 else first.dtype
+    told = str(attribute.GetCustomDataByKey(DTYPE_KEY) or "")
+    dtype = next((one for one in DTYPES if one.name == told), stored)
+    if stored not in DTYPES:
+        extras.left_out.append(f"{name} (it changes with time)")
+        return
+    own = attribute.GetCustomDataByKey(NAME)
+    domain = _DOMAINS.get(str(primvar.GetInterpolation()), "object")
+    unit = str(attribute.GetCustomDataByKey(UNIT_KEY) or "")
+    extras.add_field(Field(str(own) if own else field_name(name, role), domain, dtype, 1, unit), read_at, codes)
+
+
+def field_name(name: str, role: Any) -> str:
+    roles = Sdf.ValueRoleNames
+    if role == roles.TextureCoordinate or (not role and name in _UV_NAMES):
+        return role_name(UV, name, ("st",))
+    if role == roles.Color:
+        return role_name(COLOR, name, ("displayColor",))
+    directions = {roles.Vector: VECTOR, roles.Normal: NORMAL}
+    return f"{directions[role]}:{name}" if role in directions else name
+
+
+def _read_primvar(
+    primvar: Any, name: str, extras: Extras, moves: bool, at: float | None, span: tuple[float, float]
+) -> None:
     type_name = primvar.GetTypeName()
     indices_of = primvar.GetIndicesAttr() if primvar.IsIndexed() else None
-    if at is None and any(changes_with_time(one) for one in (primvar.GetAttr(), indices_of) if one):
-        extras.left_out.append(f"{name} (it changes with time)")
+    is_field = primvar.GetAttr().HasCustomDataKey(DTYPE_KEY)
+    if is_field or any(changes_with_time(one, span) for one in (primvar.GetAttr(), indices_of) if one):
+        _read_field(primvar, name, extras, span)
         return
     if moves and type_name.role == Sdf.ValueRoleNames.Normal:
         extras.left_out.append(f"{name} (normals that would stand still)")

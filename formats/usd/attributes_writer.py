@@ -9,9 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade, Vt
 
-from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_sets, is_by_vertex, source_name
+from pdecodec.formats.base.attribute_roles import (
+    ACCELERATIONS,
+    COLOR,
+    GROUP,
+    MATERIAL,
+    NORMAL,
+    SPACE,
+    UV,
+    VECTOR,
+    VELOCITIES,
+    direction_role,
+    face_sets,
+    field_source_name,
+    is_by_vertex,
+    source_name,
+)
 from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, unique_name, write_parameters
-from pdecodec.formats.usd.metadata import NAME, OWN, valid_name
+from pdecodec.formats.usd.attributes import field_name
+from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY, valid_name
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
 _INTERPOLATIONS = {"vertex": "vertex", "face": "uniform", "corner": "faceVarying", "object": "constant"}
@@ -34,6 +51,19 @@ _TYPES = {
 }
 """USD's value types by NumPy kind, bytes, and columns."""
 
+_SCALARS = {
+    "f4": (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray, np.float32),
+    "f8": (Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray, np.float64),
+    "i8": (Sdf.ValueTypeNames.Int64Array, Vt.Int64Array, np.int64),
+    "u1": (Sdf.ValueTypeNames.UCharArray, Vt.UCharArray, np.uint8),
+    "u4": (Sdf.ValueTypeNames.UIntArray, Vt.UIntArray, np.uint32),
+    "u8": (Sdf.ValueTypeNames.UInt64Array, Vt.UInt64Array, np.uint64),
+    "b1": (Sdf.ValueTypeNames.BoolArray, Vt.BoolArray, np.bool_),
+}
+"""USD's value types of single numbers, by NumPy's; other integers are written as int."""
+
+_INT = (Sdf.ValueTypeNames.IntArray, Vt.IntArray, np.int32)
+
 _FAMILIES = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)}
 """Families of face subsets by role."""
 
@@ -45,8 +75,10 @@ _ROLE_TYPES = {
     (COLOR, 4): (Sdf.ValueTypeNames.Color4fArray, Vt.Vec4fArray),
     (UV, 2): (Sdf.ValueTypeNames.TexCoord2fArray, Vt.Vec2fArray),
     (UV, 3): (Sdf.ValueTypeNames.TexCoord3fArray, Vt.Vec3fArray),
+    (VECTOR, 3): (Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray),
+    (NORMAL, 3): (Sdf.ValueTypeNames.Normal3fArray, Vt.Vec3fArray),
 }
-"""Types of colours and UVs by role and numbers per row."""
+"""Types of colours, UVs and directions by role and numbers per row."""
 
 
 def int_array(values: NDArray[np.integer]) -> Any:
@@ -162,6 +194,66 @@ class ExtrasWriter:
                 if self._first != at:
                     self._own[name].Set(Vt.IntArray(), self._first)
             self._own[name].Set(int_array(array), at)
+
+
+class FieldsWriter:
+    """Writer of the fields of one prim: samples of its velocities and accelerations, or of primvars.
+
+    Parameters
+    ----------
+    prim : Usd.Prim
+    """
+
+    def __init__(self, prim: Any) -> None:
+        self._prim = prim
+        self._known: dict[str, tuple[Any, Any, Any]] = {}
+
+    def write(self, fields: Sequence[tuple[Field, NDArray[Any]]], codes: Sequence[float], first: Any) -> None:
+        """Write values (frames, rows, components) at time codes; `first` is the code of the first frame of the file.
+
+        What earlier runs of frames had and this one has not becomes empty.
+        """
+        for field, _ in fields:
+            if field.name not in self._known:
+                self._known[field.name] = put, array_type, _ = self._made(field)
+                if not first.IsDefault() and first.GetValue() < codes[0]:
+                    put.Set(array_type(), first)
+        with Sdf.ChangeBlock():
+            for field, values in fields:
+                put, array_type, dtype = self._known[field.name]
+                shape = (-1, field.components) if hasattr(array_type(1)[0], "dimension") else (-1,)
+                for code, rows in zip(codes, values, strict=True):
+                    put.Set(array_type.FromNumpy(np.ascontiguousarray(rows.reshape(shape), dtype)), code)
+            for name in self._known.keys() - {field.name for field, _ in fields}:
+                self._known[name][0].Set(self._known[name][1](), codes[0])
+
+    def _made(self, field: Field) -> tuple[Any, Any, Any]:
+        """Return the attribute or primvar of a field, the type of its arrays, and NumPy's type of its numbers."""
+        if field.name in (VELOCITIES, ACCELERATIONS) and field.domain == "vertex" and direction_role(field):
+            geometry = UsdGeom.PointBased(self._prim)
+            is_speed = field.name == VELOCITIES
+            made = geometry.CreateVelocitiesAttr() if is_speed else geometry.CreateAccelerationsAttr()
+            return made, Vt.Vec3fArray, np.float32
+        kind = (field.dtype.kind, field.dtype.itemsize, field.components)
+        role = _ROLE_TYPES.get((field.name.partition(":")[0], field.components)) if kind[:2] == ("f", 4) else None
+        found = role or (_TYPES.get(kind) if field.components > 1 else None)
+        type_name, array_type, dtype = _SCALARS.get(field.dtype.str[1:], _INT)
+        if found is not None:
+            (type_name, array_type), dtype = found, field.dtype.type
+        name = field_source_name(field, "st", "displayColor" if field.components == SPACE else COLOR)
+        name = ":".join(map(valid_name, name.split(":")))
+        taken = {one.removeprefix("primvars:") for one in self._prim.GetAuthoredPropertyNames()}
+        name = unique_name(name, taken)
+        primvar = UsdGeom.PrimvarsAPI(self._prim).CreatePrimvar(name, type_name, _INTERPOLATIONS[field.domain])
+        if found is None and field.components > 1:
+            primvar.SetElementSize(field.components)
+        attribute = primvar.GetAttr()
+        attribute.SetCustomDataByKey(DTYPE_KEY, field.dtype.name)
+        if field.unit:
+            attribute.SetCustomDataByKey(UNIT_KEY, field.unit)
+        if field_name(name, type_name.role) != field.name:
+            attribute.SetCustomDataByKey(NAME, field.name)
+        return primvar, array_type, dtype
 
 
 def _material(stage: Any, label: str) -> Any:

@@ -73,13 +73,13 @@ _EVERYWHERE = {
 }
 """Properties that any prim can have."""
 
-_MESH = "points normals faceVertexCounts faceVertexIndices orientation subdivisionScheme"
+_MESH = "points velocities accelerations normals faceVertexCounts faceVertexIndices orientation subdivisionScheme"
 
 _READ = {
     "Mesh": _MESH,
-    "TetMesh": "points normals surfaceFaceVertexIndices orientation",
-    "BasisCurves": "points curveVertexCounts type basis wrap",
-    "Points": "points ids",
+    "TetMesh": "points velocities accelerations normals surfaceFaceVertexIndices orientation",
+    "BasisCurves": "points velocities accelerations curveVertexCounts type basis wrap",
+    "Points": "points velocities accelerations ids",
     "GeomSubset": "elementType indices familyName",
     "PointInstancer": "prototypes protoIndices positions orientations orientationsf scales ids invisibleIds",
     **dict.fromkeys(("Sphere", "Cube", "Cone"), "radius size height axis"),

@@ -18,6 +18,9 @@ OWN = "pdecodec"
 NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
 """Custom data of a prim: the original name if USD could not hold it; whether the prim was added to the tree."""
 
+UNIT_KEY, DTYPE_KEY = f"{OWN}:unit", f"{OWN}:dtype"
+"""Custom data of a primvar that is a field: its unit and type; that it has a type marks it as a field."""
+
 METADATA = f"{OWN}Metadata"
 """Custom data of a layer: metadata that USD cannot hold."""
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from pdecodec.errors import InputError
@@ -35,6 +36,7 @@ from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
 from pdecodec.formats.usd.time_codes import TimeCodes
 from pdecodec.formats.usd.walk import shapes_again, shapes_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import MeshSequence
 
@@ -113,6 +115,13 @@ class UsdSequence(SceneSequence):
     def _matrices(self, shape: UsdShape, start: int, stop: int) -> Float64Array:
         instances, prim = shape.instances, shape.placed_by
         return _placed_at(self._codes[start:stop], lambda cache: placed_in_scene(instances, prim, cache))
+
+    def _field_times(self, start: int, stop: int) -> Sequence[float]:
+        return [float(code) for code in self._codes[start:stop]]
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        with stage_errors(self._path):
+            return super()._field_values(field, start, stop)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         with stage_errors(self._path):

@@ -25,7 +25,7 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.normals import NORMAL_GROUP
 from pdecodec.formats.base.scene_reading import Extras, Refusals, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.base.scene_space import mirrors
-from pdecodec.formats.usd.attributes import read_extras
+from pdecodec.formats.usd.attributes import read_directions, read_extras
 from pdecodec.formats.usd.implicit import read_implicit
 from pdecodec.formats.usd.instances import Instancer
 from pdecodec.formats.usd.metadata import OWN
@@ -108,6 +108,12 @@ class ShapeScan(SceneWalk):
         """Return the codes at which the connectivity of a prim changes."""
         return self.changes.get(str(prim.GetPath()), ())
 
+    def span(self, prim: Any) -> tuple[float, float]:
+        """Return the codes between which a prim has the connectivity that this walk reads."""
+        edges = [-np.inf, *self.described_at(prim), np.inf]
+        number = 0 if self.at is None else int(np.searchsorted(edges, self.at, side="right")) - 1
+        return edges[number], edges[number + 1]
+
 
 def change_codes(attributes: Sequence[Any], *, by_size: bool) -> list[float]:
     """Return the codes at which one of several array attributes changes."""
@@ -132,6 +138,7 @@ def open_implicit(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | No
         name=name,
         connectivity=implicit.connectivity,
         attributes=extras.attributes,
+        fields=extras.fields,
         left_out=extras.left_out,
         prim=prim,
         points=implicit,
@@ -164,7 +171,7 @@ def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
         scan.refusals.refuse(name, fault)
         return None
     connectivity, order = _facing_out(mesh, counts, indices, skinning, at)
-    extras = read_extras(prim, connectivity, order, moves=_moves(mesh, skinning), at=at)
+    extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(mesh, skinning), at=at)
     scheme = SUBDIVISION_SCHEMES.get(str(mesh.GetSubdivisionSchemeAttr().Get()))
     if scheme is not None:
         extras.attributes.append(label_attribute(SUBDIVISION, scheme))
@@ -188,11 +195,14 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
         surface = UsdGeom.TetMesh.ComputeSurfaceFaces(tets, Usd.TimeCode.EarliestTime() if at is None else at)
     indices = np.array(surface, np.int32).reshape(-1)
     connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
-    extras = read_extras(prim, connectivity, order, moves=_moves(tets, skinning), at=at)
+    extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(tets, skinning), at=at)
     # Data of elements belong to the tetrahedra, except for sets of faces.
     inner = [one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _OF_SURFACES]
     extras.attributes = [one for one in extras.attributes if not any(one is other for other in inner)]
+    of_cells = [one for one in extras.fields if one.field.domain in ("face", "corner")]
+    extras.fields = [one for one in extras.fields if one not in of_cells]
     extras.left_out += ["tetrahedra (their surface is kept)", *(one.name for one in inner)]
+    extras.left_out += [one.field.name for one in of_cells]
     return _shape(name, tets, connectivity, extras, scan, skinning=skinning)
 
 
@@ -218,7 +228,7 @@ def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None
     if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
         scan.refusals.refuse(name, "curves whose numbers of points do not add up")
         return None
-    extras = read_extras(prim, points, np.zeros(0, np.int64), moves=_moves(curves, skinning), at=at)
+    extras = read_extras(prim, points, np.zeros(0, np.int64), scan.span(prim), moves=_moves(curves, skinning), at=at)
     if curves.GetTypeAttr().Get() == UsdGeom.Tokens.cubic:
         basis = str(curves.GetBasisAttr().Get()).lower()
         extras.attributes.append(label_attribute(CURVE_BASIS, f"cubic {basis}"))
@@ -236,7 +246,7 @@ def open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None
     counted = ids.GetNumTimeSamples() < 2
     at = scan.look(prim, [points.GetPointsAttr() if counted else ids], by_size=counted)
     alone = _points_alone(points, at)
-    extras = read_extras(prim, alone, np.zeros(0, np.int64), moves=_moves(points, skinning), at=at)
+    extras = read_extras(prim, alone, np.zeros(0, np.int64), scan.span(prim), moves=_moves(points, skinning), at=at)
     numbers = value_at(ids, at)
     if numbers is not None:
         rows = np.array(numbers, np.int64)
@@ -257,12 +267,14 @@ def _shape(
 ) -> UsdShape:
     if schema.GetNormalsAttr().HasAuthoredValue() and not connectivity.face_count:
         extras.left_out.append("normals")
-    if schema.GetVelocitiesAttr().HasAuthoredValue():
-        extras.left_out.append("velocities")
+    for attribute in (schema.GetVelocitiesAttr(), schema.GetAccelerationsAttr()):
+        if attribute.HasAuthoredValue():
+            read_directions(attribute, extras, scan.span(schema.GetPrim()), is_skinned=skinning is not None)
     return UsdShape(
         name=name,
         connectivity=connectivity,
         attributes=extras.attributes,
+        fields=extras.gathered_fields(gather),
         gather=gather,
         left_out=extras.left_out,
         prim=schema.GetPrim(),

@@ -43,6 +43,8 @@ class TimeCodes:
         if self._is_new("points", shape.prim.GetPath()):
             self._add(shape.points.GetTimeSamples(), straight=True)
             self._add(shape.described_at, straight=True)
+            for one in shape.fields:
+                self._add(one.times, straight=True)
             if isinstance(shape.points, Implicit):
                 self._add(shape.points.spline_codes(shape.prim.GetStage()), straight=False)
         skinning = shape.skinning

@@ -18,11 +18,20 @@ def value_at(attribute: Any, at: float | None) -> Any:
     return next((found for code in codes if (found := attribute.Get(code)) is not None), None)
 
 
-def changes_with_time(attribute: Any) -> bool:
+ALWAYS = (-np.inf, np.inf)
+"""All time codes."""
+
+
+def codes_within(attribute: Any, span: tuple[float, float]) -> list[float]:
+    """Return the codes of an attribute's samples from the first of two codes, up to the second without it."""
+    return [code for code in attribute.GetTimeSamples() if span[0] <= code < span[1]]
+
+
+def changes_with_time(attribute: Any, span: tuple[float, float] = ALWAYS) -> bool:
     """Return whether an attribute has different values at different times: one sample, or equal ones, are constant."""
     if attribute.HasSpline():
         return True
-    codes = attribute.GetTimeSamples()
+    codes = codes_within(attribute, span)
     first = attribute.Get(codes[0]) if codes else None
     return any(not np.array_equal(np.asarray(attribute.Get(code)), np.asarray(first)) for code in codes[1:])
 

@@ -17,6 +17,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from pdecodec.errors import Notice
+from pdecodec.formats.base.attribute_roles import VELOCITIES, direction_role
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
@@ -31,7 +32,7 @@ from pdecodec.formats.base.scene_writing import (
 )
 from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import NORMALS
-from pdecodec.formats.usd.attributes_writer import ExtrasWriter, int_array
+from pdecodec.formats.usd.attributes_writer import ExtrasWriter, FieldsWriter, int_array
 from pdecodec.formats.usd.metadata import (
     ADDED,
     METADATA,
@@ -76,7 +77,7 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write a stage: text if the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
     moved: tuple[str, ...] = ()
-    if output.velocities is None and len(sequence.runs) == 1:
+    if output.velocities is None and len(sequence.runs) == 1 and not any(map(direction_role, sequence.fields)):
         sequence, moved = rigid_parts(sequence, output.rigid)
     check_writable(path, overwrite=output.overwrite)
     with stage_folder(output) as folder:
@@ -230,7 +231,7 @@ class _PrimWriter(ShapeWriter):
         self._geometry = _SCHEMAS[key.kind](prim)
         self._points = self._geometry.CreatePointsAttr()
         self._extent = self._geometry.CreateExtentAttr()
-        self._extras = ExtrasWriter(prim)
+        self._extras, self._fields = ExtrasWriter(prim), FieldsWriter(prim)
         self._normals: Any = None
         self._transform: Attribute | None = None
         self._op: Any = None
@@ -273,6 +274,9 @@ class _PrimWriter(ShapeWriter):
                 self._geometry.CreateVelocitiesAttr().Set(Vt.Vec3fArray(), self._at)
             return
         codes = codes_of(times, self._rate).tolist()
+        self._fields.write(
+            [one for one in self.fields if speeds is None or one[0].name != VELOCITIES], codes, self._first
+        )
         velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
         # Outside of a block, every value that is set notifies the stage.
         with Sdf.ChangeBlock():

@@ -324,9 +324,9 @@ EXPECTED = {
     ply: {"coded": ("positions", "faces", "vertex colours"), "dropped": ("heat", "late", "face flags")},
     alembic: {"coded": ("P", ".faces", "visible"), "dropped": ("studio", "width"), "implied": (".selfBnds",)},
     usd: {
-        "coded": ("points", "Mesh", "primvars:kept", "upAxis"),
+        "coded": ("points", "velocities", "accelerations", "Mesh", "primvars:kept", "primvars:heat", "upAxis"),
         "implied": ("extent", "defaultPrim"),
-        "dropped": ("velocities", "Camera", "look=old", "PhysicsRigidBodyAPI", "renderSettingsPrimPath"),
+        "dropped": ("Camera", "look=old", "PhysicsRigidBodyAPI", "renderSettingsPrimPath"),
     },
     gltf: {
         "coded": ("POSITION", "NORMAL", "materials", "name", "animations", "scenes", "nodes", "meshes", "channels"),

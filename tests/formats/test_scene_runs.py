@@ -112,7 +112,7 @@ def test_a_file_of_runs_is_decoded_to_a_scene_with_velocities_and_again_encoded(
     assert run(["decode", str(tmp_path / "x.pdeanim"), scene, "--velocities"]) == 0
     assert "not kept" not in capsys.readouterr().err
     with open_sequence(scene) as read:
-        assert read.notices == ("not kept: velocities",)
+        assert read.notices == (("not kept: velocities",) if extension == "abc" else ())
         for found, expected in zip(by_name(read), by_name(clip), strict=True):
             assert all(np.abs(found[name] - points).max() <= (report.bound or 0) for name, points in expected.items())
     assert run(["encode", scene, again]) == 0

@@ -295,7 +295,7 @@ LISTED: dict[str, tuple[str, dict[str, str]]] = {
         {
             "textures": "2 textures",
             "lights": "DomeLight",
-            "primvars that change": "heat (it changes with time)",
+            "primvars of text that change": "label (it changes with time)",
             "other attributes": "attributes (",
             "prims of purpose proxy and guide": "purpose proxy",
         },

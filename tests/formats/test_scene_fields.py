@@ -1,0 +1,198 @@
+"""Fields in scene formats: parameters of every scope that change, velocities, and what turns with positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSequence, open_sequence, write_sequence
+from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, turned_directions
+from tests.support.mesh_cases import connectivity_of
+from tests.support.scene_cases import needed
+
+FRAMES = 4
+FACES = connectivity_of(5, [[0, 1, 2, 3], [2, 1, 4]])
+ROWS = {"vertex": 10, "face": 4, "corner": 14, "object": 2}
+DIRECTIONS = [
+    (Field("velocities", "vertex", components=3), 10),
+    (Field("vector:wind", "face", components=3), 4),
+    (Field("normal:up", "corner", components=3), 14),
+]
+ROLES = [
+    *DIRECTIONS,
+    (Field("accelerations", "vertex", components=3), 10),
+    (Field("uv", "corner", components=2), 14),
+    (Field("uv:second", "vertex", components=2), 10),
+    (Field("color", "vertex", components=3), 10),
+    (Field("color:Cd", "face", components=4), 4),
+    (Field("of one", "vertex", objects=(1,)), 5),
+]
+EXTENSIONS = ["usda"]
+
+
+def values_of(field: Field, rows: int) -> Any:
+    random = np.random.default_rng(rows)
+    shape = (FRAMES, rows, field.components) if field.components > 1 else (FRAMES, rows)
+    return (random.integers(0, 2, shape) if field.is_exact else random.standard_normal(shape)).astype(field.dtype)
+
+
+def clip_of(fields: list[tuple[Field, int]], matrices: Any = None) -> ArraySequence:
+    attributes = () if matrices is None else (transform_attribute(np.arange(FRAMES) / 24, matrices),)
+    return ArraySequence(
+        np.random.default_rng(3).standard_normal((FRAMES, 10, 3)),
+        objects=(MeshObject("a", FACES, attributes), MeshObject("b/c", FACES)),
+        fps=24,
+        metadata={"up_axis": "Y", "unit": "m"},
+        fields=[(field, values_of(field, rows)) for field, rows in fields],
+    )
+
+
+def assert_same(found: MeshSequence, expected: MeshSequence, error: float = 0) -> None:
+    assert {one.name: one for one in found.fields} == {one.name: one for one in expected.fields}
+    for one in expected.fields:
+        values, wanted = (each.read_field(one.name, 0, FRAMES) for each in (found, expected))
+        scale = 1 if one.is_exact else float(np.ptp(wanted))
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=0 if one.is_exact else error * scale)
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_fields_of_every_scope_and_type_come_back(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    types = [np.dtype(one) for one in ("f4", "f8", "i1", "u2", "i4", "i8", "u4", "u8", "?")]
+    plain = [
+        (Field(f"{domain} {width} {one.name}", domain, one, width, "Pa"), rows)  # type: ignore[arg-type]
+        for domain, rows in ROWS.items()
+        for width in (1, 3, 6)
+        for one in types
+    ]
+    clip = clip_of([*ROLES, *plain])
+    assert write_sequence(clip, tmp_path / f"x.{extension}") == ()
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        assert read.notices == ()
+        assert_same(read, clip)
+        assert not read.objects[0].attributes
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_a_scene_with_fields_goes_through_a_coded_file(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    clip = clip_of(ROLES)
+    first, coded, second = tmp_path / f"x.{extension}", tmp_path / "x.pdeanim", tmp_path / f"y.{extension}"
+    write_sequence(clip, first)
+    with open_sequence(first) as read:
+        pdecodec.encode(read, coded)
+    with pdecodec.open(coded) as animation:
+        write_sequence(animation, second)
+    with open_sequence(second) as again:
+        assert_same(again, clip, 1e-3)
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_fields_of_runs_belong_to_their_run(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    runs = []
+    for number, faces in enumerate([FACES, connectivity_of(4, [[0, 1, 2], [0, 2, 3]])]):
+        count = faces.vertex_count
+        heat = np.arange(2 * count, dtype=np.float32).reshape(2, count) + number
+        moves = np.ones((2, count, 3), np.float32) * [[[1]], [[2]]]
+        fields = [(Field("heat", "vertex"), heat), (Field("velocities", "vertex", components=3), moves)]
+        points = np.random.default_rng(number).random((2, count, 3))
+        times = np.arange(2 * number, 2 * number + 2) / 24
+        objects = [MeshObject("a", faces)]
+        runs.append(ArraySequence(points, objects=objects, times=times, fps=24, fields=fields[: 2 - number]))
+    write_sequence(ChangingSequence(runs), tmp_path / f"x.{extension}")
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        for found, expected in zip(read.runs, runs, strict=True):
+            assert [one.name for one in found.fields] == [one.name for one in expected.fields]
+            for one in expected.fields:
+                np.testing.assert_array_equal(found.read_field(one.name, 0, 2), expected.read_field(one.name, 0, 2))
+
+
+MIRRORED = np.tile(np.diag([-2.0, 3.0, 0.5, 1.0]), (FRAMES, 1, 1)) + np.eye(4)[3][:, None] * [5.0, 0, 0, 0]
+
+
+def test_directions_turn_with_positions_and_other_fields_do_not() -> None:
+    clip = clip_of([*DIRECTIONS, (Field("velocity", "vertex", components=3), 10)])
+    placed = place(clip, up_axis="Z", scale=10)
+    x, y, z = np.moveaxis(clip.read_field("velocities", 0, FRAMES), 2, 0)
+    np.testing.assert_allclose(placed.read_field("velocities", 0, FRAMES), np.stack([x, -z, y], 2) * 10, rtol=1e-6)
+    x, y, z = np.moveaxis(clip.read_field("normal:up", 0, FRAMES), 2, 0)
+    np.testing.assert_allclose(placed.read_field("normal:up", 0, FRAMES), np.stack([x, -z, y], 2), rtol=1e-5)
+    np.testing.assert_array_equal(placed.read_field("velocity", 0, FRAMES), clip.read_field("velocity", 0, FRAMES))
+    assert [one for one in placed.notices if "fields are not" in one] == [
+        "positions are turned and scaled, fields are not: 'velocity'"
+    ]
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    clip = clip_of(DIRECTIONS, MIRRORED)
+    baked = bake_transforms(clip)
+    moved = baked.read_field("velocities", 0, FRAMES)
+    local = clip.read_field("velocities", 0, FRAMES)
+    np.testing.assert_allclose(moved[:, :5], local[:, :5] * [-2, 3, 0.5], rtol=1e-6)
+    np.testing.assert_array_equal(moved[:, 5:], local[:, 5:])
+    # A normal stays normal to the edge that a vector at right angles to it lies along.
+    up = Field("normal:up", "vertex", components=3)
+    normal, edge = np.array([[[0.6, 0.8, 0.0]]]), np.array([[[0.8, -0.6, 0.3]]])
+    turned = turned_directions(up, normal, MIRRORED[:1])
+    assert abs(float((turned @ (edge[0] @ MIRRORED[0, :3, :3]).T).item())) < 1e-12
+    assert float(np.linalg.norm(turned)) == pytest.approx(1)
+    write_sequence(clip, tmp_path / f"x.{extension}")
+    for transforms, expected in (("keep", clip), ("bake", baked)):
+        with open_sequence(tmp_path / f"x.{extension}", transforms=transforms) as read:
+            assert_same(read, expected, 1e-6)
+
+
+def usd_values(path: Path) -> dict[str, list[Any]]:
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/scene/a"))
+    found = {}
+    for one in UsdGeom.PrimvarsAPI(mesh).GetAuthoredPrimvars():
+        name = f"{one.GetPrimvarName()} {one.GetInterpolation()} {one.GetTypeName()}"
+        found[name] = [np.array(one.Get(code)) for code in one.GetTimeSamples()]
+    found["velocities"] = [
+        np.array(mesh.GetVelocitiesAttr().Get(code)) for code in mesh.GetVelocitiesAttr().GetTimeSamples()
+    ]
+    found["accelerations"] = [np.array(mesh.GetAccelerationsAttr().Get(code)) for code in range(FRAMES)]
+    return found
+
+
+SEEN: dict[str, tuple[Callable[[Path], dict[str, list[Any]]], dict[str, str]]] = {
+    "usda": (
+        usd_values,
+        {
+            "st faceVarying texCoord2f[]": "uv",
+            "second vertex texCoord2f[]": "uv:second",
+            "displayColor vertex color3f[]": "color",
+            "Cd uniform color4f[]": "color:Cd",
+            "wind uniform vector3f[]": "vector:wind",
+            "up faceVarying normal3f[]": "normal:up",
+            "velocities": "velocities",
+            "accelerations": "accelerations",
+        },
+    ),
+}
+"""What a format's own library finds in the object "a" of :data:`ROLES`, and the field that it is."""
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_the_own_library_of_a_format_finds_fields_where_it_expects_them(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    clip = clip_of(ROLES)
+    write_sequence(clip, tmp_path / f"x.{extension}")
+    read, names = SEEN[extension]
+    found = read(tmp_path / f"x.{extension}")
+    assert set(found) == set(names)
+    for name, own in names.items():
+        field = clip.field_named(own)
+        expected = clip.read_field(own, 0, FRAMES)[:, field.rows_of_object(clip.objects, 0)]
+        np.testing.assert_array_equal(np.stack(found[name]).reshape(expected.shape), expected)
