@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import IO, BinaryIO, Literal
 
 from pdecodec.system.whole_output import whole_file, write_errors
 
@@ -106,6 +106,10 @@ COPY_BLOCK_BYTES = 2**20
 """Bytes copied or checked together, so that memory does not grow with a section."""
 
 
+SPOOL_MEMORY = 2**18
+"""Bytes up to which a section that grows without an output is kept in memory."""
+
+
 class Spool:
     """A section that grows while frames stream by: an unnamed temporary file, next to `output` if given.
 
@@ -115,8 +119,12 @@ class Spool:
     def __init__(self, output: Path | None) -> None:
         self._named = output or Path(tempfile.gettempdir())
         with write_errors(self._named):
-            # Open as long as the spool: see close().
-            self._file = tempfile.TemporaryFile(dir=None if output is None else output.parent)  # noqa: SIM115
+            # Open as long as the spool: see close(). Runs are many, small and without an output of their own.
+            self._file: IO[bytes] = (
+                tempfile.SpooledTemporaryFile(SPOOL_MEMORY)  # noqa: SIM115
+                if output is None
+                else tempfile.TemporaryFile(dir=output.parent)  # noqa: SIM115
+            )
         self.length = 0
         self.checksum = 0
 

@@ -22,6 +22,8 @@ import pdecodec
 from pdecodec import ArraySequence, MeshSequence
 from pdecodec.cli.main import run
 from pdecodec.codec.editing import cut_animation, join_animations
+from pdecodec.codec.encode.search import ModelSearch
+from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshObject
 from tests.slow.test_endurance import figures
@@ -112,6 +114,14 @@ def test_a_long_clip_of_few_vertices_keeps_long_groups() -> None:
     """Beyond half a million positions, where effort "fast" stops searching, groups had twelve frames."""
     clip = ArraySequence(walk(2**14 + 512, 32))
     assert pdecodec.encode(clip, tolerance=1e-3, effort="fast").groups < 50
+
+
+@pytest.mark.parametrize("effort", ["fast", "default", "best"])
+def test_a_single_frame_is_encoded_without_a_search(effort: EffortName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(ModelSearch, "_with_reference")
+    report = pdecodec.encode(many_runs(3), tolerance=1e-3, effort=effort)
+    assert report.coefficients == 0
+    assert report.max_error <= (report.bound or 0)
 
 
 def measured(kind: str, size: int, folder: Path) -> dict[str, float]:

@@ -391,6 +391,12 @@ class GroupFitter:
             self.put_aside()  # comparing with the source takes that memory at once
         return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
+    def at_rest(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
+        """Fit no functions at all: what the reference frame is off by is left to residuals."""
+        step, basis_of_time = grid_step(choice.step), time_basis_of(choice.time)
+        entry = GroupEntry(frames=self.frames, functions=0, basis=basis_of_time, single=False, step=step)
+        return self.fitted(basis, QuantisedGroup(entry, None, np.zeros((basis.functions, 0), np.int64)))
+
     def quantised(
         self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None
     ) -> tuple[QuantisedGroup, Rows]:

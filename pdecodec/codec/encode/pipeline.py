@@ -11,7 +11,6 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,7 +29,7 @@ from pdecodec.codec.container import (
 )
 from pdecodec.codec.encode.field_sections import encode_fields
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
-from pdecodec.codec.encode.reference import References, TieFinder
+from pdecodec.codec.encode.reference import References, TieFinder, thread_beside
 from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json
 from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
@@ -77,6 +76,7 @@ class Encoder(ABC):
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
         self._sequence, self._settings, self._progress = sequence, settings, progress
         self._started = time.perf_counter()
+        self._size = sequence.vertex_count * sequence.frame_count  # positions
         self._first = checked_frames(sequence, 0, 1)[0]
         self._scale = frame_scale(self._first)
         self._bound = settings.bound(self._scale)
@@ -95,8 +95,8 @@ class Encoder(ABC):
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
-        with self.encoded(path) as sections:
-            data = None
+        with self.encoded(path) as encoded:
+            sections, data = [*self._description(), *encoded], None
             if path is None:
                 data = b"".join(container_pieces(sections))
             else:
@@ -105,15 +105,15 @@ class Encoder(ABC):
 
     @contextmanager
     def encoded(self, path: Path | None) -> Iterator[list[Section]]:
-        """Encode all groups and yield the file's sections; some are in unnamed files that last as long as the block."""
+        """Encode all groups and yield the sections of a run; some are unnamed files that last as long as the block."""
         spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
-        beside = ThreadPoolExecutor(1)
+        beside = thread_beside(self._size)
         try:
             # The result is needed only at the end.
             self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
-            with threads_for(self._sequence.vertex_count * self._sequence.frame_count):
+            with threads_for(self._size):
                 for encoded in self._groups():
                     self._write_group(encoded, spools[:-1])
                     frames += encoded.entry.frames
@@ -178,7 +178,8 @@ class Encoder(ABC):
             spool.append(chunk)
         self._entries.append(encoded.entry)
 
-    def _sections(self, spools: Sequence[Spool]) -> list[Section]:
+    def _description(self) -> list[Section]:
+        """Return the sections that describe the whole file, once all groups are encoded."""
         sequence = self._sequence
         remarks: dict[str, Any] = {
             "generator": generator(),
@@ -189,6 +190,13 @@ class Encoder(ABC):
             remarks["alternatives"] = to_json(self._questions)
         if sequence.metadata:
             remarks["metadata"] = dict(sequence.metadata)
+        return [
+            Section("META", encode_remarks(remarks)),
+            Section("SEQN", encode_sequence_description(sequence, self._jumps())),
+        ]
+
+    def _sections(self, spools: Sequence[Spool]) -> list[Section]:
+        sequence = self._sequence
         connectivity, order = self._connectivity.result()
         attributes = encode_attributes(
             sequence.objects,
@@ -197,8 +205,6 @@ class Encoder(ABC):
             order=self._settings.order,
         )
         return [
-            Section("META", encode_remarks(remarks)),
-            Section("SEQN", encode_sequence_description(sequence, self._jumps())),
             Section("CONN", connectivity),
             *([Section("ORDR", order)] if order else []),
             Section("REST", self._reference_bytes),
@@ -329,7 +335,7 @@ class AutoEncoder(Encoder):
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
         choices: list[tuple[int, Candidate]] = []  # frames and candidate of each part of the group before
-        is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._tuning.searched_positions
+        is_ruled = self._size > self._tuning.searched_positions
         usual_bits = 0.0  # bits per frame of the last group that was searched
         parts = self._first_parts(steps)
         coarser = 0  # how many indices coarser than the steps that leave the usual mean error
@@ -359,7 +365,7 @@ class AutoEncoder(Encoder):
         points = self._read(*self._ranges[0])
         self._ties = self._find_ties(points)
         longer = self._group_ranges(self._plan.smooth_group_frames)
-        with ThreadPoolExecutor(1) as beside:
+        with thread_beside(self._size) as beside:
             search = ModelSearch(
                 points=points,
                 times=self._sequence.times,

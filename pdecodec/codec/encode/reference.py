@@ -8,8 +8,9 @@ clip is short, bits are better spent on the motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from pdecodec.codec.encode.tuning import Tuning
 from pdecodec.codec.sections.reference import NO_TIES, ReferenceFrame, encode_reference, quantise_smoothly
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.system.shares import MIN_SHARED_SIZE
+
+Result = TypeVar("Result")
 
 SINGLE_FRAME_STEP = 1.1
 """Step for clips of one frame [units]: the largest that keeps the bound (2 / sqrt 3 = 1.15), less a margin for
@@ -108,10 +112,29 @@ class TieFinder:
         return NO_TIES if self.is_empty else self._first
 
 
+class _AtOnce(Executor):
+    """Does what is submitted at once, in the same thread."""
+
+    def submit(self, work: Callable[..., Result], /, *arguments: Any, **named: Any) -> Future[Result]:
+        done: Future[Result] = Future()
+        try:
+            done.set_result(work(*arguments, **named))
+        except Exception as error:  # whoever asks for the result gets it, as from a thread
+            done.set_exception(error)
+        return done
+
+
+def thread_beside(size: int) -> Executor:
+    """Return a thread that computes ahead, or what replaces it for a clip so small, in vertices times frames, that
+    starting a thread takes longer than the work.
+    """
+    return _AtOnce() if size < MIN_SHARED_SIZE else ThreadPoolExecutor(1)
+
+
 class References:
     """Cache of reference frames and their sections, each made once, ahead in another thread or when asked for."""
 
-    def __init__(self, objects: Sequence[MeshObject], beside: ThreadPoolExecutor, ties: Int32Array = NO_TIES) -> None:
+    def __init__(self, objects: Sequence[MeshObject], beside: Executor, ties: Int32Array = NO_TIES) -> None:
         self._objects, self._beside, self.ties = objects, beside, ties
         self.tied = int(np.count_nonzero(ties != np.arange(ties.size)))
         self._made: dict[float, Future[bytes]] = {}

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -411,7 +411,7 @@ class ModelSearch:
     tuning: Tuning
     patches: EarlyPatches
     references: References
-    beside: ThreadPoolExecutor
+    beside: Executor
     is_smooth: bool = False
 
     def run(self, look: FirstLook | None = None) -> FinishedModel:
@@ -424,6 +424,8 @@ class ModelSearch:
         look : FirstLook, optional
             At these frames.
         """
+        if self.times.size == 1 and (model := self._at_rest()):
+            return model
         if self._is_by_rule:
             return self._by_rule(look)
         if self._is_exhaustive and self.tuning.restart_gain:
@@ -435,6 +437,28 @@ class ModelSearch:
             found.append(replace(replace(self, tuning=other).run(), effort=self.tuning.compared_effort))
             found.append(replace(self, tuning=other.refined_like(self.tuning)).run())
         return min(found, key=self._finished_cost)
+
+    def _at_rest(self) -> FinishedModel | None:
+        """Return the model of a single frame that is its reference frame, or None if that breaks the bound.
+
+        Every effort finds it: there are no other steps to try, and nothing that moves.
+        """
+        reference, tuning = self._usual_reference, TUNINGS["default"]
+        self.references.begin(reference)
+        bases = self._bases(reference)
+        if self._is_large:  # the fewer patches, the less describes them
+            basis = bases.basis(tuning.spatial_bases[-1])
+        else:
+            found = map(bases.basis, tuning.spatial_bases + tuning.small_mesh_spatial_bases)
+            basis = min(found, key=lambda each: len(encode_model(each, self.residual_step)))
+        fitter = self._fitter(reference)
+        choice = replace(fitter.first_choice, time="cosines")
+        fitted = fitter.at_rest(basis, choice)
+        if fitted.residuals.count and self.unit > self.bound:  # float32 is too coarse for this bound
+            return None
+        group, basis = FinishedGroup(fitter, choice, fitted), clear_space_basis(basis, reference.grid)
+        data = self.references.data(reference)
+        return FinishedModel(reference, data, basis, [group], [], self.tuning.compared_effort)
 
     def first_look(self) -> FirstLook:
         """Return the approximate cost of the first frames, encoded as most clips are."""

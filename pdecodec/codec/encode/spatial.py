@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 
 from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.reference import ReferenceFrame
@@ -31,7 +31,7 @@ class SpatialBases:
         reference: ReferenceFrame,
         functions: int,
         patches: EarlyPatches,
-        beside: ThreadPoolExecutor,
+        beside: Executor,
     ) -> None:
         self._objects, self._reference, self._functions, self._patches = objects, reference, functions, patches
         self._beside = beside
