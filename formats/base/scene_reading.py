@@ -208,11 +208,23 @@ class ShapeField:
     order: Int64Array | None = None
 
     def at(self, time: float) -> NDArray[Any]:
-        """Return the values (rows, components) at a time; NaN, or 0 for whole numbers, if there are none then."""
+        """Return the values (rows, components) at a time; NaN if there are none then.
+
+        Raises
+        ------
+        InputError
+            If there are none then and they are whole numbers, of which none stands for a missing value.
+        """
         found, width = self.read_at(time), self.field.components
         if found is None or found.size != self.rows * width:
+            if self.field.is_exact:
+                raise InputError(
+                    f"field {self.field.name!r} has no values that fit the mesh at time {time:g} of the file; write "
+                    "them there, or drop the field",
+                    code="invalid-field",
+                )
             count = self.rows if self.order is None else len(self.order)
-            return np.full((count, width), 0 if self.field.is_exact else np.nan, self.field.dtype)
+            return np.full((count, width), np.nan, self.field.dtype)
         values = found.reshape(-1, width)
         return (values if self.order is None else values[self.order]).astype(self.field.dtype, copy=False)
 
