@@ -120,8 +120,12 @@ class Encoder(ABC):
                     if self._progress:
                         self._progress(frames, self._sequence.frame_count, "encoding")
                 sections = self._sections(spools[:-1])
-                fields, self._fields = encode_fields(self._sequence, self._settings, spools[-1], sections)
-            yield [*sections, *fields]
+                if self._sequence.fields:
+                    # The whole file so far: fields that the motion gives are decoded from it.
+                    whole = [*self._description(), *sections]
+                    fields, self._fields = encode_fields(self._sequence, self._settings, spools[-1], whole)
+                    sections += fields
+            yield sections
         finally:
             beside.shutdown()
             for spool in spools:
