@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import IO, BinaryIO, Literal
+from typing import BinaryIO, Literal, cast
 
 from pdecodec.system.whole_output import whole_file, write_errors
 
@@ -120,10 +120,11 @@ class Spool:
         self._named = output or Path(tempfile.gettempdir())
         with write_errors(self._named):
             # Open as long as the spool: see close(). Runs are many, small and without an output of their own.
-            self._file: IO[bytes] = (
+            self._file = cast(
+                BinaryIO,
                 tempfile.SpooledTemporaryFile(SPOOL_MEMORY)  # noqa: SIM115
                 if output is None
-                else tempfile.TemporaryFile(dir=output.parent)  # noqa: SIM115
+                else tempfile.TemporaryFile(dir=output.parent),  # noqa: SIM115
             )
         self.length = 0
         self.checksum = 0

@@ -480,7 +480,7 @@ class ModelSearch:
     @property
     def _vertices(self) -> int:
         """Number of vertices: tied ones count, so that no search takes longer because some are tied."""
-        return self.points.shape[1]
+        return int(self.points.shape[1])
 
     @property
     def _places(self) -> int:
