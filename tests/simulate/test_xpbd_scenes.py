@@ -284,7 +284,7 @@ def test_options_explain_themselves() -> None:
         ("cloth", {"size": "large"}, {}, "size must be a number, not 'large'"),
         ("cloth", {"size": float("nan")}, {}, "size must be 0.01 to 1000, not nan"),
         ("cloth", {"drape": "wall"}, {}, "drape must be one of corners, sphere, not 'wall'"),
-        ("cloth", {"columns": 9000, "rows": 9000}, {}, "81000000 particles, the most is"),
+        ("cloth", {"columns": 9000, "rows": 9000}, {}, "81000000 particles; the most is"),
         ("cube-rope", {"sides": 10}, {}, "sides must be a multiple of 4, not 10"),
         ("jelly", {"poisson": 0.5}, {}, "poisson must be 0 to 0.49"),
         ("flag", {"wind": -1.0}, {}, "wind must be 0 to 50"),

@@ -152,14 +152,14 @@ class FieldComputer:
 
 def _magnitude(values: NDArray[Any]) -> NDArray[Any]:
     with np.errstate(over="ignore", invalid="ignore"):
-        found = np.linalg.norm(values.astype(np.float64), axis=-1, keepdims=True)
+        found = np.sqrt(np.sum(values.astype(np.float64) ** 2, axis=-1, keepdims=True))
         return np.asarray(found, values.dtype)
 
 
 def _is_likely(own: NDArray[Any], differences: NDArray[Any]) -> bool:
     """Return whether values may be differences of positions."""
-    size = np.linalg.norm(own.astype(np.float64))
-    return bool(size > 0 and np.linalg.norm(own - differences) <= LIKELY_SHARE * size)
+    size = np.sum(own.astype(np.float64) ** 2)
+    return bool(size > 0 and np.sum((own - differences) ** 2) <= LIKELY_SHARE**2 * size)
 
 
 def _largest_difference(values: NDArray[Any], decoded: NDArray[Any]) -> float:
