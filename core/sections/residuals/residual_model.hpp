@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/arithmetic.hpp"
+#include "entropy/learning_predictor.hpp"
 #include "entropy/numbers.hpp"
 #include "entropy/range_coder.hpp"
 #include "sections/residuals/residuals.hpp"
@@ -61,45 +62,8 @@ private:
 // learn.
 //
 // Where nearly every vertex of every frame has a residual, residuals continue as at the same place in earlier frames,
-// and as at the previous places. Weights follow by normalised least mean squares, in integers.
-class StepPredictor {
-public:
-    static constexpr int inputs = 5;
-    using Changes = std::array<i64, inputs>;
-
-    // Return the predicted residual, given that of the reference.
-    i64 predict(i64 reference, const Changes &changes) const {
-        i64 total = (reference << fraction_bits) + (1 << (fraction_bits - 1));
-        for (int i = 0; i < inputs; ++i) total += weights_[i] * changes[i];
-        return clamp(total >> fraction_bits, -largest_residual, largest_residual);
-    }
-
-    // Move the weights so that they would have missed by less.
-    void learn(Changes changes, i64 miss) {
-        i64 largest = size_of(miss);
-        for (const i64 change : changes) largest = most(largest, size_of(change));
-        const int scale = most(0, bit_length(largest) - input_digits);
-        i64 power = power_floor;
-        for (i64 &change : changes) {
-            change >>= scale;
-            power += change * change;
-        }
-        const i64 gain = floor_divide((miss >> scale) << 20, power);
-        for (int i = 0; i < inputs; ++i) {
-            weights_[i] = clamp(weights_[i] + ((gain * changes[i]) >> learning_shift), -largest_weight, largest_weight);
-        }
-    }
-
-private:
-    static constexpr int fraction_bits = 16;
-    static constexpr i64 largest_weight = 4 << fraction_bits;  // the sum for residuals of 2^40 stays within 63 bits
-    static constexpr int input_digits =
-        12;  // changes are shifted to this many digits before weights learn: squares stay small
-    static constexpr i64 power_floor = 16;    // added to the sum of squares, so that nothing is learned from noise
-    static constexpr int learning_shift = 8;  // corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) for the same changes
-
-    Changes weights_{};
-};
+// and as at the previous places.
+using StepPredictor = LearningPredictor<5, largest_residual>;
 
 // Which vertices of which frames have a residual, and the residuals.
 //

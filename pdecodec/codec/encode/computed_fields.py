@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.codec.container import Section, Spool, container_pieces
-from pdecodec.codec.encode.fields import group_frames
+from pdecodec.codec.encode.fields import float_error, group_frames
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.fields import (
     COPY,
@@ -84,7 +84,7 @@ class FieldComputer:
                 yield Recipe(MAGNITUDE, number)
         is_vector = (field.domain, field.components, field.objects) == ("vertex", 3, None)
         if is_vector and field.dtype.kind == "f" and bound and self._sequence.frame_count > 2:
-            with np.errstate(invalid="ignore"):
+            with np.errstate(invalid="ignore", over="ignore"):
                 if _is_likely(own[1], self._moved):
                     yield Recipe(DISPLACEMENT)
                 if _is_likely(own[1], self._speeds):
@@ -171,8 +171,4 @@ def _largest_difference(values: NDArray[Any], decoded: NDArray[Any]) -> float:
     bits = np.dtype(f"i{values.dtype.itemsize}")
     if np.array_equal(np.ascontiguousarray(values).view(bits), np.ascontiguousarray(decoded).view(bits)):
         return 0.0
-    finite = np.isfinite(values)
-    if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
-        return np.inf
-    found = np.abs(values[finite].astype(np.float64) - decoded[finite]).max(initial=0.0)
-    return float(found) or float(np.finfo(values.dtype).tiny)
+    return float_error(values, decoded) or float(np.finfo(values.dtype).tiny)

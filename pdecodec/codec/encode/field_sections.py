@@ -24,6 +24,7 @@ from pdecodec.codec.encode.fields import (
     choose_coding,
     encode_chunk,
     field_quantiser,
+    float_error,
     group_frames,
 )
 from pdecodec.codec.encode.report import FieldReport
@@ -152,8 +153,8 @@ def encode_field(
         if own.step is not None:
             with np.errstate(over="ignore"):  # beyond the largest float: the error is infinite
                 decoded = own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values)))
-            error = _error(values, decoded)
-            if error > limit:
+            error = float_error(values, decoded)
+            if not error <= limit:
                 own, error = exact, 0.0
                 way = choose_coding(domain, own, values)
                 data = encode_chunk(domain, own, values, way)
@@ -213,15 +214,3 @@ def _divide(changes: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int
             end += 1
         yield first, last - first, end - first
         first = end
-
-
-def _error(values: NDArray[Any], decoded: NDArray[Any]) -> float:
-    """Return the largest error; infinity where one is not a number, or infinite, and the other is not the same."""
-    if values.size == 0:
-        return 0.0
-    finite = np.isfinite(values)
-    if finite.all():
-        return float(np.abs(decoded.astype(np.float64) - values).max())
-    if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
-        return math.inf
-    return float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max(initial=0.0))

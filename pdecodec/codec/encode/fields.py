@@ -7,6 +7,7 @@ exact field (integers, booleans, floats whose bits must come back) as the number
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -287,3 +288,15 @@ def encode_transformed(
         coding.levels,
         coding.fractions,
     )
+
+
+def float_error(values: NDArray[Any], decoded: NDArray[Any]) -> float:
+    """Return the largest error of decoded floats; infinity where one is not finite and the other is not the same."""
+    if values.size == 0:
+        return 0.0
+    finite = np.isfinite(values)
+    if finite.all():
+        return float(np.abs(decoded.astype(np.float64) - values).max())
+    if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
+        return math.inf
+    return float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max(initial=0.0))
