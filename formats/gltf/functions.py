@@ -12,16 +12,11 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 FIRST_SKETCH_RANK = 32
 """First rank that the randomised search for singular vectors tries: decoded objects have a rank of about 12."""
 
-LEAST_PROBED_COLUMNS = 256
+LEAST_PROBED_COLUMNS = 512
 """Coordinates in the first sample that functions are found from. It doubles until it has two for each function."""
 
 PROBING_ROUNDS = 12
 """Times that functions of a sample are sought for one bound: more samples would hold most coordinates."""
-
-NEAR_BOUND_RATIO, AIM_RATIO = 8.0, 0.95
-"""Up to this ratio of an error to the bound a few more functions are needed; else the sample lacks a motion. How much
-lower the sample's error shall then be, relative to what the ratio demands.
-"""
 
 READ_BYTES, FIT_BYTES = 2**21, 2**24
 """Bytes of float32 rows that are read at once, and of float64 shapes that are summed at once."""
@@ -207,22 +202,17 @@ def find_functions(
     size, wanted = LEAST_PROBED_COLUMNS, min(samples.columns, 2 * most)
     probe = _Probe(samples.at(order[:size]), given, most, bounds, cubic=cubic)
     for bound in bounds:
-        aim, least = bound, int(known is None)
         for _ in range(PROBING_ROUNDS):
-            if size < wanted and 2 * probe.estimate(aim) > probe.columns:
+            if size < wanted and 2 * probe.estimate(bound) > probe.columns:
                 more, size = order[size : 2 * size], 2 * size
             else:
-                functions = probe.find_fewest(aim, least=least)
+                functions = probe.find_fewest(bound, least=int(known is None))
                 if functions is None:
                     break
                 shapes = fit(samples, functions)
                 errors = samples.largest_errors(functions, shapes)
-                largest = float(errors.max())
-                if largest <= bound:
+                if errors.max() <= bound:
                     return functions, shapes.reshape(-1, samples.columns // 3, 3)
-                if largest <= NEAR_BOUND_RATIO * bound:
-                    aim, least = aim * AIM_RATIO * bound / largest, functions.shape[1] - given.shape[1] + 1
-                    continue
                 beyond = np.flatnonzero(errors > bound)
                 more = beyond[np.argsort(-errors[beyond], kind="stable")][: max(LEAST_PROBED_COLUMNS, most)]
             probe.add(samples.at(more))
