@@ -184,7 +184,7 @@ def test_a_section_that_is_cut_or_too_long_is_refused_and_named() -> None:
             with pytest.raises(CorruptFileError, match=r"section (CONN|ORDR)|the memory limit"):
                 read(section[:size])
         for more in (bytes(7), section):
-            with pytest.raises(CorruptFileError, match=rf"section {name} has (too many bytes|.*bytes too many)"):
+            with pytest.raises(CorruptFileError, match=rf"section {name} has .*bytes too many"):
                 read(section + more)
         with pytest.raises(CorruptFileError, match=rf"section {name}"):
             read(section + b"\0")

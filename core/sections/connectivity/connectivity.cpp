@@ -218,7 +218,9 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
 
 void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
     if (coder.is_finished()) return;
-    throw CorruptError(Section(name), (coder.byte() < size ? "has too many bytes" : "ends too early"));
+    const std::size_t read = coder.byte();
+    throw CorruptError(Section(name),
+                       read < size ? "has " + std::to_string(size - read) + " bytes too many" : "ends too early");
 }
 
 }  // namespace

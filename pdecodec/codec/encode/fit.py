@@ -51,7 +51,7 @@ STEP_SAMPLE = 2**19
 """Number of coefficients from which the mean error of a step is computed."""
 
 ELEMENT_STRIDE = 8
-"""Of a heavy group, one in this many elements and functions of time is sampled."""
+"""Elements and functions of time of a heavy group per one in the sample (`GroupFitter.is_heavy`)."""
 
 PRECISION_STRIDE = 4
 """One in this many elements, or frames if there are few elements, tests whether float32 is precise enough."""
@@ -88,7 +88,7 @@ class Candidate:
 class QuantisedGroup:
     """A quantised group without its residuals.
 
-    Of a heavy group that is kept, coefficients are in the smallest of the three types that holds them.
+    If a heavy group is kept, its coefficients are in the smallest of the three types that holds them.
 
     Attributes
     ----------
@@ -218,12 +218,12 @@ class GroupFitter:
     def displacements(self, origin: Origin) -> Displacements:
         """Return the displacements from the decoded reference frame or from frame 0."""
         if origin not in self._displacements:
-            shape, beside = self._reference, None
+            shape, sibling = self._reference, None
             if origin == "first":
-                shape, beside = self._first.astype(np.float64), self.displacements("reference")
+                shape, sibling = self._first.astype(np.float64), self.displacements("reference")
             part_of = (self._part_of[0].displacements(origin), self._part_of[1]) if self._part_of else None
             self._displacements[origin] = Displacements(
-                self.points, shape, self.unit, self.tuning, beside=beside, part_of=part_of
+                self.points, shape, self.unit, self.tuning, sibling=sibling, part_of=part_of
             )
         return self._displacements[origin]
 
@@ -245,7 +245,7 @@ class GroupFitter:
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
     def part_of_found(self, frames: slice) -> GroupFitter:
-        """Return the same, which takes results from those of all frames until it is put aside."""
+        """Return the same, which takes results from those of all frames until these are released."""
         other = self.part(frames)
         other._part_of = self, frames
         return other
@@ -287,12 +287,12 @@ class GroupFitter:
         if self.is_heavy:
             _core.give_back_memory()
 
-    def put_aside(self) -> None:
+    def release(self) -> None:
         """Free results that are quickly computed again, while other groups are searched or coefficients refined."""
         _ = self.is_single
         self._projection, self._part_of = None, None
         for moved in self._displacements.values():
-            moved.put_aside()
+            moved.release()
 
     @cached_property
     def is_single(self) -> bool:
@@ -388,7 +388,7 @@ class GroupFitter:
         """Fit, and measure the bits if requested; the result of a trial cannot be encoded."""
         group = self.quantised(basis, choice)[0]
         if self.is_heavy:
-            self.put_aside()  # comparing with the source takes that memory at once
+            self.release()  # comparing with the source takes that memory at once
         return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
     def at_rest(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
@@ -570,7 +570,7 @@ class Refinement:
     ----------
     choice : Candidate
     best : FittedGroup
-        The cheapest fit so far; of a heavy group not measured until it is refined.
+        The cheapest fit so far; a heavy group is not measured until it is refined.
     """
 
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> None:
@@ -578,7 +578,7 @@ class Refinement:
         self._fitter, self._basis, self._zone = fitter, basis, zone
         start, values = fitter.quantised(basis, choice, zone)
         if fitter.is_heavy:
-            fitter.put_aside()
+            fitter.release()
         self._entry, self._time_functions = start.entry, start.time_functions
         self._values = np.ascontiguousarray(values)
         self._dual = dual_functions(

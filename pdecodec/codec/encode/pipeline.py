@@ -29,7 +29,7 @@ from pdecodec.codec.container import (
 )
 from pdecodec.codec.encode.field_sections import encode_fields
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
-from pdecodec.codec.encode.reference import References, TieFinder, thread_beside
+from pdecodec.codec.encode.reference import References, TieFinder, thread_ahead
 from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json
 from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
@@ -108,10 +108,10 @@ class Encoder(ABC):
         """Encode all groups and yield the sections of a run; some are unnamed files that last as long as the block."""
         spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
-        beside = thread_beside(self._size)
+        ahead = thread_ahead(self._size)
         try:
             # The result is needed only at the end.
-            self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
+            self._connectivity = ahead.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
             with threads_for(self._size):
                 for encoded in self._groups():
@@ -127,7 +127,7 @@ class Encoder(ABC):
                     sections += fields
             yield sections
         finally:
-            beside.shutdown()
+            ahead.shutdown()
             for spool in spools:
                 spool.close()
 
@@ -369,7 +369,7 @@ class AutoEncoder(Encoder):
         points = self._read(*self._ranges[0])
         self._ties = self._find_ties(points)
         longer = self._group_ranges(self._plan.smooth_group_frames)
-        with thread_beside(self._size) as beside:
+        with thread_ahead(self._size) as ahead:
             search = ModelSearch(
                 points=points,
                 times=self._sequence.times,
@@ -380,8 +380,8 @@ class AutoEncoder(Encoder):
                 functions=self._plan.functions,
                 tuning=self._tuning,
                 patches=EarlyPatches(self._sequence.objects),
-                references=References(self._sequence.objects, beside, self._ties),
-                beside=beside,
+                references=References(self._sequence.objects, ahead, self._ties),
+                ahead=ahead,
             )
             look = search.first_look() if len(longer) < len(self._ranges) else None
             if look and look.bits < self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied):

@@ -124,7 +124,7 @@ class _AtOnce(Executor):
         return done
 
 
-def thread_beside(size: int) -> Executor:
+def thread_ahead(size: int) -> Executor:
     """Return a thread that computes ahead, or what replaces it for a clip so small, in vertices times frames, that
     starting a thread takes longer than the work.
     """
@@ -134,8 +134,8 @@ def thread_beside(size: int) -> Executor:
 class References:
     """Cache of reference frames and their sections, each made once, ahead in another thread or when asked for."""
 
-    def __init__(self, objects: Sequence[MeshObject], beside: Executor, ties: Int32Array = NO_TIES) -> None:
-        self._objects, self._beside, self.ties = objects, beside, ties
+    def __init__(self, objects: Sequence[MeshObject], ahead: Executor, ties: Int32Array = NO_TIES) -> None:
+        self._objects, self._ahead, self.ties = objects, ahead, ties
         self.tied = int(np.count_nonzero(ties != np.arange(ties.size)))
         self._made: dict[float, Future[bytes]] = {}
         self._frames: dict[float, ReferenceFrame] = {}
@@ -149,7 +149,7 @@ class References:
     def begin(self, reference: ReferenceFrame) -> None:
         """Start encoding a reference frame in the other thread."""
         if reference.coded_step not in self._made:
-            self._made[reference.coded_step] = self._beside.submit(encode_reference, reference, self._objects)
+            self._made[reference.coded_step] = self._ahead.submit(encode_reference, reference, self._objects)
 
     def data(self, reference: ReferenceFrame) -> bytes:
         """Return section REST of a reference frame."""

@@ -254,7 +254,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     for part in searches:
         like = parts[-1].choice if parts else usual
         parts.append(part.choose(part.candidates(like, (usual.origin,))))
-        part.fitter.put_aside()
+        part.fitter.release()
     together = sum(part.bits + GROUP_BITS for part in parts)
     if tuning.early_exit_ratio * bits < whole.bits:
         costs, group = (whole.bits * together / bits, together), None
@@ -395,7 +395,7 @@ class ModelSearch:
     tuning : Tuning
     patches : EarlyPatches
     references : References
-    beside : ThreadPoolExecutor
+    ahead : ThreadPoolExecutor
         Makes ahead what is needed later.
     is_smooth : bool
         Whether these frames are known to take few bits.
@@ -411,7 +411,7 @@ class ModelSearch:
     tuning: Tuning
     patches: EarlyPatches
     references: References
-    beside: Executor
+    ahead: Executor
     is_smooth: bool = False
 
     def run(self, look: FirstLook | None = None) -> FinishedModel:
@@ -505,7 +505,7 @@ class ModelSearch:
             basis = known or self._bases(reference).basis(self.tuning.spatial_bases[-1])
             return clear_space_basis(basis, reference.grid)
 
-        made = self.beside.submit(clear_basis)
+        made = self.ahead.submit(clear_basis)
         fitter.prepare(fitter.first_choice)
         basis = made.result()
         groups = encode_by_rule(fitter, basis, is_dense=not self.is_smooth and is_dense(fitter))
@@ -527,7 +527,7 @@ class ModelSearch:
             self.references.data(usual)
             return usual
 
-        return self.beside.submit(reference)
+        return self.ahead.submit(reference)
 
     @cached_property
     def _usual_reference(self) -> ReferenceFrame:
@@ -552,7 +552,7 @@ class ModelSearch:
                 again = self._with_reference(better.reference.coded_step)
                 better = min(better, replace(again, questions=better.questions), key=self._cost)
             model = better
-        made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
+        made = self.ahead.submit(clear_space_basis, model.basis, model.reference.grid)
         if self.tuning.is_thorough:
             model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
@@ -592,7 +592,7 @@ class ModelSearch:
         )
 
     def _bases(self, reference: ReferenceFrame) -> SpatialBases:
-        return SpatialBases(self.objects, reference, self.functions, self.patches, self.beside)
+        return SpatialBases(self.objects, reference, self.functions, self.patches, self.ahead)
 
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
         """Return the model with the cheapest step of the reference frame, finer or else coarser, and all else

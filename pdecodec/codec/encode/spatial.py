@@ -21,7 +21,7 @@ class SpatialBases:
     functions : int
         Largest number of functions of an element.
     patches : EarlyPatches
-    beside : ThreadPoolExecutor
+    ahead : ThreadPoolExecutor
         Makes bases ahead.
     """
 
@@ -31,17 +31,17 @@ class SpatialBases:
         reference: ReferenceFrame,
         functions: int,
         patches: EarlyPatches,
-        beside: Executor,
+        ahead: Executor,
     ) -> None:
         self._objects, self._reference, self._functions, self._patches = objects, reference, functions, patches
-        self._beside = beside
+        self._ahead = ahead
         self._begun: dict[tuple[SpaceKind, int], Future[SpaceBasis]] = {}
 
     def begin(self, spaces: Sequence[tuple[SpaceKind, int]]) -> None:
         """Start making bases in the other thread."""
         for space in spaces:
             if space not in self._begun:
-                self._begun[space] = self._beside.submit(self._build, space)
+                self._begun[space] = self._ahead.submit(self._build, space)
 
     def basis(self, space: tuple[SpaceKind, int]) -> SpaceBasis:
         """Return the basis of a kind and size."""

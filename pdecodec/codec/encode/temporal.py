@@ -117,11 +117,11 @@ class Displacements:
     tuning : Tuning
     alike : Displacements, optional
         Displacements of the same points from nearly the same shape; their functions of time are used here, too.
-    beside : Displacements, optional
+    sibling : Displacements, optional
         Displacements of the same points from another shape; their sums of squares give those of these.
     part_of : (Displacements, slice), optional
         Displacements of more frames from the same shape, and which of those frames these are. Results are taken from
-        them until these are put aside.
+        them until these are released.
     """
 
     def __init__(
@@ -132,12 +132,12 @@ class Displacements:
         tuning: Tuning,
         *,
         alike: Displacements | None = None,
-        beside: Displacements | None = None,
+        sibling: Displacements | None = None,
         part_of: tuple[Displacements, slice] | None = None,
     ) -> None:
         self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
         self._tuning = tuning
-        self._alike, self._beside = alike, beside
+        self._alike, self._sibling = alike, sibling
         self.part_of = part_of if part_of and part_of[0]._span is None and not part_of[0]._is_wide else None
         self._frames, self._vertices = len(points), len(shape)
         self._least = (tuning.tail * unit) ** 2 * self._vertices * self._frames
@@ -156,7 +156,7 @@ class Displacements:
     @cached_property
     def largest(self) -> float:
         """Return the largest magnitude of a displacement, here or in the displacements that these are derived from."""
-        other = self._alike or self._beside or (self.part_of and self.part_of[0])
+        other = self._alike or self._sibling or (self.part_of and self.part_of[0])
         if other:
             return other.largest
         if self._taken is None:
@@ -184,13 +184,13 @@ class Displacements:
         """Return a span of few trajectories that approximates the displacements; None if it would take many."""
         if self.part_of:
             return None
-        if self._beside is None:
+        if self._sibling is None:
             return leading_span(self._moved, self._least)
-        if self._beside._span is None:
+        if self._sibling._span is None:
             return None
         still = np.tile(np.eye(3), (self._frames, 1))
-        coefficients, axes = with_more(self._beside._span, self._beside._moved, still)
-        return coefficients + self._shifted(self._beside, axes, "trajectories"), axes
+        coefficients, axes = with_more(self._sibling._span, self._sibling._moved, still)
+        return coefficients + self._shifted(self._sibling, axes, "trajectories"), axes
 
     @cached_property
     def _squares(self) -> Float64Array:
@@ -199,11 +199,11 @@ class Displacements:
             whole, frames = self.part_of
             own = slice(3 * frames.start, 3 * frames.stop)
             return np.ascontiguousarray(whole._squares[own, own])
-        if self._beside is not None:
-            off = self._beside._shape - self._shape
-            moved = self._beside._moved
+        if self._sibling is not None:
+            off = self._sibling._shape - self._shape
+            moved = self._sibling._moved
             crossed = np.tile(_core.sums_of_products(moved, off.astype(moved.dtype), thread_count()), self._frames)
-            squares: Float64Array = self._beside._squares + crossed + crossed.T
+            squares: Float64Array = self._sibling._squares + crossed + crossed.T
             return squares + np.tile(sums_of_squares(off), (self._frames, self._frames))
         return sums_of_squares(self._moved)
 
@@ -268,17 +268,17 @@ class Displacements:
             item._coefficients = {}
             for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
                 item.__dict__.pop(name, None)
-            item = item._alike or item._beside
+            item = item._alike or item._sibling
         self._coefficients = kept
 
-    def put_aside(self) -> None:
+    def release(self) -> None:
         """Free arrays as large as the group's positions that are quickly computed again."""
         _ = self._total, self.largest
         item: Displacements | None = self
         while item is not None:
             item._coefficients, item._taken, item.part_of = {}, None, None
             item.__dict__.pop("_span", None)
-            item = item._alike or item._beside
+            item = item._alike or item._sibling
 
     @property
     def has_poses(self) -> bool:
@@ -366,7 +366,7 @@ class Displacements:
         if name == "span":
             assert self._span is not None  # only used if there is one
             return self._span[0]
-        other = self._alike or self._beside
+        other = self._alike or self._sibling
         assert other is not None  # the shape that the shift is measured from
         return other._shape - self._shape
 
@@ -389,7 +389,7 @@ class Displacements:
 
     def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Rows:
         """Return products of displacements and functions."""
-        other = self._alike or self._beside
+        other = self._alike or self._sibling
         if self._alike is None and self._span is not None:
             coefficients, axes = self._span
             if sight is not None:
@@ -584,7 +584,7 @@ def _signed_sums(rows: Rows) -> Float64Array:
 
 
 def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
-    """Return what is left of vectors (columns) after projection onto orthonormal axes."""
+    """Return the parts of vectors (columns) that orthonormal axes do not span."""
     return vectors - product(axes, product(axes.T, vectors))
 
 
