@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.sequence import MeshObject
@@ -119,6 +120,10 @@ def test_a_scene_goes_through_a_pdeanim_file_with_its_tree_and_attributes(
     with open_sequence(out) as read:
         assert np.abs(read.read_frames(0, 5) - clip.points).max() < 1e-4
         assert read.notices == (("not kept: velocities",) if target == "abc" else ())
+        if target != "abc":
+            with pdecodec.open("a.pdeanim") as animation:
+                speeds = animation.velocities(animation.times)
+            np.testing.assert_allclose(read.read_field("velocities", 0, 5), speeds, rtol=1e-5, atol=1e-4)
         clip.points[:] = read.read_frames(0, 5)
         assert_same_scene(read, clip)
         assert dict(read.metadata) == {"up_axis": "Y", "unit": "m"}

@@ -86,7 +86,11 @@ def test_hero_measures_all_runs_of_faces() -> None:
     runs = ChangingSequence([waving_sheet(2), waving_sheet(3, rows=9)])
     report = encode(runs, preset="hero", effort="fast")
     assert report.normal_p99 is not None
+    assert report.data is not None
     assert report.normal_p99 <= 2.0
+    with open_animation(report.data) as animation:
+        each = [measure_corner_normals(source, own) for source, own in zip(runs.runs, animation.runs, strict=True)]
+    assert min(each) < report.normal_p99 < max(each)  # type: ignore[type-var]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec import ArraySequence, Attribute, ChangingSequence, MeshObject, MeshSequence, encode, open_sequence
+from pdecodec import (
+    ArraySequence,
+    Attribute,
+    ChangingSequence,
+    MeshObject,
+    MeshSequence,
+    encode,
+    open_animation,
+    open_sequence,
+)
 from pdecodec.cli.main import run
 from pdecodec.formats import write_sequence
 from spec.accepted import connectivity, grid, noise
@@ -113,6 +122,14 @@ def test_a_file_of_runs_is_decoded_to_a_scene_with_velocities_and_again_encoded(
     assert "not kept" not in capsys.readouterr().err
     with open_sequence(scene) as read:
         assert read.notices == (("not kept: velocities",) if extension == "abc" else ())
+        if extension != "abc":
+            with open_animation(tmp_path / "x.pdeanim") as animation:
+                for mine, other in zip(read.runs, animation.runs, strict=True):
+                    speeds = other.velocities(other.times)  # type: ignore[attr-defined]
+                    found = mine.read_field("velocities", 0, mine.frame_count)
+                    assert sorted(np.abs(found).sum(axis=(0, 2))) == pytest.approx(
+                        sorted(np.abs(speeds).sum(axis=(0, 2)))
+                    )
         for found, expected in zip(by_name(read), by_name(clip), strict=True):
             assert all(np.abs(found[name] - points).max() <= (report.bound or 0) for name, points in expected.items())
     assert run(["encode", scene, again]) == 0

@@ -41,14 +41,17 @@ def gltf_issues(path: Path) -> dict[str, Any]:
     return found
 
 
-def assert_valid(path: Path, *, expected: Collection[str] = ()) -> None:
-    """Assert that the validator finds no error and no warning, except those of the `expected` codes."""
+def assert_valid(path: Path, *, expected: Collection[tuple[str, str]] = ()) -> None:
+    """Assert that the validator finds no error and no warning but those `expected`, each a code and a pointer."""
+    issues = gltf_issues(path)
+    found = [item for item in issues["messages"] if item["severity"] < 2]
     bad = [
         f"{item['code']} {item['pointer']}: {item['message']}"
-        for item in gltf_issues(path)["messages"]
-        if item["severity"] < 2 and item["code"] not in expected
+        for item in found
+        if (item["code"], item["pointer"]) not in expected
     ]
     assert bad == []
+    assert issues["numErrors"] + issues["numWarnings"] == len(found)
 
 
 def chromium() -> str:
