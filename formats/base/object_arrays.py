@@ -97,25 +97,31 @@ class LaidOutSequence(MeshSequence):
         arrays = {name: read(name) for name in names if name in _WHOLE[1:] or name.startswith("objects/")}
         self.objects = _objects_of(arrays, shape[1])
         self.metadata = _metadata_of(arrays)
-        values = {} if sliced is None else {name: sliced(name) for name in names if _is_field(name)}
+        fields = self._possible_fields(arrays, {} if sliced is None else _readable(names, sliced))
         frames = shape[0]
-        if frames == 1 and values:
-            frames = max(len(array.shape) and array.shape[0] for array in values.values())
+        if frames == 1:
+            frames = max([frames, *(array.shape[0] for _, array in fields.values())])
         self.times, self.fps, notices = timing_of_arrays(arrays, frames, fps)
-        lost = self._take_fields(arrays, values)
-        kept = {*_WHOLE, *_names_of(self.objects), *(name for name in values if name not in lost)}
+        fields = {name: one for name, one in fields.items() if one[1].shape[0] == frames}
+        self.fields = tuple(field for field, _ in fields.values())
+        self._values = {field.name: array for field, array in fields.values()}
+        kept = {*_WHOLE, *_names_of(self.objects), *fields}
         fates: dict[str, Fate] = {name: "coded" if name in kept else "dropped" for name in names}
         if "faces" in fates and "objects/0/name" in fates:
             fates["faces"] = "implied"
         self._contents = [Content(f"/{name}", name.rpartition("/")[2], fate) for name, fate in fates.items()]
         self.list_contents = lambda: tuple(self._contents)
-        other = [*lost, *(name for name, fate in fates.items() if fate == "dropped" and name not in lost)]
-        self.notices = (*notices, *not_kept(other, f"{what}s not kept: {{}}"))
+        lost = [name for name, fate in fates.items() if fate == "dropped"]
+        self.notices = (*notices, *not_kept(lost, f"{what}s not kept: {{}}"))
 
-    def _take_fields(self, arrays: Arrays, values: Mapping[str, Any]) -> list[str]:
-        """Keep the arrays of fields, and return the names of those that have no place on this mesh."""
+    def _possible_fields(self, arrays: Arrays, values: Mapping[str, Any]) -> dict[str, tuple[Field, Any]]:
+        """Return the fields, and their arrays, by the names of arrays that have a place on this mesh.
+
+        The number of frames, which they may tell, is not checked.
+        """
         domains, units, owners = (_json_of(arrays, name) for name in _OF_FIELDS)
-        lost, kept = [], {}
+        found: dict[str, tuple[Field, Any]] = {}
+        taken: set[str] = set()
         for array_name, array in values.items():
             name, dtype = unquote(array_name.removeprefix(_FIELD)), np.dtype(array.dtype).newbyteorder("=")
             stated, objects = domains.get(name), owners.get(name)
@@ -127,16 +133,12 @@ class LaidOutSequence(MeshSequence):
                 field = replace(field, objects=None if objects is None else tuple(map(int, objects)))
                 check_fields([field], self.objects)
             except (InputError, TypeError, ValueError):
-                lost.append(array_name)
                 continue
-            squeezed = field.shape(self.frame_count, self.objects)
-            if array.shape not in (squeezed, (*squeezed, 1)):
-                lost.append(array_name)
-                continue
-            kept[name] = (field, array)
-        self.fields = tuple(field for field, _ in kept.values())
-        self._values = {name: array for name, (_, array) in kept.items()}
-        return lost
+            squeezed = field.shape(array.shape[0], self.objects)
+            if array.shape in (squeezed, (*squeezed, 1)) and name not in taken:
+                taken.add(name)
+                found[array_name] = field, array
+        return found
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.asarray(self._values[field.name][start:stop], field.dtype)
@@ -222,8 +224,16 @@ def _names_of(objects: Sequence[MeshObject]) -> Iterator[str]:
                 yield f"objects/{number}/attributes/{rank}/{name}"
 
 
-def _is_field(name: str) -> bool:
-    return name.startswith(_FIELD)
+def _readable(names: Sequence[str], sliced: Callable[[str], Any]) -> dict[str, Any]:
+    """Return the arrays that are named as fields, without those of a kind that is never read."""
+    found = {}
+    for name in names:
+        try:
+            found |= {name: sliced(name)} if name.startswith(_FIELD) else {}
+        except InputError as error:
+            if error.code != "unsupported-feature":
+                raise
+    return found
 
 
 def _json_of(arrays: Arrays, name: str) -> Mapping[str, Any]:

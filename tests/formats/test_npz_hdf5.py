@@ -89,6 +89,36 @@ def test_a_plain_file_is_understood(tmp_path: Path, name: str) -> None:
         assert sequence.notices == (f"{KIND[name]}s not kept: mass",)
 
 
+@each_format
+@pytest.mark.parametrize(
+    "other", [["a", "b"], np.zeros((3, 7)), np.zeros((0, 4)), np.zeros(5), np.zeros((2, 4), complex), 3.0]
+)
+def test_an_array_that_is_no_field_does_not_set_the_number_of_frames(tmp_path: Path, name: str, other: object) -> None:
+    SAVE[name](tmp_path / name, points=POINTS[:1], times=[0.0], fps=24.0, field_names=other)
+    with open_sequence(tmp_path / name) as sequence:
+        assert (sequence.frame_count, sequence.fields) == (1, ())
+        assert sequence.notices == (f"{KIND[name]}s not kept: field_names",)
+
+
+def test_python_objects_named_as_a_field_are_not_kept(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", allow_pickle=True, points=POINTS, fps=24.0, field_names=np.array([{}], dtype=object))
+    with open_sequence(tmp_path / "x.npz") as sequence:
+        assert sequence.notices == ("arrays not kept: field_names",)
+
+
+@each_format
+def test_a_field_of_several_frames_repeats_points_of_one(tmp_path: Path, name: str) -> None:
+    arrays = {"field_warm": np.arange(12.0).reshape(3, 4), "field_short": np.zeros((2, 4)), "field_more": [1, 2, 3, 4]}
+    SAVE[name](tmp_path / name, points=POINTS[:1], fps=24.0, **arrays)
+    with open_sequence(tmp_path / name) as sequence:
+        assert np.array_equal(sequence.read_frames(0, 3), np.repeat(POINTS[:1], 3, axis=0))
+        assert np.array_equal(sequence.read_field("warm", 1, 3), arrays["field_warm"][1:])
+        assert set(sequence.notices[0].removeprefix(f"{KIND[name]}s not kept: ").split(", ")) == {
+            "field_short",
+            "field_more",
+        }
+
+
 KEPT = "the times stored in the file are kept; 30 frames per second is only the nominal rate"
 
 
