@@ -206,9 +206,13 @@ class FrameMeshes:
         self._data: list[Mapping[DataKey, tuple[np.dtype[Any], int]]] = []
         self._values: dict[int, Mapping[DataKey, NDArray[Any]]] = {}
         self._values_room = BLOCK_BYTES
+        self._not_joined: dict[str, None] = {}
 
     def mesh(self, frame: int) -> MeshFile:
-        return joined_meshes([self._read(path) for path in self.files[frame]])
+        parts = [self._read(path) for path in self.files[frame]]
+        mesh = joined_meshes(parts)
+        self._not_joined.update((key[1], None) for part in parts for key in part.data if key not in mesh.data)
+        return mesh
 
     def points(self, frame: int, connectivity: Connectivity) -> Positions:
         """Return the positions of a frame; raise InputError if it has another connectivity."""
@@ -273,14 +277,19 @@ class FrameMeshes:
                 self.changes.compare(frame, mesh, before)
             self.changes.note_lines(mesh.notices)
             self._kept.keep(frame, mesh.points)
+        self.changes.note_lines(not_kept(self._not_joined, _UNEVEN_PARTS))
         firsts = [first for first, _ in starts]
         for first, end in zip(firsts, [*firsts[1:], len(self.files)], strict=True):
-            self.changes.note_lines(not_kept(fields_of_frames(self._data[first:end])[1], _UNEVEN))
+            lost = [name for name in fields_of_frames(self._data[first:end])[1] if name not in self._not_joined]
+            self.changes.note_lines(not_kept(lost, _UNEVEN))
         return starts
 
 
 _UNEVEN = "not kept, because frames lack them or store them in other ways: {}"
 """Line that names data that cannot be a field."""
+
+_UNEVEN_PARTS = "not kept in frames where some parts lack them or store them in other ways: {}"
+"""Line that names data that cannot be joined."""
 
 
 class KeptPositions(dict[int, Positions]):

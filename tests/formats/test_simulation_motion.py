@@ -372,6 +372,32 @@ def test_parallel_files_are_read_alone_as_frames_and_in_lists(tmp_path: Path) ->
         open_sequence(tmp_path / "x.pvd")
 
 
+@pytest.mark.parametrize(
+    ("listed", "line"),
+    [
+        (False, "not kept in frames where some parts lack them or store them in other ways: heat, flag"),
+        (True, "point data 'heat', 'flag' are not kept"),
+    ],
+)
+def test_data_that_some_parts_of_a_frame_lack_are_named_once(tmp_path: Path, listed: bool, line: str) -> None:
+    rows = []
+    for frame in range(2):
+        names = [f"p{frame}_{part}.vtu" for part in range(2)]
+        late = {"flag": np.zeros(4, np.int32)}
+        write_vtk(tmp_path / names[0], float(frame), heat=np.arange(4.0), wet=np.ones(4), **late)
+        write_vtk(tmp_path / names[1], float(frame), x=2.0, wet=np.ones(4), **late if frame and not listed else {})
+        if listed:
+            pvtu(tmp_path / f"p{frame}.pvtu", names)
+            names = [f"p{frame}.pvtu"]
+        rows += [(str(frame), f'part="{part}"', name) for part, name in enumerate(names)]
+    pvd(tmp_path / "x.pvd", rows)
+    with open_sequence(tmp_path / "x.pvd") as read:
+        assert [one.name for one in read.fields] == ["wet", "rank"]
+        assert read.notices == (line,)
+        dropped = {one.path for one in read.list_contents() if one.fate == "dropped"}
+        assert dropped == {"/point data/heat", "/point data/flag"}
+
+
 def test_blocks_of_a_multi_block_file_and_a_part_without_points_are_joined(tmp_path: Path) -> None:
     parallel(tmp_path)
     empty = (
