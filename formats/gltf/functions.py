@@ -197,6 +197,8 @@ def find_functions(
     given = np.zeros((samples.count, 0)) if known is None else known
     if known is None and not samples.moves():
         return given, samples.first()[None].astype(np.float32)
+    # With the rest shape, no more than as many functions as samples are independent.
+    most = min(most, samples.count - 1 - given.shape[1])
     # A fixed seed: the same motion gives the same functions.
     order = np.random.default_rng(0).permutation(samples.columns)
     size, wanted = LEAST_PROBED_COLUMNS, min(samples.columns, 2 * most)

@@ -45,6 +45,16 @@ def test_a_motion_of_more_functions_than_allowed_has_none(count: int) -> None:
     assert find_functions(Samples.of_frames(motion_of_functions(count)), BOUND, most=count - 1) is None
 
 
+@pytest.mark.parametrize("known", [0, 2])
+def test_there_are_no_more_functions_than_samples(known: int) -> None:
+    points = motion_of_functions(6, samples=5)
+    given = np.cos(np.outer(np.arange(5), np.arange(1, 1 + known))) if known else None
+    assert find_functions(Samples.of_frames(points), 1e-13, most=8, known=given) is None
+    found = find_functions(Samples.of_frames(points), BOUND, most=8, known=given)
+    assert found is not None
+    assert found[0].shape == (5, 4)
+
+
 def test_of_several_bounds_the_first_that_so_many_functions_reach_is_taken() -> None:
     points = motion_of_functions(3) + 0.01 * motion_of_functions(40)
     found = find_functions(Samples.of_frames(points), BOUND, 0.5, 5.0, most=8)
