@@ -53,7 +53,7 @@ def _taken(values: NDArray[Any], rows: Any) -> NDArray[Any]:
 
 def stored_array(values: NDArray[Any]) -> StoredData:
     """Return an array (rows,) or (rows, components) in memory as data."""
-    rows = values.reshape(len(values), -1) if values.ndim == 2 else values[:, None]
+    rows = values if values.ndim == 2 else values[:, None]
     return StoredData(rows.dtype.newbyteorder("="), rows.shape[1], lambda: rows)
 
 

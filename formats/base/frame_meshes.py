@@ -324,7 +324,7 @@ class FrameSequence(MeshSequence):
                 raise damaged(
                     f"{field.name!r} has {len(stored)} rows for {rows} of domain {field.domain}; export it again",
                     path=self._meshes.files[self._first + frame][0],
-                    frame=frame,
+                    frame=self._first + frame,
                 )
             values[frame - start] = np.nan if stored is None else stored
         return values.reshape(field.shape(stop - start, self.objects))

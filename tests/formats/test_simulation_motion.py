@@ -14,6 +14,7 @@ import pytest
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.companions import input_files
+from pdecodec.formats.base.frame_data import stored_array
 from pdecodec.mesh.sequence import ArraySequence
 from tests.support.command_line import Capture, done, error_of
 from tests.support.exodus_files import SQUARE, write_exodus
@@ -273,6 +274,25 @@ def test_data_that_some_files_lack_are_missing_there_or_named(tmp_path: Path) ->
         np.testing.assert_array_equal(read.read_field("late", 0, 2), [[np.nan] * 4, [0, 1, 2, 3]])
         dropped = {one.path for one in read.list_contents() if one.fate == "dropped"}
         assert dropped >= {"/point data/flag", "/point data/flow"}
+
+
+def test_empty_data_keep_their_components() -> None:
+    assert stored_array(np.zeros((0, 3))).kind == (np.dtype(np.float64), 3)
+    assert stored_array(np.zeros(0)).kind == (np.dtype(np.float64), 1)
+
+
+def test_data_with_rows_missing_name_the_frame_of_the_whole_sequence(tmp_path: Path) -> None:
+    heat = '<DataArray type="Float32" Name="heat" format="ascii">{}</DataArray></PointData>'
+    for frame in range(4):
+        path = tmp_path / f"x{frame}.vtu"
+        meshio.Mesh(SQUARE, [("triangle", [[0, 1, 2]])] if frame < 2 else [("quad", [[0, 1, 2, 3]])]).write(path)
+        data = "<PointData>" + heat.format("1 2 3" if frame == 3 else "1 2 3 4")
+        path.write_text(path.read_text().replace("<Points>", f"{data}\n<Points>"))
+    with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
+        assert [run.frame_count for run in read.runs] == [2, 2]
+        with pytest.raises(InputError, match="'heat' has 3 rows for 4 of domain vertex") as caught:
+            read.runs[1].read_field("heat", 0, 2)
+        assert caught.value.frame == 3
 
 
 def test_cell_data_follow_the_faces_of_solids_and_the_order_of_polygons(tmp_path: Path) -> None:
