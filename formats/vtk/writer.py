@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
+from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining, main_color
 from pdecodec.formats.base.frame_data import ON_FACES, DataKey
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
 from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
@@ -20,11 +20,15 @@ from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.vtk.xml_files import TYPES
 from pdecodec.mesh.arrays import Float32Array
-from pdecodec.mesh.sequence import BLOCK_BYTES, MeshSequence
+from pdecodec.mesh.fields import Field
+from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
 """VTK's numbers of the cell types that are written."""
+
+_OBJECT, _COLOR, _NORMALS = "object", "color", "Normals"
+"""Names of point data for the numbers of objects, colours and normals."""
 
 _NAMES = {code: name for name, code in TYPES.items()}
 
@@ -77,16 +81,19 @@ class _Grid:
         faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
         kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
         self._fields = _FieldsOfFrames(sequence)
+        colors, self._normals = joined_colors(sequence), VertexNormals(sequence)
+        constant = {_OBJECT: len(sequence.objects) > 1, _COLOR: colors is not None, _NORMALS: self._normals.held}
+        there = [name for name, is_there in constant.items() if is_there]
         own = {name for domain, name in self._fields.names.values() if domain == "vertex"}
+        replaced = [name for name in there if name in own]
         point_data = b""
-        if len(sequence.objects) > 1 and "object" not in own:
+        if has_numbers := _OBJECT in there and _OBJECT not in replaced:
             sizes = [item.vertex_count for item in sequence.objects]
-            point_data = _array("object", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes))
-        colors = joined_colors(sequence)
-        if colors is not None and "color" not in own:
-            point_data += _array("color", colors)
-        self._normals = VertexNormals(sequence)
-        self._has_normals = bool(self._normals.held) and "Normals" not in own
+            point_data = _array(_OBJECT, np.repeat(np.arange(len(sizes), dtype=np.int32), sizes))
+        written_colors = None if _COLOR in replaced else colors
+        if written_colors is not None:
+            point_data += _array(_COLOR, written_colors)
+        self._has_normals = self._normals.held and _NORMALS not in replaced
         kind = ' Normals="Normals"' if self._has_normals else ""
         piece = f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
         self._pieces = (
@@ -99,9 +106,13 @@ class _Grid:
             + _array("types", kinds)
             + b"</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
-        self.notices = lost_by_joining(
-            sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
-        )
+        numbers = f", their numbers are the point data {_OBJECT!r}" if has_numbers else ""
+
+        def is_told_or_held(item: MeshObject, one: Attribute) -> bool:
+            return self._normals.holds(item, one) or (_COLOR in replaced and one is main_color(item))
+
+        self.notices = lost_by_joining(sequence, "VTU", f"grid{numbers}", written_colors, is_told_or_held)
+        self.notices += not_kept(replaced, "not kept, because fields have their names: {}")
         self.notices += not_kept(self._fields.lost, "fields not kept: {}")
 
     def of_frame(self, points: Float32Array, frame: int) -> list[bytes]:
@@ -111,7 +122,7 @@ class _Grid:
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
             + b"</FieldData>\n"
         )
-        normals = _array("Normals", self._normals.at(points)) if self._has_normals else b""
+        normals = _array(_NORMALS, self._normals.at(points)) if self._has_normals else b""
         point_data, cell_data = self._fields.at(frame)
         before, cells, between, after = self._pieces
         return [head, before, normals, *point_data, cells, *cell_data, between, _array("Points", points), after]
@@ -144,6 +155,7 @@ class _FieldsOfFrames:
         size = sum(one.row_count(sequence.objects) * one.components * one.dtype.itemsize for one in fields)
         self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
         self._start, self._block = 0, dict[str, NDArray[Any]]()
+        self._owned = {one.name: _owned_rows(one, sequence.objects) for one in fields if one.objects is not None}
 
     def at(self, frame: int) -> tuple[list[bytes], list[bytes]]:
         """Return the data of points and of cells of a frame; lines have no values on faces: NaN, or 0."""
@@ -156,9 +168,8 @@ class _FieldsOfFrames:
         for name, (domain, label) in self.names.items():
             field, values = self._sequence.field_named(name), self._block[name][frame - self._start]
             missing = np.nan if field.dtype.kind == "f" else 0
-            if field.objects is not None:
-                counts = replace(field, objects=None).row_counts(self._sequence.objects)
-                has_it = np.repeat([index in field.objects for index in range(len(counts))], counts)
+            has_it = self._owned.get(name)
+            if has_it is not None:
                 whole = np.full((has_it.size, *values.shape[1:]), missing, values.dtype)
                 whole[has_it] = values
                 values = whole
@@ -166,6 +177,14 @@ class _FieldsOfFrames:
                 values = np.append(values, np.full((lines, *values.shape[1:]), missing, values.dtype), axis=0)
             found[domain].append(_array(label, values.astype(np.uint8) if values.dtype == bool else values))
         return found["vertex"], found["face"]
+
+
+def _owned_rows(field: Field, objects: Sequence[MeshObject]) -> NDArray[np.bool_]:
+    """Return for each row of a domain of all objects whether its object has the field."""
+    counts = replace(field, objects=None).row_counts(objects)
+    owners = np.zeros(len(counts), bool)
+    owners[list(field.objects or ())] = True
+    return np.repeat(owners, counts)
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:

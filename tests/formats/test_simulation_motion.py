@@ -15,9 +15,11 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.companions import input_files
 from pdecodec.formats.base.frame_data import stored_array
-from pdecodec.mesh.sequence import ArraySequence
+from pdecodec.formats.base.normals import normal_group
+from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject
 from tests.support.command_line import Capture, done, error_of
 from tests.support.exodus_files import SQUARE, write_exodus
+from tests.support.mesh_cases import connectivity_of
 
 RISE = np.array([0.0, 0.1, 0.2])
 """A displacement a step."""
@@ -262,6 +264,25 @@ def test_geometry_that_moves_is_not_moved_again(tmp_path: Path) -> None:
     lacks = pytest.raises(InputError, match=r"x1\.vtu: has no vectors 'displacement' on its points")
     with open_sequence(tmp_path / "x#.vtu", fps=24, displacement="displacement") as read, lacks:
         read.read_frames(1, 2)
+
+
+@pytest.mark.parametrize("replaced", [(), ("object",), ("color",), ("Normals",), ("object", "color", "Normals")])
+def test_constant_data_of_a_vtu_file_that_a_field_replaces_are_named(tmp_path: Path, replaced: Sequence[str]) -> None:
+    faces = connectivity_of(4, [[0, 1, 2, 3]])
+    color = Attribute("color", "vertex", np.ones((4, 3), np.float32))
+    parts = [MeshObject(name, faces, (normal_group(faces, np.zeros(4)), color)) for name in "ab"]
+    fields = {name: np.arange(16, dtype=np.float32).reshape(2, 8) for name in replaced}
+    points = np.tile(SQUARE, (2, 2, 1)).astype(np.float32)
+    clip = ArraySequence(points, objects=parts, times=[0, 1], fields=fields)
+    told = write_sequence(clip, tmp_path / "x.pvd")
+    numbers = ", their numbers are the point data 'object'"
+    assert told[0] == "VTU has no names: objects are joined to one grid" + numbers * ("object" not in replaced)
+    assert told[1:] == (f"not kept, because fields have their names: {', '.join(replaced)}",) * bool(replaced)
+    with open_sequence(tmp_path / "x.pvd") as read:
+        names = {field.name: field.components for field in read.fields}
+        assert names == {"object": 1, "color": 3, "Normals": 3} | dict.fromkeys(replaced, 1)
+        for name in replaced:
+            np.testing.assert_array_equal(read.read_field(name, 0, 2), fields[name])
 
 
 def test_data_that_some_files_lack_are_missing_there_or_named(tmp_path: Path) -> None:
