@@ -226,7 +226,7 @@ def _names_of(objects: Sequence[MeshObject]) -> Iterator[str]:
 
 def _readable(names: Sequence[str], sliced: Callable[[str], Any]) -> dict[str, Any]:
     """Return the arrays that are named as fields, without those of a kind that is never read."""
-    found = {}
+    found: dict[str, Any] = {}
     for name in names:
         try:
             found |= {name: sliced(name)} if name.startswith(_FIELD) else {}

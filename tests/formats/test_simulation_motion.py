@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import meshio
@@ -424,7 +425,7 @@ def test_data_that_some_parts_of_a_frame_lack_are_named_once(tmp_path: Path, lis
     rows = []
     for frame in range(2):
         names = [f"p{frame}_{part}.vtu" for part in range(2)]
-        late = {"flag": np.zeros(4, np.int32)}
+        late: dict[str, Any] = {"flag": np.zeros(4, np.int32)}
         write_vtk(tmp_path / names[0], float(frame), heat=np.arange(4.0), wet=np.ones(4), **late)
         write_vtk(tmp_path / names[1], float(frame), x=2.0, wet=np.ones(4), **late if frame and not listed else {})
         if listed:
