@@ -301,8 +301,11 @@ const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index)
         kept_.pop_back();
     }
     TakenMemory taken(run_.memory(), size, what);
-    const TakenMemory at_work(run_.memory(), bytes_at_work * count * static_cast<u64>(numbers), what);
     const std::vector<u8> data = chunk(own);
+    const TakenMemory at_work(run_.memory(),
+                              bytes_at_work * count * static_cast<u64>(numbers) +
+                                  field_predictor_bytes(data, rows, header.components * numbers),
+                              what);
     std::vector<i64> values(count * static_cast<std::size_t>(numbers));
     std::vector<u8> kinds;
     decode_field_chunk(domain(header), data, own.in_chunk, static_cast<int>(header.components * numbers), values,

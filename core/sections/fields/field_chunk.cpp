@@ -51,11 +51,16 @@ public:
           bends_(width_), remainders_(width_), mean_sizes_(width_), repeats_(width_),
           span_histories_(domain.rows() / span_rows + 2), by_span_(span_histories_.size()) {
         constexpr i64 half = 1 << (FieldPredictor::fraction_bits - 1);
-        for (const FieldPredictor::Changes &weights : std::initializer_list<FieldPredictor::Changes>{
-                 {}, {0, 0, half}, {half / 2, 0, half}, {0, half, half / 2}}) {
-            predictors_.insert(predictors_.end(), components, FieldPredictor(weights));
+        constexpr FieldPredictor::Changes first_weights[ways] = {
+            {}, {0, 0, half}, {half / 2, 0, half}, {0, half, half / 2}};
+        for (const FieldPredictor::Changes &weights : first_weights) {
+            predictors_.insert(predictors_.end(), width_ > 0 ? components : 0, FieldPredictor(weights));
         }
     }
+
+    // Memory of the predictors of a component.
+    static constexpr int ways = 4;
+    static constexpr u64 predictor_bytes = ways * sizeof(FieldPredictor);
 
     void code() {
         for (const FrameReferences &references : references_) code_frame(references);
@@ -406,6 +411,13 @@ std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::s
     append(data, coefficients);
     append(data, encode_field_chunk(domain, remainder, {}, frames, components, coding));
     return data;
+}
+
+u64 field_predictor_bytes(std::span<const u8> data, i64 rows, i64 components) {
+    if (rows == 0) return 0;
+    const bool has_functions = data.size() > 1 && data[0] == is_transformed;
+    const u64 functions = has_functions ? least<u64>(data[1], FieldTransform::most_functions) : 1;
+    return FieldCoder<Mode::decode>::predictor_bytes * static_cast<u64>(components) * most<u64>(functions, 1);
 }
 
 FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,

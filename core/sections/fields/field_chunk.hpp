@@ -47,6 +47,10 @@ struct FieldTransform {
 std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::span<const i64> values, i64 frames,
                                                int components, FieldCoding coding, FieldTransform transform);
 
+// Return the memory of the predictors that a chunk is decoded with [bytes]: some for each component, and as many for each
+// of its functions of time.
+u64 field_predictor_bytes(std::span<const u8> data, i64 rows, i64 components);
+
 // Decode to `values` and to `kinds`, which is resized, and stays empty if all values are numbers. CorruptError if the
 // bytes are damaged.
 FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
