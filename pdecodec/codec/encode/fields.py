@@ -237,13 +237,20 @@ def spectrum(numbers: Int64Array) -> Spectrum:
 
 
 def function_count(motion: Spectrum, coding: FieldCoding) -> int | None:
-    """Return how many functions of time leave what `coding` allows; None if too many."""
+    """Return how many functions of time leave what `coding` allows; None if too many, or if one exceeds the format's
+    largest number.
+    """
     size = motion.rows.size
     allowed = size * (coding.left_over * coding.fractions / 2.0) ** 2
     most = min(int(min(motion.rows.shape) * MAX_FUNCTION_SHARE), MAX_FUNCTIONS)
     left = np.cumsum(np.maximum(motion.functions.values, 0.0)[::-1])[::-1]
     counts = np.flatnonzero(left[: most + 1] <= allowed)
-    return int(counts[0]) if len(counts) and counts[0] > 0 else None
+    if not len(counts) or counts[0] == 0:
+        return None
+    count = int(counts[0])
+    # A function is at most as large as the values times the root of the frames.
+    may_exceed = np.abs(motion.rows).max() * math.sqrt(motion.rows.shape[1]) >= LARGEST_VALUE
+    return None if may_exceed and np.abs(_scaled_functions(motion, count)[0]).max() > LARGEST_VALUE else count
 
 
 def encode_chunk(
@@ -268,17 +275,24 @@ def encode_chunk(
     return _core.encode_field_chunk(domain, numbers, kinds, coding.levels, coding.fractions)
 
 
+def _scaled_functions(motion: Spectrum, count: int) -> tuple[Int64Array, NDArray[np.float64]]:
+    """Return the first functions of time (functions, frames), scaled so that the largest coefficient of each is 1 or
+    -1, and these coefficients (values of a frame, functions).
+    """
+    directions = np.ascontiguousarray(motion.functions.vectors[:count])
+    projected = _core.multiply_rows(motion.rows, np.ascontiguousarray(directions.T), 1, thread_count())
+    largest = np.maximum(np.abs(projected).max(axis=0), 1.0)
+    return np.rint(directions * largest[:, None]).astype(np.int64), projected / largest
+
+
 def encode_transformed(
     domain: _core.FieldDomain, numbers: Int64Array, motion: Spectrum, count: int, coding: FieldCoding
 ) -> bytes:
     """Encode whole numbers by `count` functions of time, their coefficients and a remainder."""
-    directions = np.ascontiguousarray(motion.functions.vectors[:count])
-    projected = _core.multiply_rows(motion.rows, np.ascontiguousarray(directions.T), 1, thread_count())
-    largest = np.maximum(np.abs(projected).max(axis=0), 1.0)
-    functions = np.rint(directions * largest[:, None]).astype(np.int64)
+    functions, shares = _scaled_functions(motion, count)
     sizes = np.abs(functions).max(axis=1)
     digits = np.array([min(int(size).bit_length(), MAX_COEFFICIENT_DIGITS + 1) - 1 for size in sizes]).clip(0)
-    coefficients = np.rint(projected / largest * 2.0**digits).astype(np.int64)
+    coefficients = np.rint(shares * 2.0**digits).astype(np.int64)
     return _core.encode_transformed_field_chunk(
         domain,
         numbers,
@@ -295,8 +309,9 @@ def float_error(values: NDArray[Any], decoded: NDArray[Any]) -> float:
     if values.size == 0:
         return 0.0
     finite = np.isfinite(values)
-    if finite.all():
-        return float(np.abs(decoded.astype(np.float64) - values).max())
-    if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
-        return math.inf
-    return float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max(initial=0.0))
+    with np.errstate(over="ignore"):  # beyond the largest float: the error is infinite
+        if finite.all():
+            return float(np.abs(decoded.astype(np.float64) - values).max())
+        if not np.array_equal(values[~finite], decoded[~finite], equal_nan=True):
+            return math.inf
+        return float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max(initial=0.0))

@@ -1,0 +1,72 @@
+"""Fields at the edges: files that ask for much memory or time, and the largest values."""
+
+from __future__ import annotations
+
+import resource
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec import ArraySequence, DecodeLimits, Field, LimitError, _core
+from pdecodec.codec.sections.fields import HALVES, FieldEntry, FieldGroupEntry, encode_field_headers
+from pdecodec.mesh.fields import held_or_mixed
+from spec.sealing import seal, take_apart
+
+FRAMES = 64
+
+
+def file_with(entries: Sequence[FieldEntry], chunks: bytes, clip: ArraySequence | None = None) -> bytes:
+    """Return a file whose fields are replaced by others."""
+    clip = clip or ArraySequence(np.zeros((FRAMES, 3, 3)))
+    fields = [(Field("any", "object"), np.zeros((clip.frame_count, len(clip.objects))))]
+    data = pdecodec.encode(ArraySequence(clip.points, objects=clip.objects, fields=fields)).data
+    assert data is not None
+    changed = {"FLDS": encode_field_headers(entries), "FDAT": chunks}
+    return seal([replace(part, content=changed.get(part.kind, part.content)) for part in take_apart(data)])
+
+
+def test_predictors_of_functions_of_time_count_as_memory() -> None:
+    chunk = bytes([32, 64])  # 64 functions of time, of each of 2^16 components of two numbers
+    group = FieldGroupEntry(FRAMES, 0, 1, HALVES, 0.0, len(chunk), zlib.crc32(chunk))
+    entry = FieldEntry(Field("a", "object", np.dtype("f8"), 2**16), 0.0, 0.0, 0.0, [group])
+    data, limits = file_with([entry], chunk), DecodeLimits(max_memory=2**30)
+    with pdecodec.open(data, limits=limits) as animation, pytest.raises(LimitError, match="a group of field a"):
+        animation.read_field("a", 0, 1)
+
+
+def test_chunks_without_rows_take_no_memory() -> None:
+    rows = _core.FieldDomain(3, [])
+    values = np.zeros((64, 0, 2), np.int64)
+    functions, digits = np.zeros((64, 1, 64), np.int64), np.zeros(64, np.uint8)
+    chunk = _core.encode_transformed_field_chunk(rows, values, functions, np.zeros((0, 2, 64), np.int64), digits, 0, 1)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert _core.decode_field_chunk(rows, chunk, 64, 2**17).values.size == 0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16  # [KiB]; predictors take 1.6 GiB
+
+
+def test_functions_of_time_beyond_the_largest_number_are_not_used() -> None:
+    frames = 200
+    values = np.zeros((frames, 201))
+    values[:, 0], values[0] = 1.0, 1.0
+    values[:, 1] += 1e-9 * np.sin(np.arange(frames))
+    clip = ArraySequence(np.zeros((frames, 201, 3)), fields={"a": values})
+    report = pdecodec.encode(clip, fields={"a": "3e-10 units"})
+    assert report.data is not None
+    with pdecodec.open(report.data) as animation:
+        assert np.abs(animation.read_field("a", 0, frames) - values).max() <= 3e-10
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_largest_floats_overflow_silently() -> None:
+    largest = np.finfo(np.float64).max
+    values = np.array([[largest, -largest, 1.0], [-largest, largest, np.inf], [largest, 0.0, 2.0]])
+    clip = ArraySequence(np.zeros((3, 3, 3)), fields={"a": values})
+    data = pdecodec.encode(clip, field_tolerance=1e-2).data
+    assert data is not None
+    with pdecodec.open(data) as animation:
+        np.testing.assert_array_equal(animation.read_field("a", 0, 3), values)
+    np.testing.assert_array_equal(held_or_mixed(clip.fields[0], values[0], values[1], 0.5), [largest, -largest, 1.0])
