@@ -224,6 +224,6 @@ def held_or_mixed(field: Field, before: NDArray[Any], after: NDArray[Any], share
     """Return values between two frames: mixed linearly if they are floats and both finite, else the earlier ones."""
     if field.is_exact:
         return before
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):  # a difference beyond the largest float is infinite
         mixed = before + share * (after.astype(np.float64) - before)
     return np.where(np.isfinite(mixed), mixed, before).astype(field.dtype)
