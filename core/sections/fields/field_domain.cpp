@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "mesh/graph.hpp"
+
 namespace pdeanim {
 
 namespace {
@@ -18,27 +20,8 @@ struct Links : std::vector<Link> {
     }
 };
 
-// Edges between the corners of a polygon, or along a line.
-template <class Visit> void for_each_edge(std::span<const i32> corners, bool is_closed, const Visit &visit) {
-    for (std::size_t i = 1; i < corners.size(); ++i) visit(corners[i - 1], corners[i]);
-    if (is_closed) visit(corners.back(), corners.front());
-}
-
-template <class Visit>
-void for_each_polygon(std::span<const i32> sizes, std::span<const i32> indices, const Visit &visit) {
-    std::size_t first = 0;
-    for (const i32 size : sizes) {
-        visit(indices.subspan(first, size));
-        first += size;
-    }
-}
-
 void link_vertices(const ConnectivityView &object, i64 first, Links &links) {
-    const auto link = [&](i32 one, i32 other) { links.add(first + one, first + other); };
-    for_each_polygon(object.face_sizes, object.face_indices,
-                     [&](std::span<const i32> corners) { for_each_edge(corners, true, link); });
-    for_each_polygon(object.line_sizes, object.line_indices,
-                     [&](std::span<const i32> corners) { for_each_edge(corners, false, link); });
+    for (const Edge &edge : edges_of({&object, 1})) links.add(first + edge.tail, first + edge.head);
 }
 
 // Of several faces on an edge, each is a neighbour of the one before.
@@ -49,12 +32,16 @@ void link_faces(const ConnectivityView &object, i64 first, Links &links) {
         auto operator<=>(const Side &) const = default;
     };
     std::vector<Side> sides;
+    sides.reserve(object.face_indices.size());
+    const std::vector<Edge> edges = edges_of({&object, 1});  // those of faces first, corner by corner
+    auto edge = edges.begin();
     i64 face = first;
-    for_each_polygon(object.face_sizes, object.face_indices, [&](std::span<const i32> corners) {
-        for_each_edge(corners, true,
-                      [&](i32 one, i32 other) { sides.push_back({std::min(one, other), std::max(one, other), face}); });
+    for (const i32 size : object.face_sizes) {
+        for (i32 k = 0; k < size; ++k, ++edge) {
+            sides.push_back({std::min(edge->tail, edge->head), std::max(edge->tail, edge->head), face});
+        }
         ++face;
-    });
+    }
     std::sort(sides.begin(), sides.end());
     for (std::size_t i = 1; i < sides.size(); ++i) {
         if (sides[i].low == sides[i - 1].low && sides[i].high == sides[i - 1].high) {
@@ -67,38 +54,56 @@ void link_faces(const ConnectivityView &object, i64 first, Links &links) {
 void link_corners(const ConnectivityView &object, i64 first, Links &links) {
     std::vector<i64> latest(object.vertices, -1);
     i64 corner = first;
-    for_each_polygon(object.face_sizes, object.face_indices, [&](std::span<const i32> corners) {
+    for (const i32 size : object.face_sizes) {
         const i64 begin = corner;
-        for (const i32 vertex : corners) {
-            if (latest[vertex] >= 0) links.add(corner, latest[vertex]);
-            latest[vertex] = corner;
+        for (; corner < begin + size; ++corner) {
+            i64 &latest_here = latest[object.face_indices[corner - first]];
+            if (latest_here >= 0) links.add(corner, latest_here);
+            latest_here = corner;
             for (i64 other = std::max(begin, corner - 2); other < corner; ++other) links.add(corner, other);
-            ++corner;
         }
-    });
+    }
 }
 
 }  // namespace
+
+i64 row_count(FieldSite site, const ConnectivityView &object) {
+    switch (site) {
+        case FieldSite::vertex: return object.vertices;
+        case FieldSite::face: return static_cast<i64>(object.face_sizes.size());
+        case FieldSite::corner: return static_cast<i64>(object.face_indices.size());
+        case FieldSite::object: return 1;
+    }
+    return 0;
+}
+
+u64 FieldDomain::building_bytes(FieldSite site, std::span<const ConnectivityView> objects) {
+    // Tables of rows that grow to twice their size; links, which grow too, and the edges or sides they are made of.
+    constexpr u64 bytes_per_row = 2 * (sizeof(i64) + most_neighbours * sizeof(i32));
+    const u64 bytes_per_corner = site == FieldSite::vertex   ? 32
+                                 : site == FieldSite::face   ? 48
+                                 : site == FieldSite::corner ? 72
+                                                             : 0;
+    u64 bytes = sizeof(i64);
+    for (const ConnectivityView &object : objects) {
+        const u64 corners = object.face_indices.size() + object.line_indices.size();
+        bytes += bytes_per_row * static_cast<u64>(row_count(site, object)) + bytes_per_corner * corners;
+        if (site == FieldSite::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
+    }
+    return bytes;
+}
 
 FieldDomain::FieldDomain(FieldSite site, std::span<const ConnectivityView> objects) {
     Links links;
     i64 rows = 0;
     for (const ConnectivityView &object : objects) {
         switch (site) {
-            case FieldSite::vertex:
-                link_vertices(object, rows, links);
-                rows += object.vertices;
-                break;
-            case FieldSite::face:
-                link_faces(object, rows, links);
-                rows += static_cast<i64>(object.face_sizes.size());
-                break;
-            case FieldSite::corner:
-                link_corners(object, rows, links);
-                rows += static_cast<i64>(object.face_indices.size());
-                break;
-            case FieldSite::object: ++rows;
+            case FieldSite::vertex: link_vertices(object, rows, links); break;
+            case FieldSite::face: link_faces(object, rows, links); break;
+            case FieldSite::corner: link_corners(object, rows, links); break;
+            case FieldSite::object: break;
         }
+        rows += row_count(site, object);
     }
     std::sort(links.begin(), links.end(), [](const Link &a, const Link &b) {
         return a.later != b.later ? a.later < b.later : a.earlier > b.earlier;
