@@ -6,7 +6,8 @@
 //     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
 //                       decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
-//     stored_fields.hpp values that change in time on vertices, faces, corners or objects
+//     stored_fields.hpp values that change in time on vertices, faces, corners or objects; field_headers.hpp: FLDS,
+//                       field_cache.hpp keeps what was decoded
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once

@@ -6,125 +6,15 @@
 #include <limits>
 
 #include "decode/fields.hpp"
-#include "entropy/text_model.hpp"
 #include "sections/fields/field_chunk.hpp"
 
 namespace pdeanim {
 
 namespace {
 
-constexpr i64 most_components = 1 << 16, longest_text = 1 << 16;
-
-// Peak memory of a header or a group's row, most of it Python's.
-constexpr u64 bytes_per_field = 4096, bytes_per_field_group = 256;
-
 // Peak memory while a chunk is decoded, of each of its numbers: in a chunk of one frame, or with as many functions of
 // time as frames, what the coder keeps of a frame is as large as all frames.
-constexpr u64 bytes_at_work = 64;
-
-// Computed frames that are kept: as many as a spline between two frames needs.
-constexpr std::size_t most_computed = 64;
-
-CorruptError wrong_header(const std::string &what) { return CorruptError(Section("FLDS"), what); }
-
-std::string read_text(FieldReader &fields) {
-    const i64 size = fields.count();
-    if (size > longest_text) throw wrong_header("has a name of " + std::to_string(size) + " bytes");
-    const std::span<const u8> bytes = fields.bytes(static_cast<std::size_t>(size));
-    std::string text(bytes.begin(), bytes.end());
-    if (!is_utf8(text)) throw wrong_header("has a name that is not UTF-8");
-    return text;
-}
-
-FieldGroup read_field_group(FieldReader &fields, FieldType type, i64 left) {
-    FieldGroup group;
-    const u8 code = fields.integer<u8>();
-    if (code >= field_codes) throw wrong_header("has a group of coding " + std::to_string(code) + ", which is unknown");
-    group.code = FieldCode{code};
-    group.frames = fields.count();
-    if (group.frames < 1 || group.frames > left)
-        throw wrong_header("has groups of more or fewer frames than there are");
-    if (is_computed(group.code)) {
-        if (has_source(group.code)) group.source = fields.count();
-        if (group.code == FieldCode::copy) group.component = fields.count();
-        return group;
-    }
-    group.skipped = fields.count();
-    group.in_chunk = fields.count();
-    if (group.in_chunk < 1 || group.in_chunk > limits::most_group_frames || group.skipped >= group.in_chunk) {
-        throw wrong_header("has a chunk of " + std::to_string(group.in_chunk) + " frames, " +
-                           std::to_string(group.skipped) + " of them skipped");
-    }
-    if (group.code == FieldCode::quantised) {
-        group.unit = fields.real();
-        if (!is_float(type) || !(group.unit > 0.0))
-            throw wrong_header("has a unit that is not above 0, or of no float");
-    }
-    if (group.code == FieldCode::halves && size_of_type(type) != 8)
-        throw wrong_header("has halves of a type of less than 64 bits");
-    group.size = static_cast<u64>(fields.count());
-    group.checksum = fields.integer<u32>();
-    return group;
-}
-
-FieldHeader read_header(FieldReader &fields, i64 frames, i64 objects, i64 most_groups, u64 &at, u64 end) {
-    FieldHeader header;
-    header.name = read_text(fields);
-    const u8 site = fields.integer<u8>(), type = fields.integer<u8>();
-    if (site >= field_sites || type >= field_types) throw wrong_header("has a field of an unknown domain or type");
-    header.site = FieldSite{site};
-    header.type = FieldType{type};
-    header.components = fields.count();
-    if (header.components < 1 || header.components > most_components) {
-        throw wrong_header("has a field of " + std::to_string(header.components) + " components");
-    }
-    header.unit = read_text(fields);
-    const i64 owners = fields.count();
-    if (owners > objects) throw wrong_header("has a field of more objects than there are");
-    for (i64 k = 0, next = 0; k < owners; ++k) {
-        const i64 step = fields.count();
-        if (step >= objects - next) throw wrong_header("has a field of an object that does not exist");
-        header.objects.push_back(next + step);
-        next += step + 1;
-    }
-    header.smallest = fields.real();
-    header.largest = fields.real();
-    header.bound = fields.real();
-    if (header.smallest > header.largest || header.bound < 0.0) throw wrong_header("has a range or a bound below 0");
-    for (i64 first = 0; first < frames;) {
-        if (static_cast<i64>(header.groups.size()) == most_groups) {
-            throw LimitError("section FLDS has more groups of frames than the memory limit allows");
-        }
-        FieldGroup group = read_field_group(fields, header.type, frames - first);
-        group.first = first;
-        group.offset = at;
-        if (group.size > end - at) throw CorruptError(Section("FDAT"), "is shorter than the fields say");
-        at += group.size;
-        first += group.frames;
-        header.groups.push_back(group);
-    }
-    return header;
-}
-
-// Throw if a group of a field cannot be computed as it says.
-void check_computed(const std::vector<FieldHeader> &headers, const FieldHeader &own, const FieldGroup &group) {
-    if (!is_computed(group.code)) return;
-    if (!has_source(group.code)) {
-        if (!is_float(own.type) || own.site != FieldSite::vertex || own.components != 3 || !own.objects.empty())
-            throw wrong_header("computes a field from the motion that is no vector of each vertex");
-        return;
-    }
-    if (group.source >= static_cast<i64>(headers.size())) throw wrong_header("computes a field from none");
-    const FieldHeader &source = headers[group.source];
-    const bool is_copy = group.code == FieldCode::copy;
-    const bool is_alike = source.site == own.site && source.objects == own.objects && source.type == own.type;
-    const bool fits =
-        is_copy ? group.component <= source.components - own.components : own.components == 1 && is_float(own.type);
-    if (!is_alike || !fits) throw wrong_header("computes a field from one of another kind");
-    for (const FieldGroup &other : source.groups) {
-        if (has_source(other.code)) throw wrong_header("computes a field from one that is computed from a field");
-    }
-}
+constexpr u64 decode_bytes_per_number = 64;
 
 template <class T> void store(std::span<u8> out, std::size_t index, T value) {
     std::memcpy(out.data() + index * sizeof(T), &value, sizeof(T));
@@ -187,75 +77,45 @@ void to_type(FieldType type, const FieldGroup &group, std::span<const i64> value
 
 }  // namespace
 
-std::size_t FieldHeader::group_of(i64 frame) const {
-    const auto after = std::upper_bound(groups.begin(), groups.end(), frame,
-                                        [](i64 wanted, const FieldGroup &group) { return wanted < group.first; });
-    return static_cast<std::size_t>(after - groups.begin()) - 1;
-}
-
 const std::vector<FieldHeader> &StoredFields::headers() {
     const auto guard = turns_.take();
-    if (!headers_) {
-        std::vector<FieldHeader> found;
-        const std::vector<u8> data = run_.container().read_optional("FLDS");
-        if (!data.empty()) {
-            const SectionEntry &chunks = run_.container().entry("FDAT");
-            FieldReader fields(data, "FLDS");
-            u64 at = chunks.offset;
-            const u64 end = chunks.offset + chunks.length;
-            const i64 count = fields.count();
-            for (i64 k = 0; k < count; ++k) {
-                run_.memory().take(bytes_per_field + 8 * static_cast<u64>(run_.objects()), "fields");
-                const i64 most = static_cast<i64>(run_.memory().left() / bytes_per_field_group);
-                found.push_back(read_header(fields, run_.frames(), run_.objects(), most, at, end));
-                run_.memory().take(bytes_per_field_group * found.back().groups.size(), "groups of frames of fields");
-                for (std::size_t other = 0; other + 1 < found.size(); ++other) {
-                    if (found[other].name == found.back().name) throw wrong_header("has two fields of one name");
-                }
-            }
-            fields.finish();
-            for (const FieldHeader &own : found) {
-                for (const FieldGroup &group : own.groups) check_computed(found, own, group);
-            }
-            if (at != end) throw CorruptError(Section("FDAT"), "is longer than the fields say");
-        }
-        headers_ = std::move(found);
-    }
+    if (!headers_) headers_ = read_field_headers(run_);
     return *headers_;
 }
 
-const FieldDomain &StoredFields::domain(const FieldHeader &header) {
-    const std::pair key(static_cast<int>(header.site), header.objects);
-    auto found = domains_.find(key);
-    if (found == domains_.end()) {
-        std::vector<ConnectivityView> views;
-        i64 next = 0;
-        for (const ConnectivityView &view : run_.views()) {
-            if (header.objects.empty() || std::binary_search(header.objects.begin(), header.objects.end(), next)) {
-                views.push_back(view);
-            }
-            ++next;
+// Visit the objects that have a field: the number and the connectivity of each.
+template <class Visit> void StoredFields::for_each_owner(const FieldHeader &header, const Visit &visit) {
+    i64 index = 0;
+    for (const ConnectivityView &view : run_.views()) {
+        if (header.objects.empty() || std::binary_search(header.objects.begin(), header.objects.end(), index)) {
+            visit(index, view);
         }
-        found = domains_.emplace(key, FieldDomain(header.site, views)).first;
+        ++index;
     }
-    return found->second;
+}
+
+// Return the rows of a field and their neighbours; they stay until another part is requested.
+const FieldDomain &StoredFields::domain(const FieldHeader &header) {
+    const FieldCache::Key key{FieldCache::domain, header.first_of_rows, 0};
+    if (const FieldCache::Part *known = cache_.find(key)) return *known->domain;
+    std::vector<ConnectivityView> views;
+    for_each_owner(header, [&](i64, const ConnectivityView &view) { views.push_back(view); });
+    TakenMemory taken = cache_.take(FieldDomain::building_bytes(header.domain, views), "rows of fields");
+    FieldDomain found(header.domain, views);
+    taken.keep(found.bytes());
+    return *cache_.keep(key, {.values = {}, .domain = std::move(found)}, std::move(taken)).domain;
 }
 
 // Return the first row of an object in a field, and the number of its rows; without an object, the rows of all objects.
 std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> object) {
     const FieldHeader &header = headers()[field];
-    if (!object) return {0, domain(header).rows()};
-    i64 first = 0, next = 0;
-    for (const ConnectivityView &view : run_.views()) {
-        const bool has_it =
-            header.objects.empty() || std::binary_search(header.objects.begin(), header.objects.end(), next);
-        const i64 sizes[field_sites] = {view.vertices, static_cast<i64>(view.face_sizes.size()),
-                                        static_cast<i64>(view.face_indices.size()), 1};
-        const i64 own = has_it ? sizes[static_cast<int>(header.site)] : 0;
-        if (next++ == *object) return {first, own};
-        first += own;
-    }
-    return {first, 0};
+    i64 first = 0, rows = 0;
+    for_each_owner(header, [&](i64 index, const ConnectivityView &view) {
+        const i64 own = row_count(header.domain, view);
+        if (object && index < *object) first += own;
+        if (!object || index == *object) rows += own;
+    });
+    return {first, rows};
 }
 
 i64 StoredFields::rows(std::size_t field, std::optional<i64> object) {
@@ -275,45 +135,29 @@ std::vector<u8> StoredFields::chunk(const FieldGroup &group) {
     return data;
 }
 
-// Return a part that is kept, which becomes the latest; none if it is not kept.
-const std::vector<u8> *StoredFields::find(KeptParts &kept, std::size_t field, std::size_t part) {
-    const auto place =
-        std::find_if(kept.begin(), kept.end(), [&](const Kept &one) { return one.field == field && one.part == part; });
-    if (place == kept.end()) return nullptr;
-    kept.splice(kept.begin(), kept, place);
-    return &kept.front().values;
-}
-
 // Return a decoded group; it stays until another one is requested.
 const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index) {
-    if (const std::vector<u8> *known = find(kept_, field, index)) return *known;
+    const FieldCache::Key key{FieldCache::group, field, index};
+    if (const FieldCache::Part *known = cache_.find(key)) return known->values;
     turns_.check_cancelled();
     const FieldHeader &header = headers()[field];
     const FieldGroup &own = header.groups[index];
-    const i64 rows = domain(header).rows(), numbers = own.code == FieldCode::halves ? 2 : 1;
-    const u64 count = static_cast<u64>(own.in_chunk) * static_cast<u64>(rows) * static_cast<u64>(header.components);
-    const u64 size = count * static_cast<u64>(size_of_type(header.type));
+    const i64 rows = rows_of(field, std::nullopt).second;
+    const i64 components = header.components * (own.code == FieldCode::halves ? 2 : 1);
+    const u64 frame_values = static_cast<u64>(rows) * static_cast<u64>(header.components);
+    const u64 size = static_cast<u64>(own.in_chunk) * frame_values * static_cast<u64>(size_of_type(header.type));
+    const u64 numbers = static_cast<u64>(own.in_chunk) * static_cast<u64>(rows) * static_cast<u64>(components);
     const std::string what = "a group of field " + header.name;
-    i64 kept_bytes = static_cast<i64>(size);
-    for (const Kept &one : kept_) kept_bytes += static_cast<i64>(one.values.size());
-    while (!kept_.empty() && kept_bytes > largest_budget_) {
-        kept_bytes -= static_cast<i64>(kept_.back().values.size());
-        kept_.pop_back();
-    }
-    TakenMemory taken(run_.memory(), size, what);
+    TakenMemory taken = cache_.take(size, what);
     const std::vector<u8> data = chunk(own);
-    const TakenMemory at_work(run_.memory(),
-                              bytes_at_work * count * static_cast<u64>(numbers) +
-                                  field_predictor_bytes(data, rows, header.components * numbers),
-                              what);
-    std::vector<i64> values(count * static_cast<std::size_t>(numbers));
+    const TakenMemory at_work =
+        cache_.take(decode_bytes_per_number * numbers + field_predictor_bytes(data, rows, components), what);
+    std::vector<i64> values(numbers);
     std::vector<u8> kinds;
-    decode_field_chunk(domain(header), data, own.in_chunk, static_cast<int>(header.components * numbers), values,
-                       kinds);
+    decode_field_chunk(domain(header), data, own.in_chunk, static_cast<int>(components), values, kinds);
     std::vector<u8> typed(size);
     to_type(header.type, own, values, kinds, typed);
-    kept_.push_front({field, index, std::move(typed), std::move(taken)});
-    return kept_.front().values;
+    return cache_.keep(key, {.values = std::move(typed), .domain = {}}, std::move(taken)).values;
 }
 
 // Compute one frame of a field of floats.
@@ -335,14 +179,17 @@ void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i
         return;
     }
     const bool is_velocity = group.code == FieldCode::velocity;
-    const TakenMemory taken(run_.memory(), count * sizeof(float), "field " + header.name);
+    const std::string what = "field " + header.name;
+    const TakenMemory taken = cache_.take(count * sizeof(float), what);
     std::vector<float> found(count);
     if (!is_velocity || run_.frames() > 1) {
         evaluator_.evaluate_frame(is_velocity ? Quantity::velocities : Quantity::positions, wanted, found);
     }
     if (!is_velocity && first_positions_.empty()) {
-        first_positions_.resize(count);
-        evaluator_.evaluate_frame(Quantity::positions, 0, first_positions_);
+        of_first_positions_ = cache_.take(count * sizeof(float), what);
+        std::vector<float> positions(count);
+        evaluator_.evaluate_frame(Quantity::positions, 0, positions);
+        first_positions_ = std::move(positions);
     }
     for (std::size_t i = 0; i < count; ++i) {
         const double from = is_velocity ? 0.0 : static_cast<double>(first_positions_[i]);
@@ -352,16 +199,13 @@ void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i
 
 // Return a frame of a group without a chunk; it stays until another one is requested.
 std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldGroup &group, i64 wanted) {
-    if (const std::vector<u8> *known = find(computed_, field, static_cast<std::size_t>(wanted))) return *known;
+    const FieldCache::Key key{FieldCache::frame, field, static_cast<std::size_t>(wanted)};
+    if (const FieldCache::Part *known = cache_.find(key)) return known->values;
     turns_.check_cancelled();
     const FieldHeader &header = headers()[field];
     const std::size_t width = static_cast<std::size_t>(header.components * size_of_type(header.type));
-    const std::size_t size = static_cast<std::size_t>(domain(header).rows()) * width;
-    while (computed_.size() >= most_computed ||
-           (!computed_.empty() && (computed_.size() + 1) * size > static_cast<u64>(largest_budget_))) {
-        computed_.pop_back();
-    }
-    TakenMemory taken(run_.memory(), size, "field " + header.name);
+    const std::size_t size = static_cast<std::size_t>(rows_of(field, std::nullopt).second) * width;
+    TakenMemory taken = cache_.take(size, "field " + header.name);
     std::vector<u8> values(size);
     if (group.code == FieldCode::copy) {
         const std::span<const u8> from = frame(group.source, wanted);
@@ -376,11 +220,22 @@ std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldG
     } else {
         compute<double>(header, group, wanted, values);
     }
-    computed_.push_front({field, static_cast<std::size_t>(wanted), std::move(values), std::move(taken)});
-    return computed_.front().values;
+    return cache_.keep(key, {.values = std::move(values), .domain = {}}, std::move(taken)).values;
 }
 
+// Return a frame; it stays until another one is requested.
 std::span<const u8> StoredFields::frame(std::size_t field, i64 wanted) {
+    try {
+        return decoded_frame(field, wanted);
+    } catch (const LimitError &) {
+        // Evaluating the motion takes memory that the cache does not know beforehand.
+        if (cache_.is_empty()) throw;
+    }
+    cache_.clear();
+    return decoded_frame(field, wanted);
+}
+
+std::span<const u8> StoredFields::decoded_frame(std::size_t field, i64 wanted) {
     const FieldHeader &header = headers()[field];
     const std::size_t index = header.group_of(wanted);
     const FieldGroup &own = header.groups[index];
@@ -457,11 +312,14 @@ void StoredFields::evaluate(std::size_t field, std::span<const double> times, in
     }
 }
 
-void StoredFields::check(std::size_t field, std::size_t index) {
+void StoredFields::check(std::size_t field, std::size_t index, bool deep) {
     const auto guard = turns_.take();
     const FieldGroup &own = headers()[field].groups[index];
     if (is_computed(own.code)) {
-        for (i64 k = 0; k < own.frames; ++k) frame(field, own.first + k);
+        // Computed values have no bytes of their own.
+        for (i64 k = 0; deep && k < own.frames; ++k) frame(field, own.first + k);
+    } else if (deep) {
+        group(field, index);
     } else {
         chunk(own);
     }

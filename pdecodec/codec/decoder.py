@@ -531,10 +531,7 @@ class Animation(MeshSequence):
     def check_field_group(self, field: int, group: int, *, deep: bool = False) -> None:
         """Check the bytes of one group of a field, and with `deep` that it decodes; raise CorruptFileError if not."""
         with self._naming_the_file():
-            self._core.check_field_group(field, group)
-        if deep:
-            first = self.stored_fields[field].groups[group].first
-            self._field_values(self.fields[field], first, first + 1)
+            self._core.check_field_group(field, group, deep)
 
     def verify(self) -> None:
         """Check every byte of the file, and that every part and every group decodes.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+import time
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,8 +12,25 @@ import numpy as np
 import pytest
 
 import pdecodec
-from pdecodec import ArraySequence, DecodeLimits, Field, LimitError, _core
-from pdecodec.codec.sections.fields import HALVES, FieldEntry, FieldGroupEntry, encode_field_headers
+from pdecodec import (
+    ArraySequence,
+    Connectivity,
+    CorruptFileError,
+    DecodeLimits,
+    Field,
+    LimitError,
+    MeshObject,
+    _core,
+)
+from pdecodec.codec.sections.fields import (
+    HALVES,
+    VELOCITY,
+    FieldEntry,
+    FieldGroupEntry,
+    computed_group,
+    encode_field_headers,
+)
+from pdecodec.codec.settings import EXACT
 from pdecodec.mesh.fields import held_or_mixed
 from spec.sealing import seal, take_apart
 
@@ -46,6 +64,76 @@ def test_chunks_without_rows_take_no_memory() -> None:
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert _core.decode_field_chunk(rows, chunk, 64, 2**17).values.size == 0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16  # [KiB]; predictors take 1.6 GiB
+
+
+FACES = 2000
+SUBSETS = [(0,), (1,), (0, 1), (0, 2), (1, 2), (0, 1, 2)]
+
+
+@pytest.fixture(scope="module")
+def crowded() -> bytes:
+    """Return a file of three objects of few vertices and many faces, with fields of several sets of objects."""
+    faces = Connectivity.from_padded(3, np.tile(np.int32([0, 1, 2]), (FACES, 1)))
+    random = np.random.default_rng(0).random
+    fields = [
+        (Field(f"{domain}{owners}", domain, objects=owners), random((1, rows * len(owners))))
+        for owners in SUBSETS
+        for domain, rows in (("corner", 3 * FACES), ("vertex", 3), ("object", 1))
+    ]
+    clip = ArraySequence(np.zeros((1, 9, 3)), objects=[MeshObject(str(k), faces) for k in range(3)], fields=fields)
+    data = pdecodec.encode(clip, fields={one.name: EXACT for one, _ in fields}).data
+    assert data is not None
+    return data
+
+
+def least_memory(data: bytes, name: str) -> int:
+    """Return the lowest limit under which a field can be read [bytes], to 1 KiB."""
+    low, high = 0, 1 << 26
+    while high - low > 1024:
+        middle = (low + high) // 2
+        try:
+            with pdecodec.open(data, limits=DecodeLimits(max_memory=middle)) as animation:
+                animation.read_field(name, 0, 1)
+            high = middle
+        except LimitError:
+            low = middle
+    return high
+
+
+def test_tables_of_neighbours_count_as_memory(crowded: bytes) -> None:
+    owners = SUBSETS[-1]
+    linked, alone = (least_memory(crowded, f"{domain}{owners}") for domain in ("vertex", "object"))
+    assert linked - alone > 20 * 3 * FACES * len(owners)
+
+
+def test_whatever_fits_alone_fits_after_other_fields(crowded: bytes) -> None:
+    largest = f"corner{SUBSETS[-1]}"
+    limits = DecodeLimits(max_memory=least_memory(crowded, largest))
+    with pdecodec.open(crowded, limits=limits) as animation:
+        for name in [one.name for one in animation.fields] + [largest]:
+            animation.read_field(name, 0, 1)
+
+
+def test_headers_of_many_fields_take_no_quadratic_time() -> None:
+    names = [f"{number:01000}" for number in range(15000)]
+    group = computed_group(FRAMES, VELOCITY)
+    entries = [FieldEntry(Field(name, "vertex", components=3), 0.0, 0.0, 1.0, [group]) for name in names]
+    with pdecodec.open(file_with(entries, b"")) as animation:
+        before = time.process_time()
+        assert len(animation.stored_fields) == len(names)
+        assert time.process_time() - before < 1.0
+
+
+def test_only_a_deep_check_decodes_the_motion_of_computed_fields() -> None:
+    entry = FieldEntry(Field("a", "vertex", components=3), 0.0, 0.0, 1.0, [computed_group(FRAMES, VELOCITY)])
+    parts = take_apart(file_with([entry], b"", ArraySequence(np.random.default_rng(1).random((FRAMES, 3, 3)))))
+    damaged = seal(
+        [replace(part, content=part.content[:-1] + b"\xff") if part.kind == "COEF" else part for part in parts]
+    )
+    with pdecodec.open(damaged) as animation:
+        animation.check_field_group(0, 0)
+        with pytest.raises(CorruptFileError):
+            animation.check_field_group(0, 0, deep=True)
 
 
 def test_functions_of_time_beyond_the_largest_number_are_not_used() -> None:

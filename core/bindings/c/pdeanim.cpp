@@ -174,7 +174,7 @@ pdeanim_status pdeanim_get_field(pdeanim_animation *handle, int64_t index, pdean
         const FieldHeader &found = fields.headers()[index];
         *field = {.name = found.name.c_str(),
                   .unit = found.unit.c_str(),
-                  .domain = static_cast<pdeanim_domain>(found.site),
+                  .domain = static_cast<pdeanim_domain>(found.domain),
                   .type = static_cast<pdeanim_field_type>(found.type),
                   .row_count = fields.rows(index),
                   .column_count = found.components,

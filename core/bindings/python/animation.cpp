@@ -286,7 +286,7 @@ nb::list stored_fields(PyAnimation &self) {
                          static_cast<int>(group.code), group.unit, group.offset, group.size, group.checksum,
                          group.source, group.component);
         });
-        return named("StoredField", one.name, static_cast<int>(one.site), static_cast<int>(one.type), one.components,
+        return named("StoredField", one.name, static_cast<int>(one.domain), static_cast<int>(one.type), one.components,
                      one.unit, one.objects, one.smallest, one.largest, one.bound, groups);
     });
 }
@@ -444,15 +444,15 @@ void bind_animation(nb::module_ &module) {
              nb::arg("object").none(), nb::arg("out").noconvert())
         .def(
             "check_field_group",
-            [](PyAnimation &self, std::size_t field, std::size_t group) {
+            [](PyAnimation &self, std::size_t field, std::size_t group, bool deep) {
                 check_field(self, field);
                 self.with([&](Animation &own) {
                     require(group < own.stored_fields().headers()[field].groups.size(), "there is no such group");
-                    own.stored_fields().check(field, group);
+                    own.stored_fields().check(field, group, deep);
                     return 0;
                 });
             },
-            nb::arg("field"), nb::arg("group"))
+            nb::arg("field"), nb::arg("group"), nb::arg("deep"))
         .def("close", &PyAnimation::close)
         .def("verify", &verify)
         .def("check_section", &check_section, nb::arg("type"))

@@ -1,0 +1,59 @@
+// Cache of decoded groups and computed frames of fields, and of tables of neighbours, within one byte budget: evicts the
+// least recently used one.
+#pragma once
+
+#include <list>
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "base/errors.hpp"
+#include "sections/fields/field_domain.hpp"
+
+namespace pdeanim {
+
+// Called by the thread that holds the turn.
+class FieldCache {
+public:
+    enum Kind : u8 { group, frame, domain };
+    struct Key {
+        Kind kind;
+        std::size_t field, number;  // number: of a group, or of a frame
+        auto operator<=>(const Key &) const = default;
+    };
+    struct Part {
+        std::vector<u8> values;  // of a group or a frame: (frames of the chunk, rows, components) of the field's type
+        std::optional<FieldDomain> domain;
+    };
+
+    // budget: bytes of all parts at most. `limit` must outlive it.
+    FieldCache(MemoryLimit &limit, i64 budget) : limit_(limit), budget_(static_cast<u64>(budget)) {}
+
+    // Return a part, which becomes the latest; nullptr if it is not cached.
+    const Part *find(const Key &key);
+
+    // Take memory; evict parts as long as there is too little. LimitError if it is too little without any part.
+    TakenMemory take(u64 bytes, std::string_view what);
+
+    // Keep a new part; it stays until others are kept or memory is taken.
+    const Part &keep(const Key &key, Part part, TakenMemory taken);
+
+    bool is_empty() const { return parts_.empty(); }
+    void clear();
+
+private:
+    struct Kept {
+        Key key;
+        Part part;
+        TakenMemory taken;
+    };
+
+    void evict_oldest();
+
+    MemoryLimit &limit_;
+    u64 budget_, kept_bytes_ = 0;
+    std::list<Kept> parts_;  // the latest first
+    std::map<Key, std::list<Kept>::iterator> places_;
+};
+
+}  // namespace pdeanim

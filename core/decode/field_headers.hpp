@@ -1,0 +1,58 @@
+// Headers of fields (25.1 and 25.2 of the specification): what each field is, and where the chunks of its groups are.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "decode/run_sections.hpp"
+#include "sections/fields/field_domain.hpp"
+
+namespace pdeanim {
+
+enum class FieldType : u8 { f32, f64, i8, i16, i32, i64, u8, u16, u32, u64, boolean };
+constexpr int field_types = 11;
+
+inline bool is_float(FieldType type) { return type <= FieldType::f64; }
+inline i64 size_of_type(FieldType type) {
+    constexpr i64 sizes[field_types] = {4, 8, 1, 2, 4, 8, 1, 2, 4, 8, 1};
+    return sizes[static_cast<int>(type)];
+}
+
+// How whole numbers become values: themselves (floats: by their bits, in order), pairs of 32 bits, the higher half first,
+// or times a unit. The others have no chunk: values are computed from those of another field, or from the motion.
+enum class FieldCode : u8 { exact, halves, quantised, copy, magnitude, velocity, displacement };
+constexpr int field_codes = 7;
+
+inline bool is_computed(FieldCode code) { return code >= FieldCode::copy; }
+inline bool has_source(FieldCode code) { return code == FieldCode::copy || code == FieldCode::magnitude; }
+
+// Consecutive frames of a field: some frames of a chunk, the last of which holds for the rest.
+struct FieldGroup {
+    i64 first = 0, frames = 0;      // frames of the clip
+    i64 skipped = 0, in_chunk = 0;  // frames of the chunk, the skipped ones included
+    FieldCode code = FieldCode::exact;
+    double unit = 0.0;  // width of a quantisation step
+    u64 offset = 0, size = 0;
+    u32 checksum = 0;
+    i64 source = 0, component = 0;  // of a copy: number of the field, and its component that is the first here
+};
+
+struct FieldHeader {
+    std::string name, unit;
+    FieldSite domain = FieldSite::vertex;
+    FieldType type = FieldType::f32;
+    i64 components = 1;
+    std::vector<i64> objects;          // indices of the objects that have the field, ascending; empty if all have it
+    double smallest = 0, largest = 0;  // range of the source's values, without NaN and infinities
+    double bound = 0;                  // largest error; 0: exact
+    std::vector<FieldGroup> groups;
+    bool computes_from_field = false;  // whether a group is a copy or a magnitude
+    std::size_t first_of_rows = 0;     // the first field of the same domain and objects
+
+    std::size_t group_of(i64 frame) const;
+};
+
+// Read section FLDS; there are no fields without it. CorruptError or LimitError if it is damaged, or asks for too much.
+std::vector<FieldHeader> read_field_headers(RunSections &run);
+
+}  // namespace pdeanim
