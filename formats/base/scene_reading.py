@@ -379,8 +379,9 @@ class SceneSequence(MeshSequence):
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         times = self._field_times(start, stop)
         values = np.empty((stop - start, field.row_count(self.objects), field.components), field.dtype)
+        slices = field.slices(self.objects)
         for index, source in self._field_sources[field.name].items() if times else ():
-            shape, own = self._shapes[index], field.rows_of_object(self.objects, index)
+            shape, own = self._shapes[index], slices[index]
             found = np.stack([source.at(time) for time in times])
             if field.domain == "corner" and self.objects[index].connectivity is not shape.connectivity:
                 found = found[:, reversed_corners(shape.connectivity.face_counts)]

@@ -176,9 +176,9 @@ class PlacedSequence(DerivedSequence):
             turn = np.eye(4)
             turn[:3, :3] = self._turn
             values = values.copy()
-            for index in (index for index, kept in enumerate(self._kept) if not kept):
-                own = field.rows_of_object(self.objects, index)
-                values[:, own] = turned_directions(field, values[:, own], turn[None])
+            for own, kept in zip(field.slices(self.objects), self._kept, strict=True):
+                if not kept:
+                    values[:, own] = turned_directions(field, values[:, own], turn[None])
         return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -331,8 +331,7 @@ class BakedTransforms(DerivedSequence):
         if field.domain != "corner" and direction_role(field) is None:
             return values
         values = values.copy()
-        for index, (item, transform) in enumerate(zip(self.objects, self._transforms, strict=True)):
-            own = field.rows_of_object(self.objects, index)
+        for own, item, transform in zip(field.slices(self.objects), self.objects, self._transforms, strict=True):
             if transform is None or own.stop == own.start:
                 continue
             if field.domain == "corner" and self._mirrored(transform):

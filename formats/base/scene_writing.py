@@ -257,6 +257,10 @@ class ShapeWriter(ABC):
         """Write samples of positions and velocities at times [s], for the points that the object is drawn with."""
 
 
+_Place = tuple[Any, list[tuple[Field, Any]]]
+"""The vertices that a shape is drawn with, and its fields with their rows: slices or indices of the run's."""
+
+
 def write_shapes(
     sequence: MeshSequence,
     output: Output,
@@ -268,7 +272,7 @@ def write_shapes(
 
     `before` is called with the number of frames of each block before it is written.
     """
-    places: dict[ShapeKey, tuple[int, Any]] = {}
+    places: dict[ShapeKey, _Place] = {}
     for run, begin, start, block in output.blocks_of_runs(sequence, title):
         if start == begin:
             of_run = sequence.times[begin : begin + run.frame_count]
@@ -278,35 +282,44 @@ def write_shapes(
         moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
         fields = _fields_of_block(run, start - begin, len(block))
         for key, shape in shapes.items():
-            index, own = places.get(key, (-1, slice(0)))
-            shape.fields = [
-                (field, values[:, rows] if gather is None else values[:, rows.start + gather])
-                for field, values in fields
-                if index >= 0 and (rows := field.rows_of_object(run.objects, index)).stop > rows.start
-                for gather in [shape.drawn.gather if field.domain == "vertex" else None]
-            ]
+            own, rows_of_fields = places[key]
+            shape.fields = [(field, fields[field.name][:, rows]) for field, rows in rows_of_fields]
             shape.write(block[:, own], None if moving is None else moving[:, own], times)
         yield times
 
 
-def _fields_of_block(run: MeshSequence, start: int, frames: int) -> list[tuple[Field, NDArray[Any]]]:
-    """Return each field and its values (frames, rows, components) at some frames of a run."""
-    found = [(field, run.read_field(field.name, start, start + frames)) for field in run.fields]
-    return [(field, values.reshape(frames, -1, field.components)) for field, values in found]
+def _fields_of_block(run: MeshSequence, start: int, frames: int) -> dict[str, NDArray[Any]]:
+    """Return the values (frames, rows, components) of each field, by its name, at some frames of a run."""
+    return {
+        field.name: run.read_field(field.name, start, start + frames).reshape(frames, -1, field.components)
+        for field in run.fields
+    }
 
 
 def _begin_run(
     shapes: Mapping[ShapeKey, ShapeWriter], run: MeshSequence, times: Float64Array, *, every: bool
-) -> dict[ShapeKey, tuple[int, Any]]:
-    """Let all shapes begin a run; return the object of each, -1 if there is none, and the vertices it is drawn with."""
+) -> dict[ShapeKey, _Place]:
+    """Let all shapes begin a run; return the vertices each is drawn with, and its fields with their rows."""
+    owned: list[list[tuple[Field, slice]]] = [[] for _ in run.objects]
+    for field in run.fields:
+        for own_rows, fields in zip(field.slices(run.objects), owned, strict=True):
+            if own_rows.stop > own_rows.start:
+                fields.append((field, own_rows))
     objects = run.objects if every else _with_vertices(run)
-    numbers = [index for index, item in enumerate(run.objects) if every or item.vertex_count]
-    found = dict(zip(_keys_of(objects), zip(objects, numbers, vertex_slices(objects), strict=True), strict=True))
-    places: dict[ShapeKey, tuple[int, Any]] = {}
+    owned = [fields for item, fields in zip(run.objects, owned, strict=True) if every or item.vertex_count]
+    found = dict(zip(_keys_of(objects), zip(objects, owned, vertex_slices(objects), strict=True), strict=True))
+    places: dict[ShapeKey, _Place] = {}
     for key, shape in shapes.items():
-        item, index, own = found.get(key, (MeshObject(key.name, Connectivity(0)), -1, slice(0, 0)))
+        item, fields, own = found.get(key, (MeshObject(key.name, Connectivity(0)), [], slice(0, 0)))
         shape.begin(item, times)
-        places[key] = index, own if shape.drawn.gather is None else own.start + shape.drawn.gather
+        gather = shape.drawn.gather
+        places[key] = (
+            own if gather is None else own.start + gather,
+            [
+                (field, rows if gather is None or field.domain != "vertex" else rows.start + gather)
+                for field, rows in fields
+            ],
+        )
     return places
 
 

@@ -152,7 +152,7 @@ class _FieldsOfFrames:
             is_twin = one.domain == "face" and plain != one.name and plain in on_vertices
             self.names[one.name] = one.domain, plain if is_twin else one.name
         fields = [sequence.field_named(name) for name in self.names]
-        size = sum(one.row_count(sequence.objects) * one.components * one.dtype.itemsize for one in fields)
+        size = sum(one.frame_bytes(sequence.objects) for one in fields)
         self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
         self._start, self._block = 0, dict[str, NDArray[Any]]()
         self._owned = {one.name: _owned_rows(one, sequence.objects) for one in fields if one.objects is not None}

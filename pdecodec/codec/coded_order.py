@@ -39,21 +39,27 @@ class CodedOrderSequence(MeshSequence):
             first += count
         self.objects = tuple(objects)
         self._vertices = np.concatenate(vertices)
+        self._rows: dict[str, Int64Array] = {}
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         return np.ascontiguousarray(self._source.read_frames(start, stop)[:, self._vertices])
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        if field.name not in self._rows:
+            self._rows[field.name] = self._rows_of(field)
+        return self._source.read_field(field.name, start, stop)[:, self._rows[field.name]]
+
+    def _rows_of(self, field: Field) -> Int64Array:
+        """Return the row of the source for each row of a field."""
         rows = []
-        for index, order in enumerate(self._orders):
-            own = field.rows_of_object(self.objects, index)
+        for own, order in zip(field.slices(self.objects), self._orders, strict=True):
             numbers = np.arange(own.start, own.stop)
             if order is not None and field.domain != "object" and numbers.size:
                 numbers = numbers[
                     {"vertex": order.vertices, "face": order.faces, "corner": order.corners}[field.domain]
                 ]
             rows.append(numbers)
-        return self._source.read_field(field.name, start, stop)[:, np.concatenate(rows)]
+        return np.concatenate(rows)
 
     def close(self) -> None:
         self._source.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise, starmap
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -90,19 +91,20 @@ class Field:
 
     def row_counts(self, objects: Sequence[MeshObject]) -> list[int]:
         """Return the number of rows in each object: 0 where the object does not have the field."""
-        return [
-            rows_of_domain(item, self.domain) if self.objects is None or index in self.objects else 0
-            for index, item in enumerate(objects)
-        ]
+        owners = range(len(objects)) if self.objects is None else frozenset(self.objects)
+        return [rows_of_domain(item, self.domain) if index in owners else 0 for index, item in enumerate(objects)]
 
     def row_count(self, objects: Sequence[MeshObject]) -> int:
         """Return the number of rows of all objects together."""
         return sum(self.row_counts(objects))
 
-    def rows_of_object(self, objects: Sequence[MeshObject], index: int) -> slice:
-        """Return which rows belong to an object; none if it does not have the field."""
-        counts = self.row_counts(objects)
-        return slice(sum(counts[:index]), sum(counts[: index + 1]))
+    def slices(self, objects: Sequence[MeshObject]) -> list[slice]:
+        """Return which rows belong to each object; none where the object does not have the field."""
+        return list(starmap(slice, pairwise(accumulate(self.row_counts(objects), initial=0))))
+
+    def frame_bytes(self, objects: Sequence[MeshObject]) -> int:
+        """Return the size of the values of one frame [bytes]."""
+        return self.row_count(objects) * self.components * self.dtype.itemsize
 
     def shape(self, frames: int, objects: Sequence[MeshObject]) -> tuple[int, ...]:
         """Return the shape of the values of some frames: the components are an axis if there are several."""
@@ -210,12 +212,13 @@ def selected_objects(
     """Return the fields that some of the objects have, and which rows of the source they take, by name."""
     kept, rows = [], {}
     for field in fields:
-        own = [index for index in chosen if field.objects is None or index in field.objects]
+        owners = range(len(objects)) if field.objects is None else frozenset(field.objects)
+        own = [(number, index) for number, index in enumerate(chosen) if index in owners]
         if own:
-            parts = [np.arange(*field.rows_of_object(objects, index).indices(2**62)[:2]) for index in own]
+            slices = field.slices(objects)
+            parts = [np.arange(slices[index].start, slices[index].stop) for _, index in own]
             rows[field.name] = np.concatenate(parts).astype(np.int64)
-            everywhere = len(own) == len(chosen)
-            new = None if everywhere else tuple(chosen.index(index) for index in own)
+            new = None if len(own) == len(chosen) else tuple(number for number, _ in own)
             kept.append(replace(field, objects=new))
     return tuple(kept), rows
 

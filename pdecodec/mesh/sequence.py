@@ -354,7 +354,7 @@ class MeshSequence(ABC):
     def field_blocks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield blocks of consecutive frames of a field, ``(first frame, values)``."""
         field = self.field_named(name)
-        row = field.row_count(self.objects) * field.components * field.dtype.itemsize
+        row = field.frame_bytes(self.objects)
         size = max(1, BLOCK_BYTES // max(1, row))
         for start in range(0, self.frame_count, size):
             yield start, self.read_field(name, start, min(start + size, self.frame_count))

@@ -11,7 +11,9 @@ import pytest
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSequence, open_sequence, write_sequence
+from pdecodec.codec.coded_order import CodedOrderSequence
 from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, turned_directions
+from pdecodec.mesh import fields
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import needed
 
@@ -150,6 +152,38 @@ def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path)
             assert_same(read, expected, 1e-6)
 
 
+@pytest.mark.parametrize("reading", ["bake", "place", "coded order", "select", "write", "read"])
+def test_the_rows_of_many_objects_are_counted_once(
+    reading: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No reading of a field, nor a block that is written, counts the rows of all objects for each object."""
+    many, corners = 100, connectivity_of(3, [[0, 1, 2]])
+    attributes = (transform_attribute([0.0], MIRRORED[:1]),) if reading == "bake" else ()
+    clip = ArraySequence(
+        np.zeros((2, 3 * many, 3)),
+        objects=[MeshObject(f"o{number}", corners, attributes) for number in range(many)],
+        fields={"vector:a": np.ones((2, 3 * many, 3), np.float32)},
+    )
+    if reading == "read":
+        write_sequence(clip, tmp_path / "y.usdc")
+    sequence = {
+        "bake": lambda: bake_transforms(clip),
+        "place": lambda: place(clip, scale=2.0),
+        "coded order": lambda: CodedOrderSequence(clip),
+        "read": lambda: open_sequence(tmp_path / "y.usdc"),
+    }.get(reading, lambda: clip)()
+    counted = []
+    count = fields.rows_of_domain
+    monkeypatch.setattr(fields, "rows_of_domain", lambda *given: counted.append(0) or count(*given))  # type: ignore[func-returns-value]
+    if reading == "select":
+        fields.selected_objects(clip.fields, clip.objects, range(many))
+    elif reading == "write":
+        write_sequence(clip, tmp_path / "x.usdc")
+    else:
+        sequence.read_field("vector:a", 0, 2)
+    assert many <= len(counted) <= 6 * many
+
+
 def usd_values(path: Path) -> dict[str, list[Any]]:
     from pxr import Usd, UsdGeom
 
@@ -194,5 +228,5 @@ def test_the_own_library_of_a_format_finds_fields_where_it_expects_them(extensio
     assert set(found) == set(names)
     for name, own in names.items():
         field = clip.field_named(own)
-        expected = clip.read_field(own, 0, FRAMES)[:, field.rows_of_object(clip.objects, 0)]
+        expected = clip.read_field(own, 0, FRAMES)[:, field.slices(clip.objects)[0]]
         np.testing.assert_array_equal(np.stack(found[name]).reshape(expected.shape), expected)
