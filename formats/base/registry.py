@@ -31,12 +31,15 @@ It takes a path, ``fps``, and those options of :func:`open_sequence` that the fo
 
 
 WRITTEN_BYTES = 2**23
-"""Bytes of positions that writers take at once: with normals and text of them, some three times as many are held."""
+"""Bytes of positions, and of fields, that writers take at once: with normals and text of them, some three times as
+many are held.
+"""
 
 
-def frames_at_once(sequence: MeshSequence) -> int:
+def frames_at_once(sequence: MeshSequence, *, with_fields: bool = False) -> int:
     """Return the number of frames that take at most :data:`WRITTEN_BYTES`, at least one."""
-    return max(1, WRITTEN_BYTES // (12 * max(1, sequence.vertex_count)))
+    fields = sum(one.frame_bytes(sequence.objects) for one in sequence.fields) if with_fields else 0
+    return max(1, WRITTEN_BYTES // (12 * max(1, sequence.vertex_count) + fields))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,17 +97,17 @@ class Output:
             yield start, block
 
     def blocks_of_runs(
-        self, sequence: MeshSequence, what: str, frames: int | None = None
+        self, sequence: MeshSequence, what: str, frames: int | None = None, *, with_fields: bool = False
     ) -> Iterator[tuple[MeshSequence, int, int, Float32Array]]:
         """Yield blocks together with their run and its first frame: ``(run, first of run, first of block,
-        positions)``.
+        positions)``; `with_fields` counts the bytes of fields, too.
         """
         first = 0
         if self.progress is not None:
             self.progress(0, sequence.frame_count, f"writing {what}")
         for run in sequence.runs:
             self.fields_met.update(one.name for one in run.fields)
-            for start, block in run.blocks(frames or frames_at_once(run)):
+            for start, block in run.blocks(frames or frames_at_once(run, with_fields=with_fields)):
                 yield run, first, first + start, block
                 if self.progress is not None:
                     self.progress(first + start + len(block), sequence.frame_count, f"writing {what}")

@@ -211,8 +211,10 @@ class ShapeWriter(ABC):
     notices : list of str
     fields : list of (Field, array)
         The object's fields at the frames that :meth:`write` gets, (frames, rows, components), for the points that the
-        object is drawn with.
+        object is drawn with; none unless :attr:`holds_fields`.
     """
+
+    holds_fields = False
 
     def __init__(self, key: ShapeKey, title: str, *, changes: bool) -> None:
         self.key, self.title, self.changes = key, title, changes
@@ -273,17 +275,18 @@ def write_shapes(
     `before` is called with the number of frames of each block before it is written.
     """
     places: dict[ShapeKey, _Place] = {}
-    for run, begin, start, block in output.blocks_of_runs(sequence, title):
+    with_fields = any(shape.holds_fields for shape in shapes.values())
+    for run, begin, start, block in output.blocks_of_runs(sequence, title, with_fields=with_fields):
         if start == begin:
             of_run = sequence.times[begin : begin + run.frame_count]
             places = _begin_run(shapes, run, of_run, every=len(sequence.runs) == 1)
         before(len(block))
         times = sequence.times[start : start + len(block)]
         moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
-        fields = _fields_of_block(run, start - begin, len(block))
+        fields = _fields_of_block(run, start - begin, len(block)) if with_fields else {}
         for key, shape in shapes.items():
             own, rows_of_fields = places[key]
-            shape.fields = [(field, fields[field.name][:, rows]) for field, rows in rows_of_fields]
+            shape.fields = [(field, fields[field.name][:, rows]) for field, rows in rows_of_fields if fields]
             shape.write(block[:, own], None if moving is None else moving[:, own], times)
         yield times
 
