@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups, reversed_corners, vertex_slices
+from pdecodec.formats.base.attribute_roles import (
+    GROUP,
+    MATERIAL,
+    UV,
+    direction_role,
+    face_groups,
+    reversed_corners,
+    vertex_slices,
+)
 from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import (
@@ -380,12 +388,13 @@ class SceneSequence(MeshSequence):
         times = self._field_times(start, stop)
         values = np.empty((stop - start, field.row_count(self.objects), field.components), field.dtype)
         slices = field.slices(self.objects)
+        turns = not self._keep and direction_role(field) is not None
         for index, source in self._field_sources[field.name].items() if times else ():
             shape, own = self._shapes[index], slices[index]
-            found = np.stack([source.at(time) for time in times])
+            found = np.stack([source.at(time) for time in (times if len(source.times) else times[:1])])
             if field.domain == "corner" and self.objects[index].connectivity is not shape.connectivity:
                 found = found[:, reversed_corners(shape.connectivity.face_counts)]
-            matrices = None if self._keep else self._matrices(shape, start, stop)
+            matrices = self._matrices(shape, start, stop) if turns else None
             values[:, own] = found if matrices is None else turned_directions(field, found, matrices)
         return values if field.components > 1 else values[:, :, 0]
 

@@ -12,6 +12,8 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSequence, open_sequence, write_sequence
 from pdecodec.codec.coded_order import CodedOrderSequence
+from pdecodec.formats.base.attribute_roles import direction_role
+from pdecodec.formats.base.scene_reading import ShapeField
 from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, turned_directions
 from pdecodec.mesh import fields
 from tests.support.mesh_cases import connectivity_of
@@ -182,6 +184,54 @@ def test_the_rows_of_many_objects_are_counted_once(
     else:
         sequence.read_field("vector:a", 0, 2)
     assert many <= len(counted) <= 6 * many
+
+
+def test_a_writer_that_holds_no_fields_does_not_read_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needed("abc")
+    clip = clip_of(ROLES)
+    monkeypatch.setattr(ArraySequence, "read_field", lambda *given: pytest.fail("a field is read"))
+    told = write_sequence(clip, tmp_path / "x.abc")
+    assert any("velocities" in line for line in told)
+
+
+def test_blocks_of_a_writer_count_the_bytes_of_fields(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = clip_of([(Field("heat", "vertex", components=3), 10)])
+    monkeypatch.setattr("pdecodec.formats.base.registry.WRITTEN_BYTES", 2 * 2 * 12 * 10)
+    done: list[int] = []
+    write_sequence(clip, tmp_path / "x.usda", progress=lambda frame, total, what: done.append(frame))
+    assert done == [0, 2, 4]
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert_same(read, clip)
+
+
+def test_values_that_stay_are_read_once_and_matrices_only_for_directions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    needed("usda")
+    from pxr import Usd, UsdGeom
+
+    clip = clip_of(ROLES, MIRRORED)
+    write_sequence(clip, tmp_path / "x.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    for path in ("/scene/a", "/scene/b/c"):
+        velocities = UsdGeom.Mesh(stage.GetPrimAtPath(path)).GetVelocitiesAttr()
+        value = velocities.Get(0)
+        velocities.Clear()
+        velocities.Set(value)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda", transforms="bake") as read:
+        samples, placed = [], []
+        at, matrices = ShapeField.at, type(read)._matrices
+        monkeypatch.setattr(ShapeField, "at", lambda own, time: samples.append(own.field.name) or at(own, time))  # type: ignore[func-returns-value]
+        monkeypatch.setattr(type(read), "_matrices", lambda *given: placed.append(0) or matrices(*given))  # type: ignore[func-returns-value]
+        found = {one.name: read.read_field(one.name, 0, FRAMES) for one in read.fields}
+        assert len(placed) == 2 * sum(direction_role(one) is not None for one in read.fields)
+        assert {name: samples.count(name) for name in ("velocities", "color")} == {"velocities": 2, "color": 2 * FRAMES}
+    moved = bake_transforms(clip)
+    still = np.repeat(moved.read_field("velocities", 0, 1), FRAMES, axis=0)
+    np.testing.assert_allclose(found.pop("velocities"), still, rtol=1e-6)
+    for name, values in found.items():
+        np.testing.assert_allclose(values, moved.read_field(name, 0, FRAMES), rtol=1e-5, atol=1e-6)
 
 
 def usd_values(path: Path) -> dict[str, list[Any]]:
