@@ -140,11 +140,15 @@ class Spool:
         self.length += len(data)
         self.checksum = zlib.crc32(data, self.checksum)
 
-    def pieces(self) -> Iterable[bytes]:
+    def pieces(self, first: int = 0, end: int | None = None) -> Iterator[bytes]:
+        """Yield the bytes from `first` on, up to `end`; afterwards it can be appended to again."""
+        left = (self.length if end is None else end) - first
         with write_errors(self._named):
-            self._file.seek(0)  # flushes buffered bytes
-        while piece := self._file.read(COPY_BLOCK_BYTES):
+            self._file.seek(first)  # flushes buffered bytes
+        while piece := self._file.read(min(left, COPY_BLOCK_BYTES)):
+            left -= len(piece)
             yield piece
+        self._file.seek(0, io.SEEK_END)
 
     def close(self) -> None:
         with suppress(OSError):  # the failed write was reported before

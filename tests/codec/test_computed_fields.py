@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, CorruptFileError, Field, MeshSequence
+from pdecodec.codec.container import Section, container_pieces
+from pdecodec.codec.encode import computed_fields
 from pdecodec.codec.sections.fields import FieldEntry, computed_group, encode_field_headers
 from spec.decoder import animation as independent
 from spec.sealing import seal, take_apart
@@ -98,6 +101,19 @@ def test_a_single_value_beyond_the_bound_keeps_the_field() -> None:
     reasons = {one.name: one.coding for one in report.fields}
     assert "the velocity of the motion misses the bound" in reasons["speed"]
     assert reasons["moved"].startswith("not stored: displacement from frame 0")
+
+
+def test_candidates_are_compared_with_files_of_what_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+
+    def pieces(sections: Sequence[Section]) -> Iterator[bytes]:
+        sizes.append(sections[-1].length)
+        return container_pieces(sections)
+
+    monkeypatch.setattr(computed_fields, "container_pieces", pieces)
+    report = pdecodec.encode(wave(), fields={"force": "exact"}, max_error=1e-4, field_tolerance=1e-2)
+    stored = {one.name: one.bytes for one in report.fields if one.bytes}
+    assert sorted(sizes) == sorted([0, *stored.values()])  # the motion once, and each field that gives others
 
 
 def test_cut_and_joined_files_keep_computed_values_to_the_last_bit(coded: Path, tmp_path: Path) -> None:

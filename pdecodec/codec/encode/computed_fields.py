@@ -1,13 +1,13 @@
 """Recognise fields that a decoder can compute: from another field, or from the motion.
 
-A look at a few frames of the source finds a candidate. It is kept if what the decoder makes of the file written so far
-is within the bound at every frame.
+A look at a few frames of the source finds a candidate. It is kept if what a decoder makes of a trial file is within the
+bound at every frame: of the run without stored fields for what the motion gives, with one for what that field gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -32,10 +32,14 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 
 MARGIN_SHARE = 0.01
-"""Share of a bound that is left for how other decoders round motion."""
+"""Share of a bound reserved for rounding differences between decoders."""
 
 LIKELY_SHARE = 0.3
 """Root mean square difference, as a share of the values, up to which values look like differences of positions."""
+
+
+SOURCE_NAME, MAGNITUDE_NAME = "source", "magnitude"
+"""Fields of a file that candidates are compared with."""
 
 
 class Recipe(NamedTuple):
@@ -61,11 +65,25 @@ class FieldComputer:
         Of the file, without fields.
     spool : Spool
         Section FDAT as far as it is written.
+
+    Notes
+    -----
+    Used as a context, which closes the files that candidates were compared with.
     """
 
     def __init__(self, sequence: MeshSequence, sections: Sequence[Section], spool: Spool) -> None:
         self._sequence, self._sections, self._spool = sequence, sections, spool
         self._samples: dict[str, NDArray[Any]] = {}
+        self._motion: _TrialFile | None = None
+        self._source: tuple[int, _TrialFile] | None = None
+
+    def __enter__(self) -> FieldComputer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in (self._motion, self._source and self._source[1]):
+            if file:
+                file.close()
 
     def candidates(self, field: Field, entries: Sequence[FieldEntry], bound: float) -> Iterator[Recipe]:
         """Yield recipes that sampled frames of the source agree with; `entries` are the fields before this one."""
@@ -94,16 +112,24 @@ class FieldComputer:
         """Return the largest error of decoded values; infinity as soon as one is beyond the bound."""
         limit = bound * (1 - MARGIN_SHARE) if recipe.code in (VELOCITY, DISPLACEMENT) else bound
         largest = 0.0
-        computed = self.entry(field, recipe, 0.0, 0.0, bound)
-        with self._decoded([*entries, computed]) as animation:
-            block = max(len(computed.groups) and computed.groups[0].frames, 1)
-            for first in range(0, self._sequence.frame_count, block):
-                end = min(first + block, self._sequence.frame_count)
-                values = self._sequence.read_field(field.name, first, end)
-                difference = _largest_difference(values, animation.read_field(field.name, first, end))
-                if not difference <= limit:
-                    return np.inf
-                largest = max(largest, difference)
+        if recipe.code in FROM_FIELDS:
+            animation = self._decoded_source(entries, recipe.source)
+            name = MAGNITUDE_NAME if recipe.code == MAGNITUDE else SOURCE_NAME
+        else:
+            animation = self._decoded_motion()
+            name = _motion_name(recipe.code, field.dtype)
+        first = 0
+        for group in self.entry(field, recipe, 0.0, 0.0, bound).groups:
+            values = self._sequence.read_field(field.name, first, first + group.frames)
+            decoded = animation.read_field(name, first, first + group.frames)
+            if recipe.code == COPY:
+                columns = decoded.reshape(*decoded.shape[:2], -1)
+                decoded = columns[..., recipe.component : recipe.component + field.components].reshape(values.shape)
+            difference = _largest_difference(values, decoded)
+            if not difference <= limit:
+                return np.inf
+            largest = max(largest, difference)
+            first += group.frames
         return largest
 
     def entry(self, field: Field, recipe: Recipe, smallest: float, largest: float, bound: float) -> FieldEntry:
@@ -136,18 +162,59 @@ class FieldComputer:
         before, after = (self._sequence.read_frames(at, at + 1)[0].astype(np.float64) for at in (low, high))
         return np.asarray((after - before) / (self._sequence.times[high] - self._sequence.times[low]))
 
-    @contextmanager
-    def _decoded(self, entries: Sequence[FieldEntry]) -> Iterator[MeshSequence]:
-        """Yield what a decoder makes of the file with fields so far."""
+    def _decoded_motion(self) -> MeshSequence:
+        """Return the decoded run with all fields that the motion gives."""
+        if self._motion is None:
+            frames = self._sequence.frame_count
+            entries = [
+                FieldEntry(
+                    Field(_motion_name(code, dtype), "vertex", dtype, 3), 0.0, 0.0, 0.0, [computed_group(frames, code)]
+                )
+                for code in (VELOCITY, DISPLACEMENT)
+                for dtype in (np.dtype("f4"), np.dtype("f8"))
+            ]
+            self._motion = _TrialFile(self._sections, entries, ())
+        return self._motion.animation
+
+    def _decoded_source(self, entries: Sequence[FieldEntry], number: int) -> MeshSequence:
+        """Return the decoded run with one of the fields before, and its magnitude if it has one."""
+        if self._source is None or self._source[0] != number:
+            if self._source:
+                self._source[1].close()
+                self._source = None
+            source = entries[number]
+            needed = [replace(source, field=replace(source.field, name=SOURCE_NAME))]
+            if not source.field.is_exact:
+                magnitude = replace(source.field, name=MAGNITUDE_NAME, components=1)
+                groups = [computed_group(self._sequence.frame_count, MAGNITUDE, 0)]
+                needed.append(FieldEntry(magnitude, 0.0, 0.0, 0.0, groups))
+            first = sum(group.size for entry in entries[:number] for group in entry.groups)
+            end = first + sum(group.size for group in source.groups)
+            self._source = number, _TrialFile(self._sections, needed, self._spool.pieces(first, end))
+        return self._source[1].animation
+
+
+class _TrialFile:
+    """A run with some fields, as a decoder opens it; ``animation`` reads it until `close`."""
+
+    def __init__(self, sections: Sequence[Section], entries: Sequence[FieldEntry], chunks: Iterable[bytes]) -> None:
+        self._spools = Spool(None), Spool(None)
+        file, values = self._spools
+        for piece in chunks:
+            values.append(piece)
         headers = Section("FLDS", encode_field_headers(entries))
-        file = Spool(None)
-        try:
-            for piece in container_pieces([*self._sections, headers, Section("FDAT", self._spool)]):
-                file.append(piece)
-            with open_animation(file.file) as animation:
-                yield animation
-        finally:
-            file.close()
+        for piece in container_pieces([*sections, headers, Section("FDAT", values)]):
+            file.append(piece)
+        self.animation = open_animation(file.file)
+
+    def close(self) -> None:
+        self.animation.close()
+        for spool in self._spools:
+            spool.close()
+
+
+def _motion_name(code: int, dtype: np.dtype[Any]) -> str:
+    return f"{code} {dtype}"
 
 
 def _magnitude(values: NDArray[Any]) -> NDArray[Any]:
