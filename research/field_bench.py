@@ -54,7 +54,7 @@ def measure(domain: _core.FieldDomain, values: NDArray[Any], tolerance: str) -> 
     frames = group_frames(len(values), values[0].size)
     groups = [values[at : at + frames] for at in range(0, len(values), frames)]
     begin = time.process_time()
-    coding = choose_coding(domain, quantiser, groups[0])
+    coding, _ = choose_coding(domain, quantiser, groups[0])
     chunks = [encode_chunk(domain, quantiser, group, coding) for group in groups]
     encoded = time.process_time()
     components = values.shape[2] * quantiser.planes

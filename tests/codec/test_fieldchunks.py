@@ -117,9 +117,10 @@ def waves(at: _core.FieldDomain, frames: int) -> np.ndarray:
 def test_few_functions_of_time_cost_less_and_keep_the_bound() -> None:
     at, values = domain("vertex"), waves(domain("vertex"), 120)
     quantiser = field_quantiser(values.dtype, -1.0, 1.0, 1e-3)
-    coding = choose_coding(at, quantiser, values)
+    coding, motion = choose_coding(at, quantiser, values)
     assert coding in TRANSFORMS
     chunks = [encode_chunk(at, quantiser, values, one) for one in (coding, *PREDICTIONS)]
+    assert encode_chunk(at, quantiser, values, coding, motion) == chunks[0]
     assert len(chunks[0]) < 0.8 * min(len(one) for one in chunks[1:])
     for chunk in chunks:
         found = _core.decode_field_chunk(at, chunk, 120, 2)
@@ -162,8 +163,8 @@ def test_every_value_is_within_the_bound_or_exact(data: st.DataObject) -> None:
     bound = data.draw(st.none() | st.sampled_from([1e-2, 1e-7])) if dtype.kind == "f" else None
     span = min(most - least, 1e300)
     quantiser = field_quantiser(dtype, least, most, None if bound is None else bound * span)
-    coding = choose_coding(at, quantiser, values)
-    chunk = _core.decode_field_chunk(at, encode_chunk(at, quantiser, values, coding), 3, 2 * quantiser.planes)
+    coding, motion = choose_coding(at, quantiser, values)
+    chunk = _core.decode_field_chunk(at, encode_chunk(at, quantiser, values, coding, motion), 3, 2 * quantiser.planes)
     found = quantiser.restore(chunk)
     assert found.dtype == dtype
     if quantiser.step is None:

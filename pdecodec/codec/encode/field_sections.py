@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.container import Section, Spool
-from pdecodec.codec.encode.computed_fields import FieldComputer
+from pdecodec.codec.encode.computed_fields import FieldComputer, Recipe
 from pdecodec.codec.encode.fields import (
     FieldQuantiser,
     choose_coding,
@@ -65,13 +65,13 @@ def encode_fields(
     """
     entries: list[FieldEntry] = []
     reports = []
-    computer = FieldComputer(sequence, sections, spool)
-    for field in sequence.fields:
-        asked = settings.fields.get(field.name, settings.field_tolerance)
-        if asked != DROP:
-            entry, report = encode_field(sequence, field, asked, spool, computer, entries)
-            entries.append(entry)
-            reports.append(report)
+    with FieldComputer(sequence, sections, spool) as computer:
+        for field in sequence.fields:
+            asked = settings.fields.get(field.name, settings.field_tolerance)
+            if asked != DROP:
+                entry, report = encode_field(sequence, field, asked, spool, computer, entries)
+                entries.append(entry)
+                reports.append(report)
     if not entries:
         return [], []
     return [Section("FLDS", encode_field_headers(entries)), Section("FDAT", spool)], reports
@@ -127,18 +127,13 @@ def encode_field(
     limit = 0.0 if quantiser.step is None or bound is None else bound
     exact = FieldQuantiser(field.dtype, None)
     domain = domain_of(field, sequence.objects)
-    values_of_all = sequence.frame_count * domain.rows * field.components
-    tried = ""
-    for recipe in computer.candidates(field, before, limit) if computer else ():
-        assert computer
-        error, words = computer.error_of(field, recipe, before, limit), recipe.words(before)
-        if error <= limit:
-            entry = computer.entry(field, recipe, survey.smallest, survey.largest, limit)
-            how = f"not stored: {words}, within the bound at every frame"
-            return entry, FieldReport(
-                field.name, 0, values_of_all, survey.smallest, survey.largest, limit, error, coding=how
-            )
-        tried += f"; the {words} misses the bound"
+    value_count = sequence.frame_count * domain.rows * field.components
+    found, tried = _computed(computer, field, before, limit) if computer else (None, "")
+    if computer and found:
+        recipe, error = found
+        entry = computer.entry(field, recipe, survey.smallest, survey.largest, limit)
+        how = f"not stored: {recipe.words(before)}, within the bound at every frame"
+        return entry, FieldReport(field.name, 0, value_count, survey.smallest, survey.largest, limit, error, coding=how)
     started, largest_error, coding = spool.length, 0.0, None
     groups = []
     for first, in_chunk, frames in _divide(
@@ -146,20 +141,21 @@ def encode_field(
     ):
         values = sequence.read_field(field.name, first, first + in_chunk)
         values = np.ascontiguousarray(values.reshape(in_chunk, -1, field.components))
+        motion = None
         if coding is None or field.is_exact:
-            coding = choose_coding(domain, quantiser, values)
-        own, way = quantiser, coding
-        data = encode_chunk(domain, own, values, way)
+            coding, motion = choose_coding(domain, quantiser, values)
+        own, group_coding = quantiser, coding
+        data = encode_chunk(domain, own, values, group_coding, motion)
         if own.step is not None:
             with np.errstate(over="ignore"):  # beyond the largest float: the error is infinite
                 decoded = own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values)))
             error = float_error(values, decoded)
             if not error <= limit:
                 own, error = exact, 0.0
-                way = choose_coding(domain, own, values)
-                data = encode_chunk(domain, own, values, way)
+                group_coding, _ = choose_coding(domain, own, values)
+                data = encode_chunk(domain, own, values, group_coding)
             largest_error = max(largest_error, error)
-        unit = 0.0 if own.step is None else own.step / way.fractions
+        unit = 0.0 if own.step is None else own.step / group_coding.fractions
         code = QUANTISED if own.step is not None else HALVES if own.planes == 2 else EXACT
         groups.append(FieldGroupEntry(frames, 0, in_chunk, code, unit, len(data), zlib.crc32(data)))
         spool.append(data)
@@ -169,7 +165,7 @@ def encode_field(
     return entry, FieldReport(
         field.name,
         spool.length - started,
-        values_of_all,
+        value_count,
         survey.smallest,
         survey.largest,
         limit,
@@ -177,6 +173,19 @@ def encode_field(
         note,
         how + tried,
     )
+
+
+def _computed(
+    computer: FieldComputer, field: Field, before: Sequence[FieldEntry], limit: float
+) -> tuple[tuple[Recipe, float] | None, str]:
+    """Return how a field can be computed within the bound, and its largest error; and which recipes miss the bound."""
+    missed = ""
+    for recipe in computer.candidates(field, before, limit):
+        error = computer.error_of(field, recipe, before, limit)
+        if error <= limit:
+            return (recipe, error), missed
+        missed += f"; the {recipe.words(before)} misses the bound"
+    return None, missed
 
 
 def _shape(quantiser: FieldQuantiser, values: NDArray[Any]) -> tuple[int, int]:

@@ -176,8 +176,10 @@ def group_frames(frames: int, width: int) -> int:
     return -(-frames // -(-frames // most))
 
 
-def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]) -> FieldCoding:
-    """Return the coding that makes a sample of a field smallest.
+def choose_coding(
+    domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]
+) -> tuple[FieldCoding, Spectrum | None]:
+    """Return the coding that makes a sample of a field smallest, and functions of time of `values` if it needs them.
 
     Parameters
     ----------
@@ -191,15 +193,15 @@ def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: 
     sample = values[:TRIAL_FRAMES, rows]
     best = min(predictions, key=lambda coding: len(encode_chunk(some, quantiser, sample, coding)))
     if quantiser.step is None or kinds_of(values) is not None:
-        return best
+        return best, None
     numbers = quantiser.quantise(values, TRANSFORMS[0].fractions)[0]
-    motion = spectrum(numbers)
-    counts = [function_count(motion, coding) for coding in TRANSFORMS]
+    whole = spectrum(numbers)
+    counts = [function_count(whole, coding) for coding in TRANSFORMS]
     if counts[0] is None:
-        return best
+        return best, None
     some, rows = some_rows(domain, TRANSFORM_TRIAL_VALUES // values[:, 0].size)
     least = float(len(encode_chunk(some, quantiser, values[:, rows], best)))
-    motion = Spectrum(motion.rows.reshape(*values.shape[1:], -1)[rows].reshape(-1, len(values)), motion.functions)
+    motion = Spectrum(whole.rows.reshape(*values.shape[1:], -1)[rows].reshape(-1, len(values)), whole.functions)
     for coding, count in zip(TRANSFORMS, counts, strict=True):
         if count is None:
             break
@@ -208,7 +210,7 @@ def choose_coding(domain: _core.FieldDomain, quantiser: FieldQuantiser, values: 
         size = len(data) - of_time * (1.0 - some.rows / domain.rows)
         if size < least:
             best, least = coding, size
-    return best
+    return best, whole if best.left_over else None
 
 
 def some_rows(domain: _core.FieldDomain, count: int) -> tuple[_core.FieldDomain, Int64Array]:
@@ -254,7 +256,11 @@ def function_count(motion: Spectrum, coding: FieldCoding) -> int | None:
 
 
 def encode_chunk(
-    domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any], coding: FieldCoding
+    domain: _core.FieldDomain,
+    quantiser: FieldQuantiser,
+    values: NDArray[Any],
+    coding: FieldCoding,
+    motion: Spectrum | None = None,
 ) -> bytes:
     """Encode a group of frames of a field as a chunk of FDAT.
 
@@ -265,10 +271,12 @@ def encode_chunk(
     values : array, (frames, rows, components)
     coding : FieldCoding
         As `choose_coding` finds; a group for which it has no functions of time is predicted.
+    motion : Spectrum, optional
+        Functions of time of `values`, from `choose_coding`.
     """
     numbers, kinds = quantiser.quantise(values, coding.fractions)
     if coding.left_over > 0.0 and kinds is None:
-        motion = spectrum(numbers)
+        motion = motion or spectrum(numbers)
         count = function_count(motion, coding)
         if count is not None:
             return encode_transformed(domain, numbers, motion, count, coding)
