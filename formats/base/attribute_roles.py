@@ -1,15 +1,22 @@
 """Give attributes roles by their names, so that UVs, colours and groups pass from one format to another.
 
-===================== =================== ================================================================== ``uv``,
-``uv:NAME`` corner texture coordinates (n, 2 or 3); `indices` preserve seams ``color``, vertex, face, colours (n, 3
-or 4), 0 to 1 ``color:NAME`` corner, object ``group``, face int32, for each face an index of `labels`, -1 for none
-``material``, ``object`` ``group:NAME`` face uint8, 1 for faces in a set that shares faces with other sets
-``smoothing`` face int32, OBJ's smoothing groups ``point`` vertex uint8, 1 for a vertex drawn as a point in an object
-with faces or lines ``normal_group`` corner see :mod:`pdecodec.formats.base.normals` ``shared_normal`` vertex see
-:mod:`pdecodec.formats.base.normals` ``subdivision`` object one of `labels`: the scheme of a subdivision surface
-``curve_basis`` object one of `labels`: what the points of its lines control, ``cubic bspline`` ``curve_wrap`` object
-one of `labels`: ``periodic`` if lines close ``transform`` object see :mod:`pdecodec.formats.base.scene_space`
-===================== =================== ==================================================================
+===================  ==============  ========================================================================
+``uv``, ``uv:NAME``  corner          texture coordinates (n, 2 or 3); `indices` preserve seams
+``color``,           vertex, face,   colours (n, 3 or 4), 0 to 1
+``color:NAME``       corner, object
+``group``,           face            int32, for each face an index of `labels`, -1 for none
+``material``,
+``object``
+``group:NAME``       face            uint8, 1 for faces in a set that shares faces with other sets
+``smoothing``        face            int32, OBJ's smoothing groups
+``point``            vertex          uint8, 1 for a vertex drawn as a point in an object with faces or lines
+``normal_group``     corner          see :mod:`pdecodec.formats.base.normals`
+``shared_normal``    vertex          see :mod:`pdecodec.formats.base.normals`
+``subdivision``      object          one of `labels`: the scheme of a subdivision surface
+``curve_basis``      object          one of `labels`: what the points of its lines control, ``cubic bspline``
+``curve_wrap``       object          one of `labels`: ``periodic`` if lines close
+``transform``        object          see :mod:`pdecodec.formats.base.scene_space`
+===================  ==============  ========================================================================
 
 If a format has one main UV set, it is called ``uv``; its other sets keep their names after a colon. The same holds
 for colours.

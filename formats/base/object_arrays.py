@@ -1,15 +1,23 @@
 """Objects, attributes and metadata as named arrays: the layout that NPZ and HDF5 share.
 
-======================================== ==========================================================
-``objects/0/name`` text ``objects/0/vertex_count`` int64; objects' vertices follow each other in the positions
-``objects/0/face_counts`` (faces,) int32 ``objects/0/face_indices`` (corners,) int32, from 0 within the object
-``objects/0/line_counts`` (lines,) int32 ``objects/0/line_indices`` (line points,) int32
-``objects/0/attributes/0/name`` text ``objects/0/attributes/0/domain`` text: vertex, face, corner or object
-``objects/0/attributes/0/values`` (n,) or (n, k) numbers ``objects/0/attributes/0/indices`` int32, if there are any
-``objects/0/attributes/0/labels`` (labels,) text, if there are any ``metadata`` (entries, 2) text, if there are any
-``field_NAME`` (frames, rows) or (frames, rows, components) ``domains`` JSON: the domain of each field by its name
-``units`` JSON: units of fields, if known ``objects_with_fields`` JSON: indices, of fields that not all objects have
-======================================== ==========================================================
+==================================  ===========================================================
+``objects/0/name``                  text
+``objects/0/vertex_count``          int64; objects' vertices follow each other in the positions
+``objects/0/face_counts``           (faces,) int32
+``objects/0/face_indices``          (corners,) int32, from 0 within the object
+``objects/0/line_counts``           (lines,) int32
+``objects/0/line_indices``          (line points,) int32
+``objects/0/attributes/0/name``     text
+``objects/0/attributes/0/domain``   text: vertex, face, corner or object
+``objects/0/attributes/0/values``   (n,) or (n, k) numbers
+``objects/0/attributes/0/indices``  int32, if there are any
+``objects/0/attributes/0/labels``   (labels,) text, if there are any
+``metadata``                        (entries, 2) text, if there are any
+``field_NAME``                      (frames, rows) or (frames, rows, components)
+``domains``                         JSON: the domain of each field by its name
+``units``                           JSON: units of fields, if known
+``objects_with_fields``             JSON: indices, of fields that not all objects have
+==================================  ===========================================================
 
 In ``field_NAME`` the characters ``%``, ``/`` and NUL of a name are written as in addresses, ``%25``. Domains are vertex
 (also read: node, point), face (also read: cell), corner or object; without ``domains`` the number of rows tells.
