@@ -20,8 +20,8 @@ from pdecodec.codec.settings import (
     PaperSettings,
     check_one_target,
     parse_byte_count,
-    parse_field_setting,
     parse_fraction,
+    parse_named_field_setting,
 )
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
@@ -136,8 +136,7 @@ def _value(name: str, value: Any) -> Any:
         if kind is tuple:
             return tuple(value.split(LIST_SEPARATOR) if isinstance(value, str) else map(str, value))
         if kind is dict and isinstance(value, str):
-            pairs = (pair.rpartition("=") for pair in value.split(LIST_SEPARATOR))
-            return {name: parse_field_setting(asked) for name, _, asked in pairs}
+            return dict(map(parse_named_field_setting, value.split(LIST_SEPARATOR)))
         if kind is bool:
             return _WORDS[str(value).strip().lower()]
         if kind is str and not isinstance(value, str):

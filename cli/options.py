@@ -36,19 +36,16 @@ def parse_bytes(context: click.Context, parameter: click.Parameter, value: str |
 
 
 def parse_fields(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, float | str]:
-    """Click callback: parse ``NAME=X`` with :func:`pdecodec.codec.settings.parse_field_setting`."""
-    from pdecodec.codec.settings import parse_field_setting
+    """Click callback: parse ``NAME=X`` with :func:`pdecodec.codec.settings.parse_named_field_setting`."""
+    from pdecodec.codec.settings import parse_named_field_setting
 
-    found = {}
+    found = []
     for text in given:
-        name, equals, value = text.rpartition("=")
         try:
-            found[name] = parse_field_setting(value)
+            found.append(parse_named_field_setting(text))
         except ValueError as error:
             raise click.BadParameter(f"{text!r}: {error}", context, parameter) from error
-        if not equals or not name:
-            raise click.BadParameter(f"{text!r} is not NAME=X", context, parameter)
-    return found
+    return dict(found)
 
 
 def option_group(*options: Decorator) -> Decorator:

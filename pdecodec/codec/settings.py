@@ -281,6 +281,14 @@ def parse_field_setting(text: str) -> float | str:
     return value if number == stripped else f"{value!r} {UNITS}"
 
 
+def parse_named_field_setting(text: str) -> tuple[str, float | str]:
+    """Return the name and setting of a field from ``NAME=X``, X as in :func:`parse_field_setting`; ValueError else."""
+    name, _, asked = text.rpartition("=")
+    if not name:
+        raise ValueError("write NAME=X")
+    return name, parse_field_setting(asked)
+
+
 def _checked_fields(given: object) -> dict[str, float | str]:
     if not isinstance(given, Mapping):
         raise SettingsError(f"must be a mapping of names to tolerances, not {shown(given)}", setting="fields")

@@ -417,6 +417,10 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
     Path("clips/m.csv").write_text("source\n")
     with pytest.raises(InputError, match="lists no clip"):
         clips_of("clips/m.csv")
+    for text in ("=exact", "heat", "heat=exact;=0.1"):
+        Path("clips/m.csv").write_text(f"source,fields\na.npz,{text}\n")
+        with pytest.raises(SettingsError, match="must be NAME=X;NAME=X, not "):
+            clips_of("clips/m.csv")
 
 
 @pytest.mark.parametrize(

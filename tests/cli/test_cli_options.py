@@ -151,6 +151,17 @@ def test_an_input_that_rests_lost_no_motion(
     assert (" of fields; positions 4.8 kB -> " in text) == has_field
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("=exact", "write NAME=X"), ("heat", "write NAME=X"), ("a=b", "could not convert"), ("a=-1", "is not above 0")],
+)
+def test_a_setting_of_a_field_needs_a_name(text: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["encode", "a.npz", "--field", text]) == 2
+    error = " ".join(capsys.readouterr().err.split())
+    assert f"{text!r}: " in error
+    assert message in error
+
+
 def test_a_percentage_is_the_fraction_that_it_stands_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = str(tmp_path / "a.npz")
     points = np.random.default_rng(1).random((1, 50, 3)) + 0.03 * np.sin(np.arange(8))[:, None, None]
