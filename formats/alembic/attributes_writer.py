@@ -32,9 +32,10 @@ from pdecodec.formats.base.attribute_roles import (
     is_role,
     reversed_corners,
     source_name,
+    unique_name,
     uv_sets,
 )
-from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, unique_name, write_parameters
+from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, write_parameters
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 

@@ -90,6 +90,16 @@ def source_name(attribute: Attribute, role: str, main: str) -> str:
     return main if attribute.name == role else attribute.name.removeprefix(f"{role}:")
 
 
+def unique_name(name: str, taken: set[str], separator: str = "_") -> str:
+    """Return a name that is not in `taken`, the given one or that with a number, and add it to `taken`."""
+    found, number = name, 1
+    while found in taken:
+        number += 1
+        found = f"{name}{separator}{number}"
+    taken.add(found)
+    return found
+
+
 def field_source_name(field: Field, main_uv: str, main_color: str) -> str:
     """Return what a format calls a field that has a role; the field's own name if it has none."""
     role, _, name = field.name.partition(":")

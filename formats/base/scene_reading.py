@@ -21,6 +21,7 @@ from pdecodec.formats.base.attribute_roles import (
     direction_role,
     face_groups,
     reversed_corners,
+    unique_name,
     vertex_slices,
 )
 from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
@@ -32,7 +33,6 @@ from pdecodec.formats.base.scene_space import (
     turned_around,
     turned_directions,
 )
-from pdecodec.formats.base.scene_writing import unique_name
 from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field, rows_of_domain
@@ -235,6 +235,11 @@ class ShapeField:
             return np.full((count, width), np.nan, self.field.dtype)
         values = found.reshape(-1, width)
         return (values if self.order is None else values[self.order]).astype(self.field.dtype, copy=False)
+
+
+def first_sample(read_at: Callable[[float], NDArray[Any] | None], times: Sequence[float]) -> NDArray[Any] | None:
+    """Return the first sample of a :class:`ShapeField` that is not empty; None if all are."""
+    return next((found for time in times or (0.0,) if (found := read_at(time)) is not None and found.size), None)
 
 
 def fields_of_shapes(shapes: Sequence[Shape]) -> tuple[tuple[Field, ...], dict[str, dict[int, ShapeField]]]:
@@ -510,7 +515,7 @@ class Extras:
 
         They are left out if that sample does not fit the shape. Later ones that do not fit have no values.
         """
-        first = next((found for time in times or (0.0,) if (found := read_at(time)) is not None and found.size), None)
+        first = first_sample(read_at, times)
         if first is None:
             return
         rows = rows_of_domain(MeshObject("", self.connectivity), field.domain)

@@ -30,6 +30,7 @@ from pdecodec.formats.base.attribute_roles import (
     indexed_rows,
     is_role,
     label_of,
+    unique_name,
     uv_sets,
     vertex_slices,
 )
@@ -95,16 +96,6 @@ def named_face_sets(
     for role in roles:
         for label, members in face_sets(item, role):
             yield role, label, unique_name(valid(label or role), taken), members
-
-
-def unique_name(name: str, taken: set[str]) -> str:
-    """Return a name that is not in `taken`, the given one or that with a number, and add it to `taken`."""
-    found, number = name, 1
-    while found in taken:
-        number += 1
-        found = f"{name}_{number}"
-    taken.add(found)
-    return found
 
 
 Kind = Literal["mesh", "curves", "points"]

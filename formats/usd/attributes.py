@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, NORMAL, UV, VECTOR, role_name
-from pdecodec.formats.base.scene_reading import Extras
+from pdecodec.formats.base.scene_reading import Extras, first_sample
 from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY
 from pdecodec.formats.usd.values import ALWAYS, changes_with_time, codes_within, spline_codes, value_at
 from pdecodec.mesh.arrays import Int64Array
@@ -125,11 +125,11 @@ def merged_codes(attributes: Sequence[Any], span: tuple[float, float]) -> list[f
 
 
 def _read_field(primvar: Any, name: str, extras: Extras, span: tuple[float, float]) -> None:
-    attribute, role = primvar.GetAttr(), primvar.GetTypeName().role
+    attribute = primvar.GetAttr()
     read_at, codes = _values_in_time(
         [attribute, *([primvar.GetIndicesAttr()] if primvar.IsIndexed() else [])], span, primvar.GetElementSize()
     )
-    first = next((found for code in codes if (found := read_at(code)) is not None), None)
+    first = first_sample(read_at, codes)
     if first is None:
         return
     stored = np.dtype(np.float32) if first.dtype == np.float16 else first.dtype
@@ -138,20 +138,27 @@ def _read_field(primvar: Any, name: str, extras: Extras, span: tuple[float, floa
     if stored not in DTYPES:
         extras.left_out.append(f"{name} (it changes with time)")
         return
-    own = attribute.GetCustomDataByKey(NAME)
+    own = attribute.GetCustomDataByKey(NAME) or field_name(name, primvar.GetTypeName())
     domain = _DOMAINS.get(str(primvar.GetInterpolation()), "object")
     unit = str(attribute.GetCustomDataByKey(UNIT_KEY) or "")
-    extras.add_field(Field(str(own) if own else field_name(name, role), domain, dtype, 1, unit), read_at, codes)
+    extras.add_field(Field(str(own), domain, dtype, 1, unit), read_at, codes)
 
 
-def field_name(name: str, role: Any) -> str:
-    roles = Sdf.ValueRoleNames
-    if role == roles.TextureCoordinate or (not role and name in _UV_NAMES):
+def field_name(name: str, type_name: Any) -> str:
+    """Return the name of the field that a primvar of a name and type is."""
+    directions = {Sdf.ValueRoleNames.Vector: VECTOR, Sdf.ValueRoleNames.Normal: NORMAL}
+    return f"{directions[type_name.role]}:{name}" if type_name.role in directions else _attribute_name(name, type_name)
+
+
+def _is_uv(name: str, type_name: Any) -> bool:
+    is_float2 = type_name == Sdf.ValueTypeNames.Float2Array
+    return type_name.role == Sdf.ValueRoleNames.TextureCoordinate or (is_float2 and name in _UV_NAMES)
+
+
+def _attribute_name(name: str, type_name: Any) -> str:
+    if _is_uv(name, type_name):
         return role_name(UV, name, ("st",))
-    if role == roles.Color:
-        return role_name(COLOR, name, ("displayColor",))
-    directions = {roles.Vector: VECTOR, roles.Normal: NORMAL}
-    return f"{directions[role]}:{name}" if role in directions else name
+    return role_name(COLOR, name, ("displayColor",)) if type_name.role == Sdf.ValueRoleNames.Color else name
 
 
 def _read_primvar(
@@ -181,13 +188,9 @@ def _read_primvar(
     if values.dtype not in (np.float32, np.float64, np.int32, np.int64, np.uint8) or values.ndim > 2:
         extras.left_out.append(name)
         return
-    if type_name.role == Sdf.ValueRoleNames.TextureCoordinate or (
-        type_name == Sdf.ValueTypeNames.Float2Array and name in _UV_NAMES
-    ):
-        wanted = role_name(UV, name, ("st",))
-        name = f"{UV}:{name}" if any(one.name == wanted for one in extras.attributes) else wanted
-    elif type_name.role == Sdf.ValueRoleNames.Color:
-        name = role_name(COLOR, name, ("displayColor",))
+    wanted = _attribute_name(name, type_name)
+    has_main = _is_uv(name, type_name) and any(one.name == wanted for one in extras.attributes)
+    name = f"{UV}:{name}" if has_main else wanted
     indices = None if indices_of is None else np.array(value_at(indices_of, at), np.int32)
     extras.add(name, _DOMAINS.get(str(primvar.GetInterpolation()), "object"), values, indices, labels)
 

@@ -24,8 +24,9 @@ from pdecodec.formats.base.attribute_roles import (
     field_source_name,
     is_by_vertex,
     source_name,
+    unique_name,
 )
-from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, unique_name, write_parameters
+from pdecodec.formats.base.scene_writing import Parameter, ShapeForm, named_face_sets, write_parameters
 from pdecodec.formats.usd.attributes import field_name
 from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY, valid_name
 from pdecodec.mesh.fields import Field
@@ -251,7 +252,7 @@ class FieldsWriter:
         attribute.SetCustomDataByKey(DTYPE_KEY, field.dtype.name)
         if field.unit:
             attribute.SetCustomDataByKey(UNIT_KEY, field.unit)
-        if field_name(name, type_name.role) != field.name:
+        if field_name(name, type_name) != field.name:
             attribute.SetCustomDataByKey(NAME, field.name)
         return primvar, array_type, dtype
 

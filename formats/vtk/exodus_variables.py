@@ -6,12 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.formats.base.attribute_roles import unique_name
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import Field, FieldDomain
 
@@ -104,15 +104,8 @@ def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
     ]
     used |= {number for _, group in groups for number in group}
     groups += [(name, [number]) for number, name in enumerate(names, 1) if name and number not in used]
-    found: dict[str, list[int]] = {}
-    for name, group in sorted(groups, key=lambda one: min(one[1])):
-        found[free_name(name, found)] = group
-    return found
-
-
-def free_name(name: str, taken: Mapping[str, Any]) -> str:
-    """Return a name, with a number if it is taken."""
-    return next(new for k in count(1) if (new := name if k == 1 else f"{name} {k}") not in taken)
+    taken: set[str] = set()
+    return {unique_name(name, taken, " "): group for name, group in sorted(groups, key=lambda one: min(one[1]))}
 
 
 @dataclass(frozen=True)
@@ -175,7 +168,7 @@ def store_fields(
         owners = [[part for part, _ in arrays[number]] for number in group]
         alone = any(one != owners[0] for one in owners)
         for numbers in [[number] for number in group] if alone else [group]:
-            label = free_name(names[numbers[0] - 1] if alone else name, stored)
+            label = unique_name(names[numbers[0] - 1] if alone else name, set(stored), " ")
             columns = zip(*([array for _, array in arrays[number]] for number in numbers), strict=True)
             whole = list(zip((part for part, _ in arrays[numbers[0]]), columns, strict=True))
             widest = max(dtype_of(array).itemsize for _, one in whole for array in one)

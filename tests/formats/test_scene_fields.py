@@ -234,6 +234,36 @@ def test_values_that_stay_are_read_once_and_matrices_only_for_directions(
         np.testing.assert_allclose(values, moved.read_field(name, 0, FRAMES), rtol=1e-5, atol=1e-6)
 
 
+def test_primvars_of_usd_are_uvs_by_their_type_and_fields_without_samples(tmp_path: Path) -> None:
+    """Of numbers, only pairs of floats are UVs by their name; one value of our writer's key is a field that stays."""
+    needed("usda")
+    from pxr import Sdf, Usd, UsdGeom
+
+    from pdecodec.formats.usd.metadata import DTYPE_KEY
+
+    write_sequence(clip_of([]), tmp_path / "x.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    for path in ("/scene/a", "/scene/b/c"):
+        primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(path))
+        scalar = primvars.CreatePrimvar("st", Sdf.ValueTypeNames.FloatArray, "vertex")
+        pairs = primvars.CreatePrimvar("map1", Sdf.ValueTypeNames.Float2Array, "vertex")
+        for code in (0, 1):
+            scalar.Set([code + 0.5] * 5, code)
+            pairs.Set([(code, 1)] * 5, code)
+        still = primvars.CreatePrimvar("still", Sdf.ValueTypeNames.IntArray, "vertex")
+        still.GetAttr().SetCustomDataByKey(DTYPE_KEY, "int16")
+        still.Set([1, 2, 3, 4, 5])
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert {(one.name, one.components, one.dtype.name) for one in read.fields} == {
+            ("st", 1, "float32"),
+            ("uv:map1", 2, "float32"),
+            ("still", 1, "int16"),
+        }
+        assert read.read_field("still", 0, FRAMES).tolist() == [[1, 2, 3, 4, 5] * 2] * FRAMES
+        assert read.notices == ()
+
+
 def usd_values(path: Path) -> dict[str, list[Any]]:
     from pxr import Usd, UsdGeom
 
