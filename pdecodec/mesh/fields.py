@@ -73,13 +73,13 @@ class Field:
     def __post_init__(self) -> None:
         object.__setattr__(self, "dtype", np.dtype(self.dtype).newbyteorder("="))
         if self.domain not in get_args(FieldDomain):
-            raise self._error(f"is of {shown(self.domain)}; there are {', '.join(get_args(FieldDomain))}")
+            raise self._error(f"has the unknown domain {shown(self.domain)}; use vertex, face, corner or object")
         if self.dtype not in DTYPES:
             raise self._error(f"is of type {self.dtype}; there are {', '.join(map(str, DTYPES))}")
         if self.components < 1:
             raise self._error(f"has {self.components} components; give 1 or more")
         if self.objects is not None and (not self.objects or self.objects[0] < 0 or (np.diff(self.objects) <= 0).any()):
-            raise self._error("belongs to objects that do not increase from 0")
+            raise self._error("needs object indices of 0 or more in increasing order")
 
     def _error(self, what: str) -> InputError:
         return InputError(f"field {self.name!r} {what}", code="invalid-field")

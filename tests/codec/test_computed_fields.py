@@ -144,19 +144,19 @@ def test_runs_compute_their_own_fields() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "code", "source", "component"),
+    ("name", "code", "source", "component", "message"),
     [
-        ("up", "copy", 0, 3),
-        ("up", "copy", 9, 0),
-        ("up", "copy", 1, 0),
-        ("whole", "copy", 0, 0),
-        ("whole", "magnitude", 0, 0),
-        ("force", "magnitude", 0, 0),
-        ("up", "velocity", 0, 0),
+        ("up", "copy", 0, 3, "of components or a type that its source does not give"),
+        ("up", "copy", 9, 0, "computed from a missing field"),
+        ("up", "copy", 1, 0, "computed from one that is computed from a field"),
+        ("whole", "copy", 0, 0, "differs from its source in domain, type or objects"),
+        ("whole", "magnitude", 0, 0, "differs from its source in domain, type or objects"),
+        ("force", "magnitude", 0, 0, "of components or a type that its source does not give"),
+        ("up", "velocity", 0, 0, "must have 3 components per vertex"),
     ],
 )
 def test_fields_that_cannot_be_computed_are_refused(
-    coded: Path, name: str, code: str, source: int, component: int
+    coded: Path, name: str, code: str, source: int, component: int, message: str
 ) -> None:
     parts = take_apart(coded.read_bytes())
     with pdecodec.open(coded) as animation:
@@ -169,7 +169,7 @@ def test_fields_that_cannot_be_computed_are_refused(
     entries = [FieldEntry(fields[one], 0.0, 1.0, 1.0, [group]) for one, group in plain.items()]
     changed = {"FLDS": encode_field_headers(entries), "FDAT": b""}
     sealed = seal([replace(part, content=changed[part.kind]) if part.kind in changed else part for part in parts])
-    with pytest.raises(CorruptFileError), pdecodec.open(sealed) as animation:
+    with pytest.raises(CorruptFileError, match=message), pdecodec.open(sealed) as animation:
         animation.stored_fields  # noqa: B018
     with pytest.raises(independent.CorruptFileError):
         independent.decode(sealed)
