@@ -193,19 +193,19 @@ class FieldChunk(NamedTuple):
     kinds: NDArray[np.uint8] | None
     step: int
 
-class FieldDomain:
-    """Rows of a field, of all objects given, and which rows are neighbours. site: 0 vertices, 1 faces, 2 corners,
+class FieldRows:
+    """Rows of a field, of all objects given, and which rows are neighbours. domain: 0 vertices, 1 faces, 2 corners,
     3 objects.
     """
 
-    def __init__(self, site: int, parts: Sequence[Part]) -> None: ...
+    def __init__(self, domain: int, parts: Sequence[Part]) -> None: ...
     @property
-    def rows(self) -> int: ...
-    def some(self, rows: Int64Array) -> FieldDomain:
+    def count(self) -> int: ...
+    def some(self, numbers: Int64Array) -> FieldRows:
         """Return some of the rows, given in ascending order, and which of them are neighbours."""
 
 def encode_field_chunk(
-    domain: FieldDomain, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int
+    rows: FieldRows, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int
 ) -> bytes:
     """A chunk of section FDAT of values (frames, rows, components). Decoded values differ by at most step // 2; of
     values that are no numbers only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
@@ -213,11 +213,11 @@ def encode_field_chunk(
     Raises
     ------
     ValueError
-        If a value exceeds 2^36, or arrays do not match the domain.
+        If a value exceeds 2^36, or arrays do not match the rows.
     """
 
 def encode_transformed_field_chunk(
-    domain: FieldDomain,
+    rows: FieldRows,
     values: Int64Array,
     functions: Int64Array,
     coefficients: Int64Array,
@@ -229,7 +229,7 @@ def encode_transformed_field_chunk(
     many digits behind the point, at most 2^digits in size; what they leave is coded as a remainder.
     """
 
-def decode_field_chunk(domain: FieldDomain, data: bytes, frames: int, components: int) -> FieldChunk:
+def decode_field_chunk(rows: FieldRows, data: bytes, frames: int, components: int) -> FieldChunk:
     """Undo `encode_field_chunk`; CorruptFileError if the chunk is damaged."""
 
 def reference_distances(residuals: Residuals) -> Int64Array:
@@ -620,7 +620,7 @@ class StoredField(NamedTuple):
     """A header of section FLDS."""
 
     name: str
-    site: int
+    domain: int
     type: int
     components: int
     unit: str

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.encode.fields import choose_coding, encode_chunk, field_quantiser, group_frames
 
-SITES = {"node": 0, "point": 0, "face": 1, "cell": 1, "corner": 2}
+DOMAINS = {"node": 0, "point": 0, "face": 1, "cell": 1, "corner": 2}
 
 
 class Measured(NamedTuple):
@@ -45,7 +45,7 @@ def part_of(clip: dict[str, NDArray[Any]]) -> tuple[Any, ...]:
     return clip["points"].shape[1], sizes, corners[corners >= 0].astype(np.int32), none, none
 
 
-def measure(domain: _core.FieldDomain, values: NDArray[Any], tolerance: str) -> Measured:
+def measure(rows: _core.FieldRows, values: NDArray[Any], tolerance: str) -> Measured:
     """Encode and decode a field."""
     finite = values[np.isfinite(values)]
     least, most = float(finite.min()), float(finite.max())
@@ -54,12 +54,12 @@ def measure(domain: _core.FieldDomain, values: NDArray[Any], tolerance: str) -> 
     frames = group_frames(len(values), values[0].size)
     groups = [values[at : at + frames] for at in range(0, len(values), frames)]
     begin = time.process_time()
-    coding, _ = choose_coding(domain, quantiser, groups[0])
-    chunks = [encode_chunk(domain, quantiser, group, coding) for group in groups]
+    coding, _ = choose_coding(rows, quantiser, groups[0])
+    chunks = [encode_chunk(rows, quantiser, group, coding) for group in groups]
     encoded = time.process_time()
     components = values.shape[2] * quantiser.planes
     found = [
-        quantiser.restore(_core.decode_field_chunk(domain, chunk, len(group), components))
+        quantiser.restore(_core.decode_field_chunk(rows, chunk, len(group), components))
         for chunk, group in zip(chunks, groups, strict=True)
     ]
     decoded = time.process_time()
@@ -83,14 +83,14 @@ def rows_of(folder: Path) -> Iterator[tuple[str, str, str, int, Measured]]:
     for path in sorted(folder.glob("*/*.npz")):
         clip = dict(np.load(path))
         part = part_of(clip)
-        for name, site in json.loads(str(clip["domains"])).items():
-            domain = _core.FieldDomain(SITES[site], [part])
+        for name, domain in json.loads(str(clip["domains"])).items():
+            rows = _core.FieldRows(DOMAINS[domain], [part])
             values = clip[f"field_{name}"]
             if values.dtype.kind == "f":
                 values = values.astype(np.float32)
             values = values.reshape(*values.shape[:2], -1)
             for tolerance in ("0.001", "1e-05") if values.dtype.kind == "f" else ("lossless",):
-                yield path.stem, name, tolerance, values.size, measure(domain, values, tolerance)
+                yield path.stem, name, tolerance, values.size, measure(rows, values, tolerance)
 
 
 def main() -> None:

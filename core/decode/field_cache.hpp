@@ -8,14 +8,14 @@
 #include <vector>
 
 #include "base/errors.hpp"
-#include "sections/fields/field_domain.hpp"
+#include "sections/fields/field_rows.hpp"
 
 namespace pdeanim {
 
 // Called by the thread that holds the turn.
 class FieldCache {
 public:
-    enum Kind : u8 { group, frame, domain };
+    enum Kind : u8 { group, frame, rows };
     struct Key {
         Kind kind;
         std::size_t field, number;  // number: of a group, or of a frame
@@ -23,7 +23,7 @@ public:
     };
     struct Part {
         std::vector<u8> values;  // of a group or a frame: (frames of the chunk, rows, components) of the field's type
-        std::optional<FieldDomain> domain;
+        std::optional<FieldRows> rows;
     };
 
     // budget: bytes of all parts at most. `limit` must outlive it.

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "decode/run_sections.hpp"
-#include "sections/fields/field_domain.hpp"
+#include "sections/fields/field_rows.hpp"
 
 namespace pdeanim {
 
@@ -39,7 +39,7 @@ struct FieldGroup {
 
 struct FieldHeader {
     std::string name, unit;
-    FieldSite domain = FieldSite::vertex;
+    FieldDomain domain = FieldDomain::vertex;
     FieldType type = FieldType::f32;
     i64 components = 1;
     std::vector<i64> objects;          // indices of the objects that have the field, ascending; empty if all have it

@@ -95,15 +95,15 @@ template <class Visit> void StoredFields::for_each_owner(const FieldHeader &head
 }
 
 // Return the rows of a field and their neighbours; they stay until another part is requested.
-const FieldDomain &StoredFields::domain(const FieldHeader &header) {
-    const FieldCache::Key key{FieldCache::domain, header.first_of_rows, 0};
-    if (const FieldCache::Part *known = cache_.find(key)) return *known->domain;
+const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
+    const FieldCache::Key key{FieldCache::rows, header.first_of_rows, 0};
+    if (const FieldCache::Part *known = cache_.find(key)) return *known->rows;
     std::vector<ConnectivityView> views;
     for_each_owner(header, [&](i64, const ConnectivityView &view) { views.push_back(view); });
-    TakenMemory taken = cache_.take(FieldDomain::building_bytes(header.domain, views), "rows of fields");
-    FieldDomain found(header.domain, views);
+    TakenMemory taken = cache_.take(FieldRows::building_bytes(header.domain, views), "rows of fields");
+    FieldRows found(header.domain, views);
     taken.keep(found.bytes());
-    return *cache_.keep(key, {.values = {}, .domain = std::move(found)}, std::move(taken)).domain;
+    return *cache_.keep(key, {.values = {}, .rows = std::move(found)}, std::move(taken)).rows;
 }
 
 // Return the first row of an object in a field, and the number of its rows; without an object, the rows of all objects.
@@ -154,10 +154,10 @@ const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index)
         cache_.take(decode_bytes_per_number * numbers + field_predictor_bytes(data, rows, components), what);
     std::vector<i64> values(numbers);
     std::vector<u8> kinds;
-    decode_field_chunk(domain(header), data, own.in_chunk, static_cast<int>(components), values, kinds);
+    decode_field_chunk(rows_with_neighbours(header), data, own.in_chunk, static_cast<int>(components), values, kinds);
     std::vector<u8> typed(size);
     to_type(header.type, own, values, kinds, typed);
-    return cache_.keep(key, {.values = std::move(typed), .domain = {}}, std::move(taken)).values;
+    return cache_.keep(key, {.values = std::move(typed), .rows = {}}, std::move(taken)).values;
 }
 
 // Compute one frame of a field of floats.
@@ -220,7 +220,7 @@ std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldG
     } else {
         compute<double>(header, group, wanted, values);
     }
-    return cache_.keep(key, {.values = std::move(values), .domain = {}}, std::move(taken)).values;
+    return cache_.keep(key, {.values = std::move(values), .rows = {}}, std::move(taken)).values;
 }
 
 // Return a frame; it stays until another one is requested.

@@ -44,7 +44,7 @@ public:
 
 private:
     template <class Visit> void for_each_owner(const FieldHeader &header, const Visit &visit);
-    const FieldDomain &domain(const FieldHeader &header);
+    const FieldRows &rows_with_neighbours(const FieldHeader &header);
     std::vector<u8> chunk(const FieldGroup &group);
     const std::vector<u8> &group(std::size_t field, std::size_t group);
     std::span<const u8> frame(std::size_t field, i64 frame);

@@ -29,37 +29,37 @@ FIRST_WEIGHTS = {
 }
 
 
-def neighbours_of_rows(site: str, meshes: list[Mesh]) -> list[list[int]]:
+def neighbours_of_rows(domain: str, meshes: list[Mesh]) -> list[list[int]]:
     """24.1: return the neighbours of each row of a domain, the latest first."""
     links: list[set[int]] = []
     for mesh in meshes:
         first = len(links)
-        links += [set() for _ in range({"vertex": mesh.vertices, "object": 1}.get(site, 0))]
-        if site == "face":
+        links += [set() for _ in range({"vertex": mesh.vertices, "object": 1}.get(domain, 0))]
+        if domain == "face":
             links += [set() for _ in mesh.faces]
-        if site == "corner":
+        if domain == "corner":
             links += [set() for face in mesh.faces for _ in face]
-        for one, other in links_of(site, mesh):
+        for one, other in links_of(domain, mesh):
             if one != other:
                 links[first + max(one, other)].add(first + min(one, other))
     return [sorted(earlier, reverse=True)[:NEIGHBOURS] for earlier in links]
 
 
-def links_of(site: str, mesh: Mesh) -> Iterator[tuple[int, int]]:
+def links_of(domain: str, mesh: Mesh) -> Iterator[tuple[int, int]]:
     """Find the rows of an object that are neighbours."""
-    if site == "vertex":
+    if domain == "vertex":
         for face in mesh.faces:
             yield from zip(face, face[1:] + face[:1], strict=True)
         for line in mesh.lines:
             yield from pairwise(line)
-    if site == "face":
+    if domain == "face":
         faces: dict[tuple[int, int], list[int]] = defaultdict(list)
         for number, face in enumerate(mesh.faces):
             for one, other in zip(face, face[1:] + face[:1], strict=True):
                 faces[min(one, other), max(one, other)].append(number)
         for around in faces.values():
             yield from pairwise(around)
-    if site == "corner":
+    if domain == "corner":
         latest: dict[int, int] = {}
         corner = 0
         for face in mesh.faces:

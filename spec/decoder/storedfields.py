@@ -14,7 +14,7 @@ from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
 from spec.decoder.motion import Motion
 
-SITES = ("vertex", "face", "corner", "object")
+DOMAINS = ("vertex", "face", "corner", "object")
 TYPES = "fdbhiqBHIQ?"
 INTEGERS = {"f": "<i", "d": "<q"}
 """Integers of the size of a float."""
@@ -42,7 +42,7 @@ class StoredField:
 
     name: str
     unit: str
-    site: str
+    domain: str
     type: str
     components: int
     objects: list[int]
@@ -78,12 +78,12 @@ def read_fields(
 def check_computed(fields: list[StoredField], own: StoredField, group: Computed) -> None:
     """25.2: check that a group can be computed."""
     if group.code in (VELOCITY, DISPLACEMENT):
-        is_vector = own.site == "vertex" and own.components == 3 and not own.objects
+        is_vector = own.domain == "vertex" and own.components == 3 and not own.objects
         require(own.type in INTEGERS and is_vector, "motion as a field of another kind")
         return
     require(group.source < len(fields), "a field computed from none")
     source = fields[group.source]
-    is_alike = (source.site, source.type, source.objects) == (own.site, own.type, own.objects)
+    is_alike = (source.domain, source.type, source.objects) == (own.domain, own.type, own.objects)
     require(is_alike, "a field computed from one of another kind")
     if group.code == COPY:
         require(group.component + own.components <= source.components, "components that do not exist")
@@ -127,8 +127,8 @@ def read_text(fields: Fields) -> str:
 
 def read_field(fields: Fields, data: Fields, meshes: list[Mesh], frames: int) -> StoredField:
     """25.1: read one header, and the chunks of its groups."""
-    name, site, kind = read_text(fields), fields.u8(), fields.u8()
-    require(site < len(SITES) and kind < len(TYPES), "an unknown domain or type")
+    name, domain, kind = read_text(fields), fields.u8(), fields.u8()
+    require(domain < len(DOMAINS) and kind < len(TYPES), "an unknown domain or type")
     components, unit = fields.count(), read_text(fields)
     require(1 <= components <= 2**16, "too few or too many components")
     steps = [fields.count() for _ in range(fields.count())]
@@ -136,9 +136,9 @@ def read_field(fields: Fields, data: Fields, meshes: list[Mesh], frames: int) ->
     require(not objects or objects[-1] < len(meshes), "an object that does not exist")
     low, high, bound = fields.f64(), fields.f64(), fields.f64()
     require(low <= high and bound >= 0, "a range or bound out of range")
-    found = StoredField(name, unit, SITES[site], TYPES[kind], components, objects, (low, high), bound)
+    found = StoredField(name, unit, DOMAINS[domain], TYPES[kind], components, objects, (low, high), bound)
     own = [meshes[index] for index in objects] if objects else meshes
-    neighbours = neighbours_of_rows(found.site, own)
+    neighbours = neighbours_of_rows(found.domain, own)
     while len(found.frames) < frames:
         found.frames += read_group(fields, data, found, neighbours, frames - len(found.frames))
     return found

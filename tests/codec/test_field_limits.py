@@ -57,7 +57,7 @@ def test_predictors_of_functions_of_time_count_as_memory() -> None:
 
 
 def test_chunks_without_rows_take_no_memory() -> None:
-    rows = _core.FieldDomain(3, [])
+    rows = _core.FieldRows(3, [])
     values = np.zeros((64, 0, 2), np.int64)
     functions, digits = np.zeros((64, 1, 64), np.int64), np.zeros(64, np.uint8)
     chunk = _core.encode_transformed_field_chunk(rows, values, functions, np.zeros((0, 2, 64), np.int64), digits, 0, 1)

@@ -16,7 +16,7 @@ from spec.decoder.fieldchunks import neighbours_of_rows, read_chunk
 from spec.decoder.fields import CorruptFileError as PlainError
 from spec.decoder.mesh import Mesh
 
-SITES = {"vertex": 0, "face": 1, "corner": 2, "object": 3}
+DOMAINS = {"vertex": 0, "face": 1, "corner": 2, "object": 3}
 NONE = np.zeros(0, np.int32)
 
 
@@ -44,20 +44,20 @@ PARTS = [grid(4, 3), grid(2, 2)]
 MESHES = [mesh_of(part) for part in PARTS]
 
 
-def domain(site: str) -> _core.FieldDomain:
-    return _core.FieldDomain(SITES[site], PARTS)
+def rows_of(domain: str) -> _core.FieldRows:
+    return _core.FieldRows(DOMAINS[domain], PARTS)
 
 
-@pytest.mark.parametrize(("site", "rows"), [("vertex", 18), ("face", 7), ("corner", 28), ("object", 2)])
-def test_a_domain_has_the_rows_of_all_objects(site: str, rows: int) -> None:
-    assert domain(site).rows == rows
+@pytest.mark.parametrize(("domain", "rows"), [("vertex", 18), ("face", 7), ("corner", 28), ("object", 2)])
+def test_a_domain_has_the_rows_of_all_objects(domain: str, rows: int) -> None:
+    assert rows_of(domain).count == rows
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_values_come_back_within_half_the_step_and_with_their_kinds(data: st.DataObject) -> None:
-    at = domain(data.draw(st.sampled_from(sorted(SITES))))
-    shape = (data.draw(st.integers(1, 9)), at.rows, data.draw(st.integers(1, 4)))
+    at = rows_of(data.draw(st.sampled_from(sorted(DOMAINS))))
+    shape = (data.draw(st.integers(1, 9)), at.count, data.draw(st.integers(1, 4)))
     largest = data.draw(st.sampled_from([1, 20, 2**16, 2**36]))
     values = data.draw(arrays.arrays(np.int64, shape, elements=st.integers(-largest, largest)))
     kinds = data.draw(st.none() | arrays.arrays(np.uint8, shape, elements=st.integers(0, 3)))
@@ -74,9 +74,9 @@ def test_values_come_back_within_half_the_step_and_with_their_kinds(data: st.Dat
 @settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_the_plain_decoder_finds_the_same(data: st.DataObject) -> None:
-    site = data.draw(st.sampled_from(sorted(SITES)))
-    at, rng = domain(site), np.random.default_rng(data.draw(st.integers(0, 2**32)))
-    shape = (data.draw(st.integers(1, 12)), at.rows, data.draw(st.integers(1, 3)))
+    domain = data.draw(st.sampled_from(sorted(DOMAINS)))
+    at, rng = rows_of(domain), np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    shape = (data.draw(st.integers(1, 12)), at.count, data.draw(st.integers(1, 3)))
     largest = data.draw(st.sampled_from([1, 5, 300, 2**36]))
     values = rng.integers(-largest, largest + 1, shape)
     values[:, ::2] = np.sort(values[:, ::2], axis=0)
@@ -86,36 +86,36 @@ def test_the_plain_decoder_finds_the_same(data: st.DataObject) -> None:
         at, values, kinds, data.draw(st.integers(0, 4)), data.draw(st.sampled_from([1, 15]))
     )
     found = _core.decode_field_chunk(at, chunk, shape[0], shape[2])
-    read = read_chunk(chunk, neighbours_of_rows(site, MESHES), shape[0], shape[2])
+    read = read_chunk(chunk, neighbours_of_rows(domain, MESHES), shape[0], shape[2])
     assert np.array_equal(found.values.ravel(), np.ravel(read.values))
     assert read.kinds is None if kinds is None else np.array_equal(kinds.ravel(), np.ravel(read.kinds or []))
 
 
-@pytest.mark.parametrize("site", SITES)
-def test_frames_that_repeat_cost_next_to_nothing(site: str) -> None:
-    at = domain(site)
-    frame = np.random.default_rng(0).integers(-1000, 1000, (1, at.rows, 2))
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_frames_that_repeat_cost_next_to_nothing(domain: str) -> None:
+    at = rows_of(domain)
+    frame = np.random.default_rng(0).integers(-1000, 1000, (1, at.count, 2))
     still = [len(_core.encode_field_chunk(at, np.repeat(frame, n, axis=0), None, 0, 1)) for n in (1, 200)]
     assert still[1] - still[0] <= 12
 
 
 def test_a_smooth_field_costs_less_with_frames_between_frames() -> None:
-    at = domain("vertex")
+    at = rows_of("vertex")
     times = np.arange(65)[:, None, None] / 10
-    values = np.rint(1e4 * np.sin(times + np.arange(at.rows)[:, None] / 5)).astype(np.int64)
+    values = np.rint(1e4 * np.sin(times + np.arange(at.count)[:, None] / 5)).astype(np.int64)
     sizes = {levels: len(_core.encode_field_chunk(at, values, None, levels, 15)) for levels in (0, 4)}
     assert sizes[4] < sizes[0]
 
 
-def waves(at: _core.FieldDomain, frames: int) -> np.ndarray:
+def waves(at: _core.FieldRows, frames: int) -> np.ndarray:
     """Return a field of two functions of time, a little noise, and two components."""
-    times, rows = np.arange(frames)[:, None, None] / 20, np.arange(at.rows)[:, None] / 9
-    noise = np.random.default_rng(2).uniform(-1e-4, 1e-4, (frames, at.rows, 2))
+    times, rows = np.arange(frames)[:, None, None] / 20, np.arange(at.count)[:, None] / 9
+    noise = np.random.default_rng(2).uniform(-1e-4, 1e-4, (frames, at.count, 2))
     return (np.sin(times + rows * [1, 2]) + noise).astype(np.float32)
 
 
 def test_few_functions_of_time_cost_less_and_keep_the_bound() -> None:
-    at, values = domain("vertex"), waves(domain("vertex"), 120)
+    at, values = rows_of("vertex"), waves(rows_of("vertex"), 120)
     quantiser = field_quantiser(values.dtype, -1.0, 1.0, 1e-3)
     coding, motion = choose_coding(at, quantiser, values)
     assert coding in TRANSFORMS
@@ -128,7 +128,7 @@ def test_few_functions_of_time_cost_less_and_keep_the_bound() -> None:
 
 
 def test_the_plain_decoder_finds_the_same_transform() -> None:
-    at = domain("face")
+    at = rows_of("face")
     quantiser = field_quantiser(np.dtype("f4"), -1.0, 1.0, 1e-3)
     chunk = encode_chunk(at, quantiser, waves(at, 16), TRANSFORMS[0])
     assert chunk[0] == 32
@@ -140,7 +140,7 @@ def test_the_plain_decoder_finds_the_same_transform() -> None:
 
 
 def test_damaged_transforms_are_refused() -> None:
-    at = domain("vertex")
+    at = rows_of("vertex")
     quantiser = field_quantiser(np.dtype("f4"), -1.0, 1.0, 1e-3)
     data = encode_chunk(at, quantiser, waves(at, 20), TRANSFORMS[0])
     assert data[0] == 32
@@ -156,8 +156,8 @@ def test_damaged_transforms_are_refused() -> None:
 @given(st.data())
 def test_every_value_is_within_the_bound_or_exact(data: st.DataObject) -> None:
     dtype = np.dtype(data.draw(st.sampled_from(["f4", "f8", "i1", "u2", "i4", "u4", "i8", "u8", "?"])))
-    at = domain("face")
-    values = data.draw(arrays.arrays(dtype, (3, at.rows, 2)))
+    at = rows_of("face")
+    values = data.draw(arrays.arrays(dtype, (3, at.count, 2)))
     finite = values[np.isfinite(values)].astype(np.float64)
     least, most = float(finite.min(initial=0)), float(finite.max(initial=0))
     bound = data.draw(st.none() | st.sampled_from([1e-2, 1e-7])) if dtype.kind == "f" else None
@@ -176,8 +176,8 @@ def test_every_value_is_within_the_bound_or_exact(data: st.DataObject) -> None:
 
 
 def test_damaged_chunks_are_refused() -> None:
-    at = domain("vertex")
-    values = np.random.default_rng(1).integers(-50, 50, (3, at.rows, 1))
+    at = rows_of("vertex")
+    values = np.random.default_rng(1).integers(-50, 50, (3, at.count, 1))
     data = _core.encode_field_chunk(at, values, None, 1, 3)
     for damaged in (
         b"",

@@ -380,7 +380,7 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "Reference", "grid origin step is_smoothed ties");
     add_tuple(module, "Corrections", "frames vertices offsets");
     add_tuple(module, "FieldGroup", "first frames skipped in_chunk code unit offset size checksum source component");
-    add_tuple(module, "StoredField", "name site type components unit objects smallest largest bound groups");
+    add_tuple(module, "StoredField", "name domain type components unit objects smallest largest bound groups");
     module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),

@@ -44,12 +44,12 @@ std::vector<FrameReferences> schedule(i64 frames, int levels) {
 // Codes the values of a chunk in place. An encoder begins with the source, and ends with what a decoder finds.
 template <Mode mode> class FieldCoder {
 public:
-    FieldCoder(RangeCoder<mode> &coder, const FieldDomain &domain, i64 frames, int components, FieldCoding coding,
+    FieldCoder(RangeCoder<mode> &coder, const FieldRows &rows, i64 frames, int components, FieldCoding coding,
                std::span<i64> values, std::span<u8> kinds)
-        : coder_(coder), domain_(domain), components_(components), coding_(coding), width_(domain.rows() * components),
+        : coder_(coder), rows_(rows), components_(components), coding_(coding), width_(rows.count() * components),
           values_(values), kinds_(kinds), references_(schedule(frames, coding.levels)), bases_(width_), speeds_(width_),
           bends_(width_), remainders_(width_), mean_sizes_(width_), repeats_(width_),
-          span_histories_(domain.rows() / span_rows + 2), by_span_(span_histories_.size()) {
+          span_histories_(rows.count() / span_rows + 2), by_span_(span_histories_.size()) {
         constexpr i64 half = 1 << (FieldPredictor::fraction_bits - 1);
         constexpr FieldPredictor::Changes first_weights[ways] = {
             {}, {0, 0, half}, {half / 2, 0, half}, {0, half, half / 2}};
@@ -89,8 +89,8 @@ private:
             bends_[i] = second_ && beyond ? (before_[i] + after[i] - second_[i] - beyond[i]) >> 3 : 0;
         }
         bool is_last_still = false;
-        for (i64 first = 0, span = 0; first < domain_.rows(); first += span_rows, ++span) {
-            const i64 end = least(first + span_rows, domain_.rows());
+        for (i64 first = 0, span = 0; first < rows_.count(); first += span_rows, ++span) {
+            const i64 end = least(first + span_rows, rows_.count());
             if (way_ == held || way_ == extrapolated) {
                 is_last_still = code_still(first * components_, end * components_, span, is_last_still);
                 if (is_last_still) continue;
@@ -99,7 +99,7 @@ private:
         }
     }
 
-    // Code whether a span of rows holds the values of the frame before, and if so let them.
+    // Code whether a span of rows is unchanged since the frame before, and copy that frame's values if it is.
     bool code_still(i64 begin, i64 end, i64 span, bool is_last_still) {
         bool is_still = true;
         if constexpr (mode != Mode::decode) {
@@ -125,7 +125,7 @@ private:
     }
 
     void code_row(i64 row) {
-        const std::span<const i32> neighbours = domain_.of(row);
+        const std::span<const i32> neighbours = rows_.of(row);
         const int count = static_cast<int>(neighbours.size());
         const i64 share = count == 0 ? 0 : 65536 / count;
         const i64 nearest = count > 0 ? neighbours[0] : most<i64>(row - 1, 0);
@@ -269,7 +269,7 @@ private:
     }
 
     RangeCoder<mode> &coder_;
-    const FieldDomain &domain_;
+    const FieldRows &rows_;
     int components_;
     FieldCoding coding_;
     i64 width_;  // values of a frame
@@ -305,13 +305,13 @@ void append(std::vector<u8> &data, std::span<const u8> more) {
     std::copy(more.begin(), more.end(), data.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
-// A domain of one row, for functions of time.
-FieldDomain single_row() {
+// One row, for functions of time.
+FieldRows single_row() {
     const ConnectivityView object{};
-    return FieldDomain(FieldSite::object, {&object, 1});
+    return FieldRows(FieldDomain::object, {&object, 1});
 }
 
-FieldCoding decode_predicted(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+FieldCoding decode_predicted(const FieldRows &rows, std::span<const u8> data, i64 frames, int components,
                              std::span<i64> values, std::vector<u8> &kinds) {
     if (data.size() < 2 || data[0] >= 2 * has_kinds || data[0] % has_kinds > most_field_levels || data[1] % 2 == 0) {
         throw CorruptError("a chunk of a field has an unknown method");
@@ -319,13 +319,13 @@ FieldCoding decode_predicted(const FieldDomain &domain, std::span<const u8> data
     const FieldCoding coding{.levels = static_cast<u8>(data[0] % has_kinds), .step = data[1]};
     kinds.assign(data[0] & has_kinds ? values.size() : 0, 0);
     RangeCoder<Mode::decode> coder(data.subspan(2));
-    FieldCoder<Mode::decode>(coder, domain, frames, components, coding, values, kinds).code();
+    FieldCoder<Mode::decode>(coder, rows, frames, components, coding, values, kinds).code();
     if (!coder.is_finished()) throw CorruptError("a chunk of a field does not end with its values");
     return coding;
 }
 
 // Read functions of time and coefficients; what follows them in `data` is left there.
-FieldTransform decode_transform(const FieldDomain &domain, std::span<const u8> &data, i64 frames, int components) {
+FieldTransform decode_transform(const FieldRows &rows, std::span<const u8> &data, i64 frames, int components) {
     constexpr std::size_t head = 2, sizes = 8;
     const std::size_t count = data.size() < head ? 0 : data[1];
     if (count == 0 || count > FieldTransform::most_functions || static_cast<i64>(count) > frames ||
@@ -347,8 +347,8 @@ FieldTransform decode_transform(const FieldDomain &domain, std::span<const u8> &
     std::vector<u8> kinds;
     found.functions.resize(frames * count);
     decode_predicted(single_row(), data.first(of_functions), frames, static_cast<int>(count), found.functions, kinds);
-    found.coefficients.resize(domain.rows() * components * count);
-    decode_predicted(domain, data.subspan(of_functions, of_coefficients), 1, static_cast<int>(components * count),
+    found.coefficients.resize(rows.count() * components * count);
+    decode_predicted(rows, data.subspan(of_functions, of_coefficients), 1, static_cast<int>(components * count),
                      found.coefficients, kinds);
     for (std::size_t i = 0; i < found.coefficients.size(); ++i) {
         const int digits = found.digits[i % count];
@@ -375,12 +375,12 @@ void FieldTransform::add_to(std::span<i64> values, i64 frames, i64 width) const 
     }
 }
 
-std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
+std::vector<u8> encode_field_chunk(const FieldRows &rows, std::span<const i64> values, std::span<const u8> kinds,
                                    i64 frames, int components, FieldCoding coding) {
     std::vector<i64> decoded(values.begin(), values.end());
     std::vector<u8> own_kinds(kinds.begin(), kinds.end());
     RangeCoder<Mode::encode> coder;
-    FieldCoder<Mode::encode>(coder, domain, frames, components, coding, decoded, own_kinds).code();
+    FieldCoder<Mode::encode>(coder, rows, frames, components, coding, decoded, own_kinds).code();
     std::vector<u8> data(2);
     data[0] = static_cast<u8>(coding.levels | (kinds.empty() ? 0 : has_kinds));
     data[1] = coding.step;
@@ -388,7 +388,7 @@ std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i6
     return data;
 }
 
-std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::span<const i64> values, i64 frames,
+std::vector<u8> encode_transformed_field_chunk(const FieldRows &rows, std::span<const i64> values, i64 frames,
                                                int components, FieldCoding coding, FieldTransform transform) {
     const int count = static_cast<int>(transform.digits.size());
     const FieldCoding of_time{.levels = coding.levels, .step = function_step};
@@ -396,9 +396,9 @@ std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::s
     std::vector<u8> kinds;
     decode_predicted(single_row(), functions, frames, count, transform.functions, kinds);
     const std::vector<u8> coefficients =
-        encode_field_chunk(domain, transform.coefficients, {}, 1, components * count, {});
+        encode_field_chunk(rows, transform.coefficients, {}, 1, components * count, {});
     std::vector<i64> remainder(values.size());
-    transform.add_to(remainder, frames, domain.rows() * components);
+    transform.add_to(remainder, frames, rows.count() * components);
     for (std::size_t i = 0; i < values.size(); ++i) remainder[i] = values[i] - remainder[i];
     std::vector<u8> data(2);
     data[0] = is_transformed;
@@ -409,7 +409,7 @@ std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::s
     }
     append(data, functions);
     append(data, coefficients);
-    append(data, encode_field_chunk(domain, remainder, {}, frames, components, coding));
+    append(data, encode_field_chunk(rows, remainder, {}, frames, components, coding));
     return data;
 }
 
@@ -420,14 +420,14 @@ u64 field_predictor_bytes(std::span<const u8> data, i64 rows, i64 components) {
     return FieldCoder<Mode::decode>::predictor_bytes * static_cast<u64>(components) * most<u64>(functions, 1);
 }
 
-FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+FieldCoding decode_field_chunk(const FieldRows &rows, std::span<const u8> data, i64 frames, int components,
                                std::span<i64> values, std::vector<u8> &kinds) {
     if (data.empty() || data[0] != is_transformed) {
-        return decode_predicted(domain, data, frames, components, values, kinds);
+        return decode_predicted(rows, data, frames, components, values, kinds);
     }
-    const FieldTransform transform = decode_transform(domain, data, frames, components);
-    const FieldCoding coding = decode_predicted(domain, data, frames, components, values, kinds);
-    transform.add_to(values, frames, domain.rows() * components);
+    const FieldTransform transform = decode_transform(rows, data, frames, components);
+    const FieldCoding coding = decode_predicted(rows, data, frames, components, values, kinds);
+    transform.add_to(values, frames, rows.count() * components);
     for (const i64 value : values) {
         if (size_of(value) > largest_field_prediction) throw CorruptError("a value of a field is out of range");
     }

@@ -2,14 +2,14 @@
 //
 // Values are predicted from frames already decoded and from neighbours on the mesh; the remainder is coded bit by bit
 // with mixed models, which also know values that may return. Begin here, then read field_chunk.cpp, which goes through
-// frames and rows. field_domain finds neighbours, field_predictor predicts, field_model codes a remainder.
+// frames and rows. field_rows finds neighbours, field_predictor predicts, field_model codes a remainder.
 #pragma once
 
 #include <span>
 #include <vector>
 
 #include "base/arithmetic.hpp"
-#include "sections/fields/field_domain.hpp"
+#include "sections/fields/field_rows.hpp"
 
 namespace pdeanim {
 
@@ -27,7 +27,7 @@ constexpr int field_kinds = 4;
 
 // Encode frames x rows x components values. `kinds` has the kind of each value, or is empty if all are numbers; of
 // values that are no numbers only the kind is kept.
-std::vector<u8> encode_field_chunk(const FieldDomain &domain, std::span<const i64> values, std::span<const u8> kinds,
+std::vector<u8> encode_field_chunk(const FieldRows &rows, std::span<const i64> values, std::span<const u8> kinds,
                                    i64 frames, int components, FieldCoding coding);
 
 // Functions of time and coefficients, in whole numbers: together an approximation of a field.
@@ -44,7 +44,7 @@ struct FieldTransform {
 
 // Encode values as functions of time, coefficients and a remainder. `functions` (frames x digits.size()) are coded to
 // within two units, and `coefficients` (at most 2^digits in size) as they are.
-std::vector<u8> encode_transformed_field_chunk(const FieldDomain &domain, std::span<const i64> values, i64 frames,
+std::vector<u8> encode_transformed_field_chunk(const FieldRows &rows, std::span<const i64> values, i64 frames,
                                                int components, FieldCoding coding, FieldTransform transform);
 
 // Return the memory of the predictors that a chunk is decoded with [bytes]: some for each component, and as many for each
@@ -53,7 +53,7 @@ u64 field_predictor_bytes(std::span<const u8> data, i64 rows, i64 components);
 
 // Decode to `values` and to `kinds`, which is resized, and stays empty if all values are numbers. CorruptError if the
 // bytes are damaged.
-FieldCoding decode_field_chunk(const FieldDomain &domain, std::span<const u8> data, i64 frames, int components,
+FieldCoding decode_field_chunk(const FieldRows &rows, std::span<const u8> data, i64 frames, int components,
                                std::span<i64> values, std::vector<u8> &kinds);
 
 }  // namespace pdeanim

@@ -92,7 +92,8 @@ private:
     static constexpr int most_digits = 44, classes = 48, candidate_kinds = 2 + 2 * 32;
     static constexpr int rising = 0, falling = 16, sign = 32, upper = 33, lower = 81, positions = 97;
     static constexpr i32 first_weight = 14500;  // [1/65536]; a sum of 1.2 costs 1 % of the bytes
-    static constexpr int first_trust = 4;       // times that a candidate counts as right before; none cost 4 %
+    static constexpr int first_trust =
+        4;  // right guesses that a candidate begins with; without them fields take 4 % more
     using Models = std::array<BitModel, positions>;
     template <int count> using Relative = std::array<std::array<std::array<Models, 6>, 6>, count>;
 

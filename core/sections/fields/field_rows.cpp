@@ -1,4 +1,4 @@
-#include "sections/fields/field_domain.hpp"
+#include "sections/fields/field_rows.hpp"
 
 #include <algorithm>
 #include <numeric>
@@ -67,43 +67,43 @@ void link_corners(const ConnectivityView &object, i64 first, Links &links) {
 
 }  // namespace
 
-i64 row_count(FieldSite site, const ConnectivityView &object) {
-    switch (site) {
-        case FieldSite::vertex: return object.vertices;
-        case FieldSite::face: return static_cast<i64>(object.face_sizes.size());
-        case FieldSite::corner: return static_cast<i64>(object.face_indices.size());
-        case FieldSite::object: return 1;
+i64 row_count(FieldDomain domain, const ConnectivityView &object) {
+    switch (domain) {
+        case FieldDomain::vertex: return object.vertices;
+        case FieldDomain::face: return static_cast<i64>(object.face_sizes.size());
+        case FieldDomain::corner: return static_cast<i64>(object.face_indices.size());
+        case FieldDomain::object: return 1;
     }
     return 0;
 }
 
-u64 FieldDomain::building_bytes(FieldSite site, std::span<const ConnectivityView> objects) {
+u64 FieldRows::building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects) {
     // Tables of rows that grow to twice their size; links, which grow too, and the edges or sides they are made of.
     constexpr u64 bytes_per_row = 2 * (sizeof(i64) + most_neighbours * sizeof(i32));
-    const u64 bytes_per_corner = site == FieldSite::vertex   ? 32
-                                 : site == FieldSite::face   ? 48
-                                 : site == FieldSite::corner ? 72
-                                                             : 0;
+    const u64 bytes_per_corner = domain == FieldDomain::vertex   ? 32
+                                 : domain == FieldDomain::face   ? 48
+                                 : domain == FieldDomain::corner ? 72
+                                                                 : 0;
     u64 bytes = sizeof(i64);
     for (const ConnectivityView &object : objects) {
         const u64 corners = object.face_indices.size() + object.line_indices.size();
-        bytes += bytes_per_row * static_cast<u64>(row_count(site, object)) + bytes_per_corner * corners;
-        if (site == FieldSite::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
+        bytes += bytes_per_row * static_cast<u64>(row_count(domain, object)) + bytes_per_corner * corners;
+        if (domain == FieldDomain::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
     }
     return bytes;
 }
 
-FieldDomain::FieldDomain(FieldSite site, std::span<const ConnectivityView> objects) {
+FieldRows::FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects) {
     Links links;
     i64 rows = 0;
     for (const ConnectivityView &object : objects) {
-        switch (site) {
-            case FieldSite::vertex: link_vertices(object, rows, links); break;
-            case FieldSite::face: link_faces(object, rows, links); break;
-            case FieldSite::corner: link_corners(object, rows, links); break;
-            case FieldSite::object: break;
+        switch (domain) {
+            case FieldDomain::vertex: link_vertices(object, rows, links); break;
+            case FieldDomain::face: link_faces(object, rows, links); break;
+            case FieldDomain::corner: link_corners(object, rows, links); break;
+            case FieldDomain::object: break;
         }
-        rows += row_count(site, object);
+        rows += row_count(domain, object);
     }
     std::sort(links.begin(), links.end(), [](const Link &a, const Link &b) {
         return a.later != b.later ? a.later < b.later : a.earlier > b.earlier;

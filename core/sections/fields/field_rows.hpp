@@ -11,25 +11,25 @@
 namespace pdeanim {
 
 // The kind of element that the rows of a field belong to.
-enum class FieldSite : u8 { vertex, face, corner, object };
-constexpr int field_sites = 4;
+enum class FieldDomain : u8 { vertex, face, corner, object };
+constexpr int field_domains = 4;
 
 // Return the number of rows of an object.
-i64 row_count(FieldSite site, const ConnectivityView &object);
+i64 row_count(FieldDomain domain, const ConnectivityView &object);
 
-struct FieldDomain {
+struct FieldRows {
     static constexpr int most_neighbours = 4;
 
     // Rows of these objects, one object after the other. Vertices have neighbours along edges; faces have neighbours
     // across edges; corners have the other corner of their vertex and those of their face; objects have none.
-    FieldDomain(FieldSite site, std::span<const ConnectivityView> objects);
+    FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects);
 
     // Peak memory of the constructor.
-    static u64 building_bytes(FieldSite site, std::span<const ConnectivityView> objects);
+    static u64 building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects);
 
     u64 bytes() const { return sizeof(i64) * starts.capacity() + sizeof(i32) * neighbours.capacity(); }
 
-    i64 rows() const { return static_cast<i64>(starts.size()) - 1; }
+    i64 count() const { return static_cast<i64>(starts.size()) - 1; }
     std::span<const i32> of(i64 row) const {
         return {neighbours.data() + starts[row], neighbours.data() + starts[row + 1]};
     }

@@ -29,10 +29,10 @@ from pdecodec.codec.encode.fields import (
 )
 from pdecodec.codec.encode.report import FieldReport
 from pdecodec.codec.sections.fields import (
+    DOMAINS,
     EXACT,
     HALVES,
     QUANTISED,
-    SITES,
     FieldEntry,
     FieldGroupEntry,
     encode_field_headers,
@@ -90,7 +90,7 @@ def check_field_names(settings: EncodeSettings, runs: Sequence[MeshSequence]) ->
                 )
 
 
-def domain_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldDomain:
+def rows_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldRows:
     """Return the rows of a field and their neighbours."""
     parts = [
         (
@@ -103,7 +103,7 @@ def domain_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldDomain:
         for index, item in enumerate(objects)
         if field.objects is None or index in field.objects
     ]
-    return _core.FieldDomain(SITES.index(field.domain), parts)
+    return _core.FieldRows(DOMAINS.index(field.domain), parts)
 
 
 def encode_field(
@@ -126,8 +126,8 @@ def encode_field(
         note = f"stored exactly: rounding to {field.dtype} alone exceeds the bound"
     limit = 0.0 if quantiser.step is None or bound is None else bound
     exact = FieldQuantiser(field.dtype, None)
-    domain = domain_of(field, sequence.objects)
-    value_count = sequence.frame_count * domain.rows * field.components
+    rows = rows_of(field, sequence.objects)
+    value_count = sequence.frame_count * rows.count * field.components
     found, tried = _computed(computer, field, before, limit) if computer else (None, "")
     if computer and found:
         recipe, error = found
@@ -137,23 +137,23 @@ def encode_field(
     started, largest_error, coding = spool.length, 0.0, None
     groups = []
     for first, in_chunk, frames in _divide(
-        survey.changes, group_frames(sequence.frame_count, domain.rows * field.components)
+        survey.changes, group_frames(sequence.frame_count, rows.count * field.components)
     ):
         values = sequence.read_field(field.name, first, first + in_chunk)
         values = np.ascontiguousarray(values.reshape(in_chunk, -1, field.components))
         motion = None
         if coding is None or field.is_exact:
-            coding, motion = choose_coding(domain, quantiser, values)
+            coding, motion = choose_coding(rows, quantiser, values)
         own, group_coding = quantiser, coding
-        data = encode_chunk(domain, own, values, group_coding, motion)
+        data = encode_chunk(rows, own, values, group_coding, motion)
         if own.step is not None:
             with np.errstate(over="ignore"):  # beyond the largest float: the error is infinite
-                decoded = own.restore(_core.decode_field_chunk(domain, data, *_shape(own, values)))
+                decoded = own.restore(_core.decode_field_chunk(rows, data, *_shape(own, values)))
             error = float_error(values, decoded)
             if not error <= limit:
                 own, error = exact, 0.0
-                group_coding, _ = choose_coding(domain, own, values)
-                data = encode_chunk(domain, own, values, group_coding)
+                group_coding, _ = choose_coding(rows, own, values)
+                data = encode_chunk(rows, own, values, group_coding)
             largest_error = max(largest_error, error)
         unit = 0.0 if own.step is None else own.step / group_coding.fractions
         code = QUANTISED if own.step is not None else HALVES if own.planes == 2 else EXACT

@@ -177,20 +177,20 @@ def group_frames(frames: int, width: int) -> int:
 
 
 def choose_coding(
-    domain: _core.FieldDomain, quantiser: FieldQuantiser, values: NDArray[Any]
+    rows: _core.FieldRows, quantiser: FieldQuantiser, values: NDArray[Any]
 ) -> tuple[FieldCoding, Spectrum | None]:
     """Return the coding that makes a sample of a field smallest, and functions of time of `values` if it needs them.
 
     Parameters
     ----------
-    domain : FieldDomain
+    rows : FieldRows
     quantiser : FieldQuantiser
     values : array, (frames, rows, components)
         A group of frames.
     """
     predictions = [one for one in PREDICTIONS if quantiser.step is not None or one.fractions == 1]
-    some, rows = some_rows(domain, TRIAL_VALUES // (min(len(values), TRIAL_FRAMES) * values.shape[2]))
-    sample = values[:TRIAL_FRAMES, rows]
+    some, chosen = some_rows(rows, TRIAL_VALUES // (min(len(values), TRIAL_FRAMES) * values.shape[2]))
+    sample = values[:TRIAL_FRAMES, chosen]
     best = min(predictions, key=lambda coding: len(encode_chunk(some, quantiser, sample, coding)))
     if quantiser.step is None or kinds_of(values) is not None:
         return best, None
@@ -199,27 +199,27 @@ def choose_coding(
     counts = [function_count(whole, coding) for coding in TRANSFORMS]
     if counts[0] is None:
         return best, None
-    some, rows = some_rows(domain, TRANSFORM_TRIAL_VALUES // values[:, 0].size)
-    least = float(len(encode_chunk(some, quantiser, values[:, rows], best)))
-    motion = Spectrum(whole.rows.reshape(*values.shape[1:], -1)[rows].reshape(-1, len(values)), whole.functions)
+    some, chosen = some_rows(rows, TRANSFORM_TRIAL_VALUES // values[:, 0].size)
+    least = float(len(encode_chunk(some, quantiser, values[:, chosen], best)))
+    motion = Spectrum(whole.rows.reshape(*values.shape[1:], -1)[chosen].reshape(-1, len(values)), whole.functions)
     for coding, count in zip(TRANSFORMS, counts, strict=True):
         if count is None:
             break
-        data = encode_transformed(some, numbers[:, rows], motion, count, coding)
+        data = encode_transformed(some, numbers[:, chosen], motion, count, coding)
         of_time = int.from_bytes(data[2 + count : 6 + count], "little")  # the same for all rows
-        size = len(data) - of_time * (1.0 - some.rows / domain.rows)
+        size = len(data) - of_time * (1.0 - some.count / rows.count)
         if size < least:
             best, least = coding, size
     return best, whole if best.left_over else None
 
 
-def some_rows(domain: _core.FieldDomain, count: int) -> tuple[_core.FieldDomain, Int64Array]:
-    """Return about so many rows of a domain, in a few parts spread over it, and their numbers."""
+def some_rows(rows: _core.FieldRows, count: int) -> tuple[_core.FieldRows, Int64Array]:
+    """Return about so many rows, in a few parts spread over all of them, and their numbers."""
     part = max(count // TRIAL_PARTS, 1)
-    starts = np.linspace(0, domain.rows, TRIAL_PARTS, endpoint=False).astype(np.int64)
-    rows = np.unique(starts[:, None] + np.arange(min(part, -(-domain.rows // TRIAL_PARTS))))
-    rows = rows[rows < domain.rows]
-    return domain.some(rows), rows
+    starts = np.linspace(0, rows.count, TRIAL_PARTS, endpoint=False).astype(np.int64)
+    chosen = np.unique(starts[:, None] + np.arange(min(part, -(-rows.count // TRIAL_PARTS))))
+    chosen = chosen[chosen < rows.count]
+    return rows.some(chosen), chosen
 
 
 class Spectrum(NamedTuple):
@@ -256,7 +256,7 @@ def function_count(motion: Spectrum, coding: FieldCoding) -> int | None:
 
 
 def encode_chunk(
-    domain: _core.FieldDomain,
+    rows: _core.FieldRows,
     quantiser: FieldQuantiser,
     values: NDArray[Any],
     coding: FieldCoding,
@@ -266,7 +266,7 @@ def encode_chunk(
 
     Parameters
     ----------
-    domain : FieldDomain
+    rows : FieldRows
     quantiser : FieldQuantiser
     values : array, (frames, rows, components)
     coding : FieldCoding
@@ -279,8 +279,8 @@ def encode_chunk(
         motion = motion or spectrum(numbers)
         count = function_count(motion, coding)
         if count is not None:
-            return encode_transformed(domain, numbers, motion, count, coding)
-    return _core.encode_field_chunk(domain, numbers, kinds, coding.levels, coding.fractions)
+            return encode_transformed(rows, numbers, motion, count, coding)
+    return _core.encode_field_chunk(rows, numbers, kinds, coding.levels, coding.fractions)
 
 
 def _scaled_functions(motion: Spectrum, count: int) -> tuple[Int64Array, NDArray[np.float64]]:
@@ -294,7 +294,7 @@ def _scaled_functions(motion: Spectrum, count: int) -> tuple[Int64Array, NDArray
 
 
 def encode_transformed(
-    domain: _core.FieldDomain, numbers: Int64Array, motion: Spectrum, count: int, coding: FieldCoding
+    rows: _core.FieldRows, numbers: Int64Array, motion: Spectrum, count: int, coding: FieldCoding
 ) -> bytes:
     """Encode whole numbers by `count` functions of time, their coefficients and a remainder."""
     functions, shares = _scaled_functions(motion, count)
@@ -302,7 +302,7 @@ def encode_transformed(
     digits = np.array([min(int(size).bit_length(), MAX_COEFFICIENT_DIGITS + 1) - 1 for size in sizes]).clip(0)
     coefficients = np.rint(shares * 2.0**digits).astype(np.int64)
     return _core.encode_transformed_field_chunk(
-        domain,
+        rows,
         numbers,
         np.ascontiguousarray(functions.T)[:, None, :],
         coefficients.reshape(*numbers.shape[1:], count),

@@ -13,7 +13,7 @@ from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
 
-SITES: tuple[FieldDomain, ...] = get_args(FieldDomain)
+DOMAINS: tuple[FieldDomain, ...] = get_args(FieldDomain)
 """Domains, by their numbers in the file."""
 
 EXACT, HALVES, QUANTISED, COPY, MAGNITUDE, VELOCITY, DISPLACEMENT = range(7)
@@ -90,7 +90,7 @@ def encode_field_headers(entries: Iterable[FieldEntry]) -> bytes:
     for entry in found:
         field = entry.field
         writer.text(field.name)
-        writer.numbers("BB", SITES.index(field.domain), DTYPES.index(field.dtype))
+        writer.numbers("BB", DOMAINS.index(field.domain), DTYPES.index(field.dtype))
         writer.count(field.components)
         writer.text(field.unit)
         owners = field.objects or ()
@@ -118,7 +118,7 @@ def field_of(stored: _core.StoredField) -> Field:
     """Return the description of a field of a file."""
     objects = tuple(stored.objects) or None
     dtype = DTYPES[stored.type]
-    return Field(stored.name, SITES[stored.site], dtype, stored.components, stored.unit, objects)
+    return Field(stored.name, DOMAINS[stored.domain], dtype, stored.components, stored.unit, objects)
 
 
 def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) -> tuple[FieldEntry, list[int]]:
