@@ -54,7 +54,9 @@ def stage_errors(path: Path) -> Iterator[None]:
     except (TypeError, ValueError) as error:
         # A stage may declare attributes of a schema with types of its own, even with types that USD does not know.
         reason = str(error).splitlines()[0]
-        raise damaged(f"has values of other types than their schemas ({reason}); export it again", path=path) from error
+        raise damaged(
+            f"has attributes whose types contradict their USD schemas ({reason}); export it again", path=path
+        ) from error
     finally:
         del warnings
 

@@ -148,9 +148,7 @@ class ExodusSequence(MeshSequence):
         else:
             self.times, self.fps, notices = np.zeros(1), rate_or_default(None, fps)[0], ()
             if times.size > 1:
-                notices = (
-                    f"the shape stands still, one of {times.size} time steps is read: nothing displaces its nodes",
-                )
+                notices = (f"only 1 of {times.size} time steps is read, because nothing displaces the nodes",)
         kept |= {
             "blocks": [label for attribute in blocks for label in attribute.labels],
             "times": ["time_whole"] if times.size else [],

@@ -126,7 +126,7 @@ class XmlFile:
         stored = self._stored(data, "vertex") | self._stored(cell_data, "face", others)
         notices: tuple[str, ...] = ()
         if others.start and len(faces[0]) and len(stored) > len(arrays):
-            notices = (f"{others.start} cells are no faces: their cell data are not kept",)
+            notices = (f"cell data of {others.start} cells that are not faces are not kept",)
         mesh = MeshFile(points, Connectivity(len(points), *faces, *joined), (), notices, stored)
         vectors = tuple(name for name, values in arrays.items() if is_vectors(values))
         added = arrays[self._wanted] if self._wanted in vectors and self._wanted is not None else None

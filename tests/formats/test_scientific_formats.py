@@ -419,6 +419,14 @@ def test_every_style_of_vtp_is_read(tmp_path: Path, style: str) -> None:
         assert_same_connectivity(read.connectivity, connectivity_of(4, [[0, 1, 2, 3]], [[0, 1]]))
 
 
+def test_cell_data_of_lines_in_vtp_files_are_named(tmp_path: Path) -> None:
+    heat = b'<CellData><DataArray type="Float32" Name="heat" format="ascii">1 2</DataArray></CellData><Points>'
+    (tmp_path / "x.vtp").write_bytes(vtp_text("ascii", np.eye(4, 3)).replace(b"<Points>", heat))
+    with open_sequence(tmp_path / "x.vtp") as read:
+        assert read.read_field("heat", 0, 1).tolist() == [[2]]
+        assert "cell data of 1 cells that are not faces are not kept" in read.notices
+
+
 def test_xdmf_of_one_geometry_is_moved_by_the_displacement_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -120,7 +120,7 @@ def test_variables_blocks_and_sets_of_exodus_are_named_and_blocks_behind_an_empt
     with open_sequence(tmp_path / "x.e") as read:
         assert read.connectivity.face_indices.tolist() == [0, 1, 2, 0, 2, 3]
         assert read.notices == (
-            "the shape stands still, one of 3 time steps is read: nothing displaces its nodes",
+            "only 1 of 3 time steps is read, because nothing displaces the nodes",
             "element variables 'stress_xx', 'vonmises', side set variables 'traction', global variables 'energy', "
             "assembly_red variables 'area', node sets 'clamped' and side sets 'left' are not kept",
         )

@@ -521,6 +521,6 @@ def test_an_attribute_of_another_type_than_its_schema_is_refused(tmp_path: Path,
     with open_sequence(path) as sound:
         assert sound.vertex_count == 6
     path.write_text(text.replace(declared, other))
-    with pytest.raises(InputError, match="has values of other types than their schemas") as caught:
+    with pytest.raises(InputError, match="has attributes whose types contradict their USD schemas") as caught:
         open_sequence(path)
     assert caught.value.code == "damaged-input"
