@@ -39,6 +39,10 @@ class StoredData:
     def kind(self) -> tuple[np.dtype[Any], int]:
         return self.dtype, self.components
 
+    @property
+    def row_bytes(self) -> int:
+        return self.dtype.itemsize * self.components
+
     def gathered(self, rows: Any) -> StoredData:
         """Return the data of some rows only."""
         return StoredData(self.dtype, self.components, lambda: _taken(self.read(), rows))

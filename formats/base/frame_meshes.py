@@ -239,19 +239,22 @@ class FrameMeshes:
     def values(self, frame: int, key: DataKey, connectivity: Connectivity) -> NDArray[Any] | None:
         """Return data of a frame (rows, components), None if it lacks them.
 
-        All data of a frame are kept while they fit in a block, so that each field does not read the file again.
+        All data of a frame are kept if they still fit in a block, so that each field does not read the file again;
+        else only the data asked for are decoded.
         """
         if frame in self._values:
             return self._values[frame].get(key)
         mesh = self.mesh(frame)
         self._check(frame, mesh, connectivity)
-        if self._values_room <= 0 or key not in mesh.data:
-            return mesh.data[key].read() if key in mesh.data else None
-        found = {key: one.read() for key, one in mesh.data.items()}
-        self._values_room -= sum(array.nbytes for array in found.values())
-        if self._values_room > 0:
-            self._values[frame] = found
-        return found[key]
+        if key not in mesh.data:
+            return None
+        rows = {"vertex": connectivity.vertex_count, "face": connectivity.face_count}
+        size = sum(rows[domain] * one.row_bytes for (domain, _), one in mesh.data.items())
+        if size > self._values_room:
+            return mesh.data[key].read()
+        self._values[frame] = {key: one.read() for key, one in mesh.data.items()}
+        self._values_room -= sum(array.nbytes for array in self._values[frame].values())
+        return self._values[frame][key]
 
     def run_starts(self) -> list[tuple[int, int]]:
         """Return the first frame and vertex count of each run of frames that have the same faces, lines and ids.

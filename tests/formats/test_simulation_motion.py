@@ -15,9 +15,10 @@ import pytest
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.companions import input_files
-from pdecodec.formats.base.frame_data import stored_array
+from pdecodec.formats.base.frame_data import StoredData, stored_array
+from pdecodec.formats.base.frame_meshes import MeshFile, sequence_of_files
 from pdecodec.formats.base.normals import normal_group
-from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject
+from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.command_line import Capture, done, error_of
 from tests.support.exodus_files import SQUARE, write_exodus
 from tests.support.mesh_cases import connectivity_of
@@ -301,6 +302,25 @@ def test_data_that_some_files_lack_are_missing_there_or_named(tmp_path: Path) ->
 def test_empty_data_keep_their_components() -> None:
     assert stored_array(np.zeros((0, 3))).kind == (np.dtype(np.float64), 3)
     assert stored_array(np.zeros(0)).kind == (np.dtype(np.float64), 1)
+
+
+def test_data_that_find_no_room_are_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two fields of 16 bytes a frame; there is room for those of the first frame."""
+    decoded: list[str] = []
+
+    def read(path: Path) -> MeshFile:
+        def data(name: str) -> StoredData:
+            values = np.full((4, 1), float(path.stem), np.float32)
+            return StoredData(values.dtype, 1, lambda: decoded.append(f"{name}{path.stem}") or values)  # type: ignore[func-returns-value]
+
+        return MeshFile(SQUARE, Connectivity(4), data={("vertex", name): data(name) for name in "ab"})
+
+    monkeypatch.setattr("pdecodec.formats.base.frame_meshes.BLOCK_BYTES", 40)
+    files = [[tmp_path / f"{frame}.x"] for frame in range(3)]
+    sequence = sequence_of_files(files, (np.arange(3) / 24, 24.0, ()), read)
+    for name in "ab":
+        assert sequence.read_field(name, 0, 3).tolist() == [[frame] * 4 for frame in range(3)]
+    assert decoded == ["a0", "b0", "a1", "a2", "b1", "b2"]
 
 
 def test_data_with_rows_missing_name_the_frame_of_the_whole_sequence(tmp_path: Path) -> None:
