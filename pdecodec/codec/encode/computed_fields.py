@@ -28,6 +28,7 @@ from pdecodec.codec.sections.fields import (
     computed_group,
     encode_field_headers,
 )
+from pdecodec.codec.source import chosen_limits
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 
@@ -37,6 +38,9 @@ MARGIN_SHARE = 0.01
 LIKELY_SHARE = 0.3
 """Root mean square difference, as a share of the values, up to which values look like differences of positions."""
 
+
+TRIAL_CACHE_BYTES = 2**26
+"""Decoded groups of frames that a trial file keeps: it is read from beginning to end."""
 
 SOURCE_NAME, MAGNITUDE_NAME = "source", "magnitude"
 """Fields of a file that candidates are compared with."""
@@ -205,7 +209,7 @@ class _TrialFile:
         headers = Section("FLDS", encode_field_headers(entries))
         for piece in container_pieces([*sections, headers, Section("FDAT", values)]):
             file.append(piece)
-        self.animation = open_animation(file.file)
+        self.animation = open_animation(file.file, limits=replace(chosen_limits(None), max_kept=TRIAL_CACHE_BYTES))
 
     def close(self) -> None:
         self.animation.close()
