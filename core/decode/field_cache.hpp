@@ -1,5 +1,5 @@
 // Cache of decoded groups and computed frames of fields, and of tables of neighbours, within one byte budget: evicts the
-// least recently used one.
+// least recently used one, frames first.
 #pragma once
 
 #include <list>
@@ -38,7 +38,7 @@ public:
     // Keep a new part; it stays until others are kept or memory is taken.
     const Part &keep(const Key &key, Part part, TakenMemory taken);
 
-    bool is_empty() const { return parts_.empty(); }
+    bool is_empty() const { return places_.empty(); }
     void clear();
 
 private:
@@ -48,11 +48,15 @@ private:
         TakenMemory taken;
     };
 
-    void evict_oldest();
+    // As many frames as a spline between two frames needs; reading a clip once does not fill the budget.
+    static constexpr std::size_t most_frames = 64;
+
+    std::list<Kept> &parts_like(const Key &key) { return key.kind == frame ? frames_ : others_; }
+    void evict_oldest(std::list<Kept> &parts);
 
     MemoryLimit &limit_;
     u64 budget_, kept_bytes_ = 0;
-    std::list<Kept> parts_;  // the latest first
+    std::list<Kept> frames_, others_;  // the latest first
     std::map<Key, std::list<Kept>::iterator> places_;
 };
 

@@ -79,7 +79,10 @@ void to_type(FieldType type, const FieldGroup &group, std::span<const i64> value
 
 const std::vector<FieldHeader> &StoredFields::headers() {
     const auto guard = turns_.take();
-    if (!headers_) headers_ = read_field_headers(run_);
+    if (!headers_) {
+        headers_ = read_field_headers(run_);
+        row_counts_.resize(headers_->size());
+    }
     return *headers_;
 }
 
@@ -109,12 +112,14 @@ const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
 // Return the first row of an object in a field, and the number of its rows; without an object, the rows of all objects.
 std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> object) {
     const FieldHeader &header = headers()[field];
+    if (!object && row_counts_[field]) return {0, *row_counts_[field]};
     i64 first = 0, rows = 0;
     for_each_owner(header, [&](i64 index, const ConnectivityView &view) {
         const i64 own = row_count(header.domain, view);
         if (object && index < *object) first += own;
         if (!object || index == *object) rows += own;
     });
+    if (!object) row_counts_[field] = rows;
     return {first, rows};
 }
 

@@ -60,7 +60,8 @@ private:
     Turns &turns_;
     FieldCache cache_;
     std::optional<std::vector<FieldHeader>> headers_;
-    std::vector<float> first_positions_;  // of frame 0, if displacements need them
+    std::vector<std::optional<i64>> row_counts_;  // of each field, once counted
+    std::vector<float> first_positions_;          // of frame 0, if displacements need them
     TakenMemory of_first_positions_;
     std::optional<BrokenSpline> spline_;
 };
