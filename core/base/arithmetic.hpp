@@ -21,7 +21,7 @@ using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
-// Number of binary digits; 0 for a number that is not positive.
+// Number of binary digits of a number; 0 if it is not positive.
 constexpr int bit_length(i64 number) { return number > 0 ? 64 - std::countl_zero(static_cast<u64>(number)) : 0; }
 
 // Quotient rounded towards minus infinity; the divisor is not zero.

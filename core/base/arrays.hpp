@@ -1,4 +1,4 @@
-// Arrays with their own allocators: aligned to cache lines, or in large pages.
+// Arrays with allocators of their own: aligned to cache lines, or placed in large memory pages.
 #pragma once
 
 #include <cstddef>
@@ -11,8 +11,8 @@
 
 namespace pdeanim {
 
-// Arrays that begin at a cache line: a register as wide as a line is then read from one line, not from two.
-constexpr std::size_t cache_line = 64;  // bytes
+// Arrays that begin at a cache line: a register as wide as a cache line is then loaded from one line, not from two.
+constexpr std::size_t cache_line = 64;
 
 template <class T> struct OnCacheLine {
     using value_type = T;
@@ -30,8 +30,8 @@ template <class T> struct OnCacheLine {
 
 template <class T> using AlignedArray = std::vector<T, OnCacheLine<T>>;
 
-// Arrays of many megabytes that are written before they are read. They are not cleared first, and use the largest pages
-// of the system: mapping small pages one by one takes longer than most work on the data in them.
+// Arrays of many megabytes that are written before they are read. Their memory is not cleared first, and lies in the
+// largest pages of the system: mapping small pages one by one takes longer than most work on the data in them.
 template <class T> struct LargePages {
     using value_type = T;
 
@@ -43,7 +43,7 @@ template <class T> struct LargePages {
         if (bytes < worth_large_pages) return static_cast<T *>(::operator new(bytes));
         void *found = ::operator new(bytes, std::align_val_t{large_page});
 #if defined(__linux__)
-        madvise(found, bytes, MADV_HUGEPAGE);  // only a hint: without it pages are small
+        madvise(found, bytes, MADV_HUGEPAGE);  // only a hint: the system may still use small pages
 #endif
         return static_cast<T *>(found);
     }
@@ -55,7 +55,7 @@ template <class T> struct LargePages {
         }
     }
 
-    // Values are not initialised.
+    // Leave values uninitialised.
     template <class Value> void construct(Value *place) { ::new (static_cast<void *>(place)) Value; }
 
     friend bool operator==(const LargePages &, const LargePages &) { return true; }

@@ -1,6 +1,7 @@
-// Failures of the core: thrown inside, turned into codes at the C interface and into Python's errors at the bindings.
+// Failures of the core: thrown inside, turned into status codes by the C interface and into Python's errors by the
+// bindings.
 //
-// LimitError comes from the limit on memory: what a file asks for is counted before it is allocated.
+// LimitError comes from the limit on memory: the memory that a file asks for is counted before it is allocated.
 #pragma once
 
 #include <atomic>
@@ -36,7 +37,8 @@ struct Section {
     std::string_view type;
 };
 
-// The bytes are not those of a sound file. If known: the section, the byte of the file and the frame.
+// The bytes are not those of an undamaged file. Holds the section, the byte of the file and the frame, if they are
+// known.
 struct CorruptError : std::runtime_error {
     explicit CorruptError(const std::string &message, FaultCode code_ = FaultCode::section_content, i64 offset_ = -1)
         : std::runtime_error(message), code(code_), offset(offset_) {}
@@ -67,17 +69,17 @@ struct ReadError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// A number of bytes that several threads may take from.
+// The bytes that decoding may take. Several threads may take from one limit.
 class MemoryLimit {
 public:
     explicit MemoryLimit(u64 bytes) : bytes_(bytes), left_(bytes) {}
 
-    // Start with the memory that another limit has left.
+    // Start a separate count at the bytes that another limit has left.
     MemoryLimit(const MemoryLimit &other) : bytes_(other.bytes_), left_(other.left()) {}
 
     u64 left() const { return left_; }
 
-    // Take bytes permanently; LimitError names their use if not enough are left.
+    // Take bytes for good. LimitError if fewer are left; its message says what they were for.
     void take(u64 bytes, std::string_view what) {
         u64 left = left_;
         do {
@@ -95,8 +97,8 @@ private:
     std::atomic<u64> left_;
 };
 
-// Bytes taken for one purpose and returned at the end; several threads may take more. Without a limit nothing is
-// counted.
+// Bytes that are taken from a limit for one purpose, and returned when the object is destroyed; several threads may
+// take more. An object without a limit counts nothing.
 class TakenMemory {
 public:
     TakenMemory() = default;
@@ -114,7 +116,7 @@ public:
 
     u64 bytes() const { return bytes_; }
 
-    // An object that has taken no memory yet, under the same limit.
+    // Return an object under the same limit that has not taken any memory.
     TakenMemory another() const { return limit_ ? TakenMemory(*limit_) : TakenMemory(); }
 
     void take(u64 bytes, std::string_view what) {
@@ -129,7 +131,7 @@ public:
         limit_->give_back(bytes);
     }
 
-    // Return all but the bytes that turned out to be needed.
+    // Return all bytes but those that turned out to be needed.
     void keep(u64 bytes) {
         if (bytes < bytes_) give_back(bytes_ - bytes);
     }

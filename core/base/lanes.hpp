@@ -1,21 +1,21 @@
 // Numbers side by side in vector registers, and loops that are compiled once for each register width.
 //
 // Only loops whose result does not depend on that width are written so: each lane computes what a loop over single
-// numbers would. `Lanes` is one register, `Registers` as many as a count of numbers takes; `in_wide` and `in_widest`
-// call the loop for wide registers.
+// numbers would. `Lanes` is one register; `Registers` is as many registers as a fixed count of numbers needs; `in_wide`
+// and `in_widest` call a loop in the variant for wide registers.
 #pragma once
 
 #include <cstddef>
 #include <cstring>
 #include <type_traits>
 
-// A variant of such a loop.
+// Marks a function that is compiled for certain instructions: one variant of a loop.
 #if defined(__GNUC__) && defined(__x86_64__)
 #define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
 #endif
 
-// Forces the templates of such loops to be inlined into each version. In a page there is one version, and its code must
-// be fetched.
+// Inlines the templates that a loop calls into each of its variants. WebAssembly has a single variant, and inlining is
+// left to the compiler there: a web page has to download the code.
 #if defined(_MSC_VER)
 #define PDEANIM_INLINE __forceinline
 #elif defined(__wasm__)
@@ -24,7 +24,7 @@
 #define PDEANIM_INLINE inline __attribute__((always_inline))
 #endif
 
-// For lambdas within such loops.
+// The same for lambdas within such loops.
 #if defined(__GNUC__)
 #define PDEANIM_INLINE_LAMBDA __attribute__((always_inline))
 #else
@@ -76,25 +76,26 @@ template <class T, int count> struct Lanes {
 };
 #endif
 
-// Load numbers of an array at any alignment; some compilers forget the alignment of a type that has it.
+// Load numbers of an array at any alignment. A pointer to a vector type would not do: some compilers assume that it is
+// aligned.
 template <int count, class T> PDEANIM_INLINE Lanes<T, count> lanes_at(const T *numbers) {
     Lanes<T, count> found;
     std::memcpy(&found, numbers, sizeof found);
     return found;
 }
 
-// Store them.
+// Store registers in an array at any alignment.
 template <class Row, class T> PDEANIM_INLINE void put_lanes(T *numbers, const Row &lanes) {
     std::memcpy(numbers, &lanes, sizeof lanes);
 }
 
-// Clears numbers, and arrays of them. GCC also clears `= {}` in memory; this stays in registers.
+// Set registers, and arrays of registers, to zero. GCC would put `= {}` in memory; this stays in registers.
 template <class Row> PDEANIM_INLINE void make_zero(Row &lanes) { lanes = Row{}; }
 template <class Row, std::size_t count> PDEANIM_INLINE void make_zero(Row (&rows)[count]) {
     for (Row &row : rows) make_zero(row);
 }
 
-// Select values where `tested` is more than 0, else 0.
+// Select `values` in the lanes where `tested` is positive; other lanes get 0.
 template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const Row &values) {
 #if defined(__GNUC__)
     return tested > 0.0 ? values : Row{};
@@ -108,7 +109,7 @@ template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const 
 #endif
 }
 
-// The results of a function of the lane.
+// Return the results of a function of the lane number, one in each lane.
 template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes_by(const Number &number) {
     static_assert(count == 2 || count == 4 || count == 8);
     if constexpr (count == 2) {
@@ -120,8 +121,8 @@ template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes
     }
 }
 
-// Several numbers in registers of `bytes`, or in several registers if one is too short. (GCC keeps vectors longer than
-// registers in memory.)
+// A fixed count of numbers: in one register of at most `bytes`, or in several if one is too short. (GCC keeps vectors
+// longer than a register in memory.)
 template <class T, int count, int bytes> struct Registers {
     static constexpr int size = bytes / static_cast<int>(sizeof(T)), parts = count / size;
     static_assert(parts * size == count);
@@ -140,7 +141,7 @@ template <class T, int count, int bytes> struct Registers {
         for (int p = 0; p < parts; ++p) found.part[p] = lanes_at<size>(numbers + p * size);
         return found;
     }
-    // The results of a function of the lane.
+    // Return the results of a function of the lane number, one in each lane.
     template <class Number> static PDEANIM_INLINE Registers by_lane(const Number &number) {
         Registers found;
         for (int p = 0; p < parts; ++p) {
@@ -181,10 +182,10 @@ PDEANIM_INLINE Registers<T, count, bytes> where_positive(const Registers<T, coun
     return values;
 }
 
-// Which variant of a loop runs: that for the widest registers of the processor, or a narrower one if the environment's
-// PDECODEC_INSTRUCTIONS is usual, avx2 or avx512f. All give the same bits; tests compare them.
+// Which variant of a loop runs: the one for the processor's widest registers, or a narrower one if the environment
+// variable PDECODEC_INSTRUCTIONS is usual, avx2 or avx512f. All variants give the same bits; tests compare them.
 template <int bytes> using RegisterBytes = std::integral_constant<int, bytes>;
-constexpr int usual_bytes = 16;  // register width of every processor: for loops without variants
+constexpr int usual_bytes = 16;  // register width that every processor has: for loops without variants
 
 #if defined(PDEANIM_FOR)
 

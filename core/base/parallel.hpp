@@ -1,6 +1,6 @@
 // Divide work on many items among threads.
 //
-// Each share writes what no other share reads, so no result depends on the number of threads.
+// Each thread writes only data that no other thread reads, so no result depends on the number of threads.
 #pragma once
 
 #include <atomic>
@@ -13,8 +13,8 @@
 
 namespace pdeanim {
 
-// Call work(first, end) for ranges that cover the items 0 to count - 1 once, on several threads. Shares are equal in
-// size, not in work: a thread that is done takes the next one.
+// Call work(first, end) on several threads, for ranges that together cover the items 0 to count - 1 once. Ranges are
+// equal in size, not in work: a thread that is done takes the next one.
 template <class Work> void in_shares(i64 count, int threads, const Work &work, i64 shares_a_thread = 4) {
     const i64 workers = least<i64>(threads, count);
     if (workers < 2) {

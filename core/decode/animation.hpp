@@ -6,8 +6,8 @@
 //     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
 //                       decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
-//     stored_fields.hpp values that change in time on vertices, faces, corners or objects; field_headers.hpp: FLDS,
-//                       field_cache.hpp keeps what was decoded
+//     stored_fields.hpp fields: values that change in time on vertices, faces, corners or objects;
+//                       field_headers.hpp reads their headers (FLDS), field_cache.hpp caches what is decoded
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
@@ -24,13 +24,13 @@ public:
     static constexpr i64 usual_kept = i64{512} << 20;
 
     struct Options {
-        int threads = 0;              // 0: one per processor
-        i64 kept_bytes = usual_kept;  // largest number of bytes of decoded groups, used when times return to them
-        Turns::Cancels cancels;       // shared with others that are cancelled together; none: its own
+        int threads = 0;              // number of threads; 0: one per processor
+        i64 kept_bytes = usual_kept;  // byte budget of the cache of decoded groups
+        Turns::Cancels cancels;       // shared with other animations that are cancelled together; null: not shared
     };
 
-    // Read the headers of a run. CorruptError or LimitError if it is damaged, or asks for more than the file's limit
-    // leaves.
+    // Read the headers of a run. CorruptError if it is damaged, LimitError if it asks for more memory than the file has
+    // left.
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),
           groups_(sections_, options.kept_bytes, turns_), evaluator_(sections_, groups_, turns_),
@@ -56,7 +56,7 @@ public:
     // Exclude other callers during several related calls.
     std::unique_lock<std::recursive_mutex> locked() { return turns_.take(); }
 
-    // Make running calls end with a CancelledError; later ones are not affected.
+    // Make running calls end with a CancelledError; later calls are not affected.
     void cancel() { turns_.cancel(); }
 
     const RunSections &sections() const { return sections_; }

@@ -9,14 +9,14 @@ namespace pdeanim {
 
 namespace {
 
-// As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change.
+// Made like PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change.
 constexpr std::array<u8, 12> identifier = {0x89, 'P', 'D', 'E', 'A', 'N', 'I', 'M', '\r', '\n', 0x1A, '\n'};
 constexpr std::size_t header_size = 28, row_head = 5, checksum_size = 4;
-constexpr u32 most_sections = 64;  // this version has 13; more can only be damage
-constexpr int length_at = 4;       // bit position of a length's width in a row's flags
+constexpr u32 most_sections = 64;  // this version defines 17; a larger number means damage
+constexpr int length_at = 4;       // position, among a row's flag bits, of the width of its length
 constexpr std::size_t most_length_bytes = 8;
-constexpr u8 required = 1;                   // flag: a decoder that does not know the section refuses the file
-constexpr std::size_t piece_size = 1 << 20;  // bytes that are checked together
+constexpr u8 required = 1;                   // flag: a decoder that does not know the section must refuse the file
+constexpr std::size_t piece_size = 1 << 20;  // checksums are computed over pieces of this size [bytes]
 
 // Return the type of a section as text, with \xNN for bytes that are not ASCII.
 std::string readable(std::span<const u8> bytes) {
@@ -59,7 +59,7 @@ void Container::read_table() {
     }
     FieldReader fields(std::span<const u8>(header).subspan(identifier.size()), "header");
     const int major = fields.integer<u16>();
-    fields.integer<u16>();  // the minor version concerns only what an older decoder may ignore
+    fields.integer<u16>();  // skip the minor version: it concerns only data that an older decoder may ignore
     const u32 count = fields.integer<u32>(), table_checksum = fields.integer<u32>();
     if (!is_checksum(crc32(std::span<const u8>(header).first(header_size - checksum_size)), fields.integer<u32>())) {
         throw CorruptError("its header is damaged; get it again", FaultCode::header_checksum, 0);

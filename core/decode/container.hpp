@@ -22,7 +22,7 @@ public:
 
     u64 size() const { return size_; }
 
-    // Fill `into` with the bytes of the file from `offset` on; return how many there were.
+    // Fill `into` with the bytes of the file from `offset` on; return the number of bytes read.
     virtual std::size_t read(u64 offset, std::span<u8> into) = 0;
 
 protected:
@@ -48,8 +48,9 @@ private:
     std::span<const u8> data_;
 };
 
-// A file read by a function, (offset, into) to the number of bytes, which is smaller only at the end. Groups are
-// decoded in parallel, but a file has one read position: only one thread at a time calls the function.
+// A file that is read by a function of the caller. The function returns the number of bytes it has read, which is
+// smaller than `into` only at the end of the file. Groups are decoded in parallel, but a file has one read position:
+// only one thread at a time calls the function.
 class CallbackSource : public Source {
 public:
     using Read = std::function<std::size_t(u64 offset, std::span<u8> into)>;
@@ -66,8 +67,9 @@ private:
     std::mutex lock_;
 };
 
-// The sections of this version: those of the file, those of each run in the order in which runs list and store them,
-// and those that are chunks of groups, which have checksums of their own.
+// A section type of this version: whether a file may have it, whether a run of a file with several runs may have it
+// (runs list and store their sections in this order), and whether it consists of the chunks of groups, which have
+// checksums of their own.
 struct SectionType {
     std::string_view name;
     bool in_file, in_runs, in_groups;
@@ -91,7 +93,7 @@ inline constexpr std::array<SectionType, 17> section_types = {{{"META", true, fa
                                                                {"FDAT", true, false, false},
                                                                {"RFLD", true, false, false}}};
 
-// The section types of one sort.
+// Return the section types for which a flag is set.
 template <std::size_t count> consteval std::array<SectionType, count> sections_where(bool SectionType::*is_so) {
     std::array<SectionType, count> found{};
     std::copy_if(section_types.begin(), section_types.end(), found.begin(),
@@ -99,7 +101,7 @@ template <std::size_t count> consteval std::array<SectionType, count> sections_w
     return found;
 }
 
-// Place of a section. If it has no checksum here, each of its pieces has one.
+// Where a section lies. Without a checksum for the whole section, each of its chunks has one.
 struct SectionPlace {
     u64 offset = 0, length = 0;
     std::optional<u32> checksum;
@@ -115,13 +117,13 @@ class Container {
 public:
     static constexpr int major_version = 1, minor_version = 0;
 
-    // Read header and table. CorruptError if the file is of another kind or cannot be read.
+    // Read the header and the table. CorruptError if the file is of another kind or damaged.
     explicit Container(Source &source) : source_(source) { read_table(); }
 
-    // Sections of a file that another table lists.
+    // Use a given table, which lists the sections of one run of the file.
     Container(Source &source, std::vector<SectionEntry> entries) : source_(source), entries_(std::move(entries)) {}
 
-    // Raise CorruptError for an unknown section that a decoder must know.
+    // Raise CorruptError if there is a section that a decoder must know and does not.
     void check_known() const;
 
     const std::vector<SectionEntry> &entries() const { return entries_; }
@@ -130,20 +132,20 @@ public:
     // Return the row of a section, or null.
     const SectionEntry *find(std::string_view type) const;
 
-    // The row of a section; CorruptError if the file lacks it.
+    // Return the row of a section; CorruptError if the file lacks it.
     const SectionEntry &entry(std::string_view type) const;
 
-    // Read and check a whole section; empty if an optional one is missing.
+    // Read a whole section and verify its checksum; empty if it is missing and optional.
     std::vector<u8> read(std::string_view type) const;
     std::vector<u8> read_optional(std::string_view type) const;
 
-    // Append bytes of the file to `data`; the caller checks them.
+    // Append bytes of the file to `data`, without verifying a checksum.
     void read_range(u64 offset, u64 length, std::vector<u8> &data) const;
 
-    // Check a section in pieces of bounded memory.
+    // Verify the checksum of a section, in pieces of bounded memory.
     void check(const SectionEntry &entry) const;
 
-    // Check every section, unknown ones too.
+    // Verify the checksums of all sections, unknown ones too.
     void verify() const;
 
 private:

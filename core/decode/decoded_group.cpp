@@ -12,9 +12,10 @@ namespace pdeanim {
 
 namespace {
 
-// Parts in which coefficients are decoded: enough that another thread has work soon, few enough to cost nothing.
+// Number of parts in which coefficients are decoded: enough that another thread soon has work, few enough that dividing
+// costs nothing.
 constexpr i64 parts = 12;
-constexpr i64 subbands_at_once = 16;  // subbands between two checks whether they are still wanted
+constexpr i64 subbands_at_once = 16;  // subbands between two checks whether decoding shall stop
 
 }  // namespace
 
@@ -155,12 +156,12 @@ template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &c
     };
     std::exception_ptr failure;
     if (threads < 2) {
-        // The functions of time last: another thread may still be decoding them.
+        // Functions of time come last: another thread may still be decoding them.
         if (own) own->decode();
         coefficients.take(motion);
         decode_rest();
     } else {
-        // At most two threads have work at a time; a thread more than processors would delay the others.
+        // At most two threads are busy at a time: with more threads than processors, each would be slower.
         std::jthread other([&] {
             try {
                 if (own) {

@@ -1,4 +1,4 @@
-// A decoded group of frames: functions of time, the motion they cause, residuals.
+// A decoded group of frames: its functions of time, the motion that they cause, and its residuals.
 #pragma once
 
 #include <atomic>
@@ -27,21 +27,21 @@ Subbands view_of(const SubbandTable &table);
 // motion.
 class GroupCoefficients {
 public:
-    // The chunk of section COEF must outlive it. Memory of the coefficients is counted in `taken`.
+    // The chunk of section COEF must outlive this object. Memory of the coefficients is counted in `taken`.
     GroupCoefficients(const Group &group, std::span<const u8> chunk, std::shared_ptr<const SpaceLayout> layout,
                       TakenMemory taken);
 
-    // Decode all, once. Errors are raised in the threads that take parts.
+    // Decode all parts, once. Errors are raised in the threads that call `take`.
     void decode() noexcept;
 
-    // Wait until all are decoded.
+    // Wait until all parts are decoded.
     void wait();
 
-    // Stop decoding soon; call it when no thread takes parts.
+    // Stop decoding soon; call it when no thread is in `take`.
     void stop() { is_stopped_ = true; }
 
-    // Turn each part into motion as soon as it is decoded, until the last; any number of threads share the parts.
-    // CorruptError if the bytes are not possible.
+    // Add each part to the motion as soon as it is decoded, and return after the last one; several threads may share
+    // this work. CorruptError if the bytes are damaged.
     template <class Real> void take(Motion<Real> &motion);
 
 private:
@@ -58,7 +58,7 @@ private:
     CoefficientDecoder decoder_;
     std::mutex lock_;
     std::condition_variable changed_;
-    std::vector<std::pair<i64, i64>> ready_;  // elements, first and end
+    std::vector<std::pair<i64, i64>> ready_;  // decoded elements: first and end of each part
     Tree tree_ = Tree::not_taken;
     bool is_done_ = false;
     std::atomic<bool> is_stopped_ = false;
@@ -66,37 +66,37 @@ private:
 };
 
 struct DecodedGroup {
-    // Bytes of memory that it is counted with.
+    // Return the bytes that it counts for in the cache.
     i64 bytes() const;
 
-    // Functions of time at consecutive frames; the first frame is numbered within the clip.
+    // Return the functions of time at consecutive frames. `frame` is the index of the first one in the clip.
     std::span<const double> time_at(i64 frame, i64 frames) const {
         const i64 row = group.time_axes() * group.functions;
         return std::span(time).subspan((frame - group.first) * row, frames * row);
     }
 
     Group group;
-    std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
+    std::vector<double> time;  // functions of time at all frames: (frames, time axes, functions)
     std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums
     Residuals residuals;
-    TakenMemory taken;  // memory taken for functions of time and residuals
+    TakenMemory taken;  // memory of the functions of time and of the residuals
 };
 
-// Return functions of time at the frames of a group, (frames, axes, functions), with as many axes as they have values
-// at a frame. times: of the group's frames [s]; values: from `decode_time_functions`, for sampled bases.
+// Return the functions of time at the frames of a group: (frames, time axes, functions). times: of the group's frames
+// [s]; values: the result of `decode_group_times`, used for sampled bases only.
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values);
 
-// Decode the functions of time of a group's chunk in TIME, for sampled bases; CorruptError if it is damaged.
+// Decode the functions of time from a group's chunk of section TIME, for sampled bases; CorruptError if it is damaged.
 std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
 
 // Parts of a group that other threads have begun to decode.
 struct GroupBegun {
     std::function<std::vector<double>()> values;  // returns the result of `decode_group_times`, perhaps after waiting
-    GroupCoefficients *coefficients = nullptr;    // decoded by another thread; null if none does
+    GroupCoefficients *coefficients = nullptr;    // null if no other thread decodes them
 };
 
-// Decode the chunks of a group. CorruptError if one is damaged, LimitError if it takes more than is left; `taken`
-// counts its chunks and functions of time. Coefficients are decoded while another thread handles the rest.
+// Decode the chunks of a group. CorruptError if one is damaged, LimitError if memory runs out; `taken` counts the
+// memory of its chunks and functions of time. Coefficients are decoded while another thread handles the rest.
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
                           std::span<const double> times, TakenMemory taken, int threads, const GroupBegun &begun);
 

@@ -11,8 +11,8 @@ namespace pdeanim {
 
 namespace {
 
-// Bytes of a frame from which a thread for a part of it pays off: a thread takes 30 us to start. The number of parts is
-// a power of two.
+// Bytes that an evaluation reads and writes from which several threads pay off: starting a thread takes 30 us. The
+// vertices are divided into 2^part_levels parts.
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
 
@@ -34,18 +34,19 @@ template <class Real> const AnchoredReference<Real> &Evaluator::anchored() {
     return *found;
 }
 
-// Call work with a group's motion and the reference frame in its precision.
+// Call work(motion, reference frame) with a group's motion and the reference frame in its precision.
 template <class Work> void Evaluator::with_motion(const DecodedGroup &own, const Work &work) {
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
-// Return the number of shares of the vertices, as a power of two, for positions that read this many bytes.
+// Return the levels of the partition tree at which vertices are divided among threads, for an evaluation that reads
+// `bytes` and writes `positions`.
 int Evaluator::levels_of(i64 bytes, i64 positions) const {
     const bool is_worth_it = bytes + bytes_of_a_position * positions >= bytes_worth_a_thread;
     return is_worth_it && run_.threads() > 1 ? part_levels : 0;
 }
 
-// Call work(share) for shares that cover the vertices once, from several threads if enough bytes are read.
+// Call work(share) for shares that together cover the vertices once, on several threads if enough bytes are read.
 template <class Work> void Evaluator::in_parts(i64 bytes, const Work &work) const {
     const int levels = levels_of(bytes, run_.vertices());
     in_shares(i64{1} << levels, run_.threads(), [&](i64 first, i64 end) {
@@ -53,7 +54,7 @@ template <class Work> void Evaluator::in_parts(i64 bytes, const Work &work) cons
     });
 }
 
-// Write positions, or displacements without a reference frame, at one time, from weights of functions of time.
+// Write positions at one time, or displacements if there is no reference frame, from the weights of functions of time.
 template <class Real, class Out>
 void Evaluator::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                               const AnchoredReference<Real> *reference, Out out) const {
@@ -79,7 +80,8 @@ FrameResiduals Evaluator::residuals_at(i64 frame) {
     return found;
 }
 
-// Frames of one group that are evaluated together, by one thread, or by several that take some of the vertices each.
+// Consecutive frames of one group that are evaluated together: by one thread, or by several that each take some of the
+// vertices.
 struct Evaluator::Tile {
     Tile(const DecodedGroup &group, i64 begin, i64 frames) : group(group), begin(begin), frames(frames) {}
 
@@ -90,7 +92,8 @@ struct Evaluator::Tile {
     std::atomic<i64> parts_left = 1;
 };
 
-// Return tiles of consecutive frames, as far as their groups are cached together: at least the first.
+// Divide consecutive frames into tiles, as far as their groups are in the cache together. The group of the first frame
+// is decoded if it is not cached.
 std::deque<Evaluator::Tile> Evaluator::tiles_of(i64 first, i64 count) {
     std::deque<Tile> tiles;
     for (i64 begin = first; begin < first + count;) {
@@ -120,10 +123,11 @@ void Evaluator::evaluate_part(Tile &tile, VertexShare share, const ResidualScale
     }
 }
 
-// Write positions at consecutive frames of groups that are cached together; return the number of frames, at least one.
+// Write positions at consecutive frames, as far as their groups are cached together; return the number of frames
+// written, at least one.
 i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     std::deque<Tile> tiles = tiles_of(first, count);
-    // Threads take tiles; the remaining tiles, fewer than threads, are divided by vertices.
+    // Each thread takes whole tiles. The last tiles, fewer than threads, are divided by vertices.
     const std::size_t alike = tiles.size() - tiles.size() % run_.threads();
     std::vector<std::pair<Tile *, VertexShare>> parts;
     for (std::size_t k = 0; k < tiles.size(); ++k) {
@@ -151,8 +155,8 @@ i64 Evaluator::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     return tiles.back().begin + tiles.back().frames - first;
 }
 
-// Return the groups whose functions contribute at a time inside the clip, by the closed form or by the spline: the
-// first, and one behind the last.
+// Return the groups whose functions contribute at a time inside the clip, by the closed form or by the spline, as a
+// first index and an end index.
 std::pair<std::size_t, std::size_t> Evaluator::counting_groups(double time, int derivative) {
     if (run_.table().groups()[0].basis == TimeBasis::closed_form) {
         const std::vector<GroupWeights> found = closed_form_weights(closed_forms(), time, derivative);
@@ -200,7 +204,7 @@ FrameShares Evaluator::frame_shares(double time, int derivative) {
     return spline_->shares(time, derivative);
 }
 
-// Add up groups of equal precision, as many as the cache holds.
+// Add up the contributions of groups of equal precision, as many together as the cache holds.
 template <class Real>
 void Evaluator::evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out) {
     const AnchoredReference<Real> *reference = derivative == 0 ? &anchored<Real>() : nullptr;
@@ -231,7 +235,7 @@ void Evaluator::evaluate_in(const CountingGroups &counting, int derivative, std:
     }
 }
 
-// Write positions at a time inside the clip by the model alone, or a derivative of them.
+// Write positions by the model alone, or derivatives of them, at a time inside the clip.
 void Evaluator::evaluate_groups(double time, int derivative, std::span<float> out) {
     CountingGroups counting;
     const auto [first, end] = counting_groups(time, derivative);
@@ -249,7 +253,7 @@ void Evaluator::evaluate_groups(double time, int derivative, std::span<float> ou
         evaluate_in<float>(counting, derivative, out);
         return;
     }
-    // Add both precisions before rounding. There may be no groups, too.
+    // Groups of both precisions, or none: add up in double, and round once.
     std::vector<double> all(out.size()), part(out.size());
     if (derivative == 0) all = run_.reference().points;
     for (const auto &counted : counting) {
@@ -263,7 +267,7 @@ void Evaluator::evaluate_groups(double time, int derivative, std::span<float> ou
     std::transform(all.begin(), all.end(), out.begin(), [](double value) { return static_cast<float>(value); });
 }
 
-// Write positions between two frames, whose residuals fade linearly.
+// Write positions at a time between two frames. Residuals are interpolated linearly.
 void Evaluator::evaluate_between(double time, std::span<float> out) {
     evaluate_groups(time, 0, out);
     const i64 left = run_.frame_at(time);
@@ -277,8 +281,8 @@ void Evaluator::evaluate_between(double time, std::span<float> out) {
     patches().copy_to_tied(as_positions(out));
 }
 
-// Write velocities or accelerations at a time inside the clip: residuals change at constant speed from one frame to the
-// next; at a frame the speed to the next one counts.
+// Write velocities or accelerations at a time inside the clip. Residuals change at constant speed from one frame to the
+// next; at a frame, the speed after it counts.
 void Evaluator::evaluate_derivative(int derivative, double time, std::span<float> out) {
     if (run_.frames() == 1) {
         std::fill(out.begin(), out.end(), 0.0f);

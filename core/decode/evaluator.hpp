@@ -1,4 +1,4 @@
-// Positions, velocities and accelerations of the vertices at any times; and the terms that they are sums of.
+// Positions, velocities and accelerations of the vertices at any times, and the terms that add up to them.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@ namespace pdeanim {
 
 enum class Quantity { positions, velocities, accelerations };
 
-// Difference of a vertex at a frame from the model, if there is any.
+// A correction of a vertex at a frame: the decoded position minus the model's.
 struct Correction {
     i32 frame, vertex;
     std::array<float, 3> offset;  // [scene units]
@@ -22,22 +22,23 @@ struct Correction {
 // The residuals of one frame, and the model's positions that its raw vertices replace.
 struct FrameResiduals {
     const Residuals &group;
-    i64 inside;                  // the frame's number in its group
-    std::vector<Position> base;  // positions by the model alone; empty without raw vertices
+    i64 inside;                  // index of the frame in its group
+    std::vector<Position> base;  // positions by the model alone; empty if no vertex is raw
 };
 
 // Public functions may be called from several threads, which take turns, except the last four: their caller holds the
 // turn.
 class Evaluator {
 public:
-    // All of them must outlive it.
+    // The arguments must outlive this object.
     Evaluator(RunSections &run, GroupCache &groups, Turns &turns) : run_(run), groups_(groups), turns_(turns) {}
 
-    // Evaluate a quantity of all vertices, or of one object's, at times [s] in any order: out is (times, vertices, 3).
-    // Outside the clip its first or last frame stands still. ArgumentError for a time that is not a number.
+    // Evaluate a quantity of all vertices, or of those of one object, at times [s] in any order: out is (times,
+    // vertices, 3). Before the first frame and after the last one the mesh stands still. ArgumentError if a time is
+    // NaN.
     void evaluate(Quantity quantity, std::span<const double> times, std::optional<i64> object, std::span<float> out);
 
-    // Return the groups that contribute at a time: the first, and one behind the last. Nothing is decoded.
+    // Return the first and the end index of the groups that contribute at a time. Decodes nothing.
     std::pair<std::size_t, std::size_t> groups_at(Quantity quantity, double time);
 
     // Return the weights of one group's functions of time: (time axes, functions).
@@ -52,7 +53,7 @@ public:
     const Patches &patches();
 
 private:
-    // Groups, with the weights of their functions of time at a time.
+    // Indices of groups, each with the weights of its functions of time at a time.
     using CountingGroups = std::vector<std::pair<std::size_t, std::vector<double>>>;
     struct Tile;
 
@@ -83,7 +84,8 @@ private:
     RunSections &run_;
     GroupCache &groups_;
     Turns &turns_;
-    std::optional<AnchoredReference<float>> anchored_single_;  // the reference frame; groups of both precisions need it
+    std::optional<AnchoredReference<float>>
+        anchored_single_;  // the reference frame in both precisions, which groups may need
     std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<BrokenSpline> spline_;
     std::vector<ClosedForm> closed_forms_;
@@ -93,8 +95,8 @@ inline std::span<Position> as_positions(std::span<float> out) {
     return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
 }
 
-// For callers that add up fields themselves (a GPU). A quantity at a time is the sum, over all groups and functions of
-// time, of weights (Evaluator::weights) times fields; positions add the reference frame and corrections.
+// For callers that add up fields themselves (on a GPU). A quantity at a time is the sum, over all groups and functions
+// of time, of weights (Evaluator::weights) times fields. For positions, the reference frame and corrections are added.
 class GroupFields {
 public:
     GroupFields(RunSections &run, GroupCache &groups, Evaluator &evaluator, Turns &turns)
@@ -106,7 +108,7 @@ public:
     // Return the coefficients of one group [scene units]: (functions of space, functions of time, axes).
     std::vector<double> coefficients(std::size_t group);
 
-    // Return the corrections at the frames of one group, frame by frame. `taken` counts their memory from now on.
+    // Return the corrections at the frames of one group, frame by frame. Their memory is counted in `taken`.
     std::vector<Correction> corrections(std::size_t group, TakenMemory &taken);
 
     // Return the element, a patch or a piece of a curve, of each vertex.

@@ -12,13 +12,13 @@
 
 namespace pdeanim {
 
-// Called by the thread that holds the turn.
+// Called only by the thread that holds the lock of `Turns`.
 class FieldCache {
 public:
     enum Kind : u8 { group, frame, rows };
     struct Key {
         Kind kind;
-        std::size_t field, number;  // number: of a group, or of a frame
+        std::size_t field, number;  // number: index of the group or frame
         auto operator<=>(const Key &) const = default;
     };
     struct Part {
@@ -29,10 +29,10 @@ public:
     // budget: bytes of all parts at most. `limit` must outlive it.
     FieldCache(MemoryLimit &limit, i64 budget) : limit_(limit), budget_(static_cast<u64>(budget)) {}
 
-    // Return a part, which becomes the latest; nullptr if it is not cached.
+    // Return a part and make it the most recently used one; nullptr if it is not cached.
     const Part *find(const Key &key);
 
-    // Take memory; evict parts as long as there is too little. LimitError if it is too little without any part.
+    // Take memory, and evict parts until it suffices. LimitError if it does not suffice with an empty cache.
     TakenMemory take(u64 bytes, std::string_view what);
 
     // Keep a new part; it stays until others are kept or memory is taken.
@@ -48,7 +48,8 @@ private:
         TakenMemory taken;
     };
 
-    // As many frames as a spline between two frames needs; reading a clip once does not fill the budget.
+    // At least as many frames as the spline needs for one time, but so few that reading a clip once does not fill the
+    // budget.
     static constexpr std::size_t most_frames = 64;
 
     std::list<Kept> &parts_like(const Key &key) { return key.kind == frame ? frames_ : others_; }
@@ -56,7 +57,7 @@ private:
 
     MemoryLimit &limit_;
     u64 budget_, kept_bytes_ = 0;
-    std::list<Kept> frames_, others_;  // the latest first
+    std::list<Kept> frames_, others_;  // most recently used first
     std::map<Key, std::list<Kept>::iterator> places_;
 };
 

@@ -13,7 +13,7 @@ namespace {
 
 constexpr i64 most_components = 1 << 16, longest_text = 1 << 16;
 
-// Peak memory of a header or a group's row, most of it Python's.
+// Peak memory of a field's header, and of one of its groups, most of it in Python.
 constexpr u64 bytes_per_field = 4096, bytes_per_field_group = 256;
 
 CorruptError header_error(const std::string &what) { return CorruptError(Section("FLDS"), what); }
@@ -27,7 +27,7 @@ std::string read_text(FieldReader &fields) {
     return text;
 }
 
-// Read the groups of a field that has `before` frames so far, of all `frames`.
+// Read the next group of a field. before: number of frames in its earlier groups; frames: number of frames of the clip.
 FieldGroup read_field_group(FieldReader &fields, FieldType type, i64 before, i64 frames) {
     FieldGroup group;
     const u8 code = fields.integer<u8>();
@@ -102,7 +102,7 @@ FieldHeader read_header(FieldReader &fields, i64 frames, i64 objects, i64 most_g
     return header;
 }
 
-// Throw if a group of a field cannot be computed as it says.
+// Raise CorruptError if a group is computed from a source that does not exist or does not fit.
 void check_computed(const std::vector<FieldHeader> &headers, const FieldHeader &own, const FieldGroup &group) {
     if (!is_computed(group.code)) return;
     if (!has_source(group.code)) {
@@ -148,7 +148,7 @@ std::vector<FieldHeader> read_field_headers(RunSections &run) {
         if (!names.insert(found.back().name).second) throw header_error("has two fields of one name");
     }
     fields.finish();
-    // The first fields of each domain and set of objects.
+    // Find the first field that has the same domain and objects.
     const auto is_before = [&](std::size_t a, std::size_t b) {
         return std::tie(found[a].domain, found[a].objects) < std::tie(found[b].domain, found[b].objects);
     };

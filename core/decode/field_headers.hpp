@@ -18,23 +18,24 @@ inline i64 size_of_type(FieldType type) {
     return sizes[static_cast<int>(type)];
 }
 
-// How whole numbers become values: themselves (floats: by their bits, in order), pairs of 32 bits, the higher half first,
-// or times a unit. The others have no chunk: values are computed from those of another field, or from the motion.
+// How the whole numbers of a chunk become values: as they are (the bits of floats, mapped so that their order is kept);
+// in pairs of 32 bits, the higher half first; or times a quantisation step. The other codings have no chunk: their
+// values are computed from another field, or from the motion.
 enum class FieldCode : u8 { exact, halves, quantised, copy, magnitude, velocity, displacement };
 constexpr int field_codes = 7;
 
 inline bool is_computed(FieldCode code) { return code >= FieldCode::copy; }
 inline bool has_source(FieldCode code) { return code == FieldCode::copy || code == FieldCode::magnitude; }
 
-// Consecutive frames of a field: some frames of a chunk, the last of which holds for the rest.
+// Consecutive frames of a field. They use some frames of a chunk; the last of those is held for the remaining frames.
 struct FieldGroup {
     i64 first = 0, frames = 0;      // frames of the clip
-    i64 skipped = 0, in_chunk = 0;  // frames of the chunk, the skipped ones included
+    i64 skipped = 0, in_chunk = 0;  // frames of the chunk that are not used, and frames of the chunk in total
     FieldCode code = FieldCode::exact;
     double unit = 0.0;  // width of a quantisation step
     u64 offset = 0, size = 0;
     u32 checksum = 0;
-    i64 source = 0, component = 0;  // of a copy: number of the field, and its component that is the first here
+    i64 source = 0, component = 0;  // of a copy: index of the source field, and its component that is component 0 here
 };
 
 struct FieldHeader {
@@ -43,16 +44,17 @@ struct FieldHeader {
     FieldType type = FieldType::f32;
     i64 components = 1;
     std::vector<i64> objects;          // indices of the objects that have the field, ascending; empty if all have it
-    double smallest = 0, largest = 0;  // range of the source's values, without NaN and infinities
-    double bound = 0;                  // largest error; 0: exact
+    double smallest = 0, largest = 0;  // smallest and largest value of the source, without NaN and infinities
+    double bound = 0;                  // largest error; 0: values are exact
     std::vector<FieldGroup> groups;
-    bool computes_from_field = false;  // whether a group is a copy or a magnitude
-    std::size_t first_of_rows = 0;     // the first field of the same domain and objects
+    bool computes_from_field = false;  // whether any group is a copy or a magnitude
+    std::size_t first_of_rows = 0;     // index of the first field with the same domain and objects
 
     std::size_t group_of(i64 frame) const;
 };
 
-// Read section FLDS; there are no fields without it. CorruptError or LimitError if it is damaged, or asks for too much.
+// Read section FLDS; without this section there are no fields. CorruptError if it is damaged, LimitError if it asks for
+// too much memory.
 std::vector<FieldHeader> read_field_headers(RunSections &run);
 
 }  // namespace pdeanim

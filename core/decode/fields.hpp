@@ -1,4 +1,4 @@
-// Reading sections: their fields, checksums, and limits of the values of fields.
+// Reads the contents of sections: numbers of several sizes, checksums, and the limits that values must keep.
 #pragma once
 
 #include <array>
@@ -13,13 +13,14 @@
 
 namespace pdeanim {
 
-// Fields of a section: little-endian numbers, and counts of seven bits per byte. The reader never goes past the end.
+// Reads the fields of a section: little-endian numbers, and counts with seven bits per byte. Never reads beyond the
+// end.
 class FieldReader {
 public:
-    // Read fields of section `name`, which messages mention.
+    // Read the section `name`; error messages mention the name.
     FieldReader(std::span<const u8> data, const char *name) : data_(data), name_(name) {}
 
-    // An unsigned number of the size of T.
+    // Read an unsigned number of the size of T.
     template <class T> T integer() {
         const std::span<const u8> bytes = take(sizeof(T));
         u64 value = 0;
@@ -27,14 +28,14 @@ public:
         return static_cast<T>(value);
     }
 
-    // A finite float64.
+    // Read a finite float64.
     double real() {
         const double value = std::bit_cast<double>(integer<u64>());
         if (!std::isfinite(value)) throw CorruptError(section(), "holds a number that is not finite");
         return value;
     }
 
-    // A number of 0 or more, seven bits per byte, low bits first.
+    // Read a number of 0 or more, stored as seven bits per byte, low bits first.
     i64 count() {
         u64 value = 0;
         for (int shift = 0; shift < count_bits; shift += 7) {
@@ -45,13 +46,13 @@ public:
         throw CorruptError(section(), "holds a count of more than " + std::to_string(count_bits) + " bits");
     }
 
-    // A number of bytes.
+    // Read a number of bytes.
     std::span<const u8> bytes(std::size_t size) { return take(size); }
 
-    // All remaining bytes.
+    // Read all remaining bytes.
     std::span<const u8> rest() { return take(data_.size() - at_); }
 
-    // Refuse remaining bytes.
+    // Raise CorruptError if bytes remain.
     void finish() const {
         if (at_ != data_.size()) {
             throw CorruptError(section(), "has " + std::to_string(data_.size() - at_) + " bytes too many");
@@ -77,7 +78,8 @@ private:
     std::size_t at_ = 0;
 };
 
-// CRC-32 as in zlib and PNG (ISO 3309): polynomial 0xEDB88320, reflected. Eight bytes per step, by eight tables.
+// Tables for CRC-32 as in zlib and PNG (ISO 3309): polynomial 0xEDB88320, reflected. Eight tables take eight bytes per
+// step.
 namespace crc_tables {
 
 consteval std::array<std::array<u32, 256>, 8> make() {
@@ -97,7 +99,7 @@ inline constexpr auto of_byte = make();
 
 }  // namespace crc_tables
 
-// Checksum of `data` after bytes whose checksum is `before`.
+// Return the checksum of bytes followed by `data`; `before` is the checksum of these bytes.
 inline u32 crc32(std::span<const u8> data, u32 before = 0) {
     const auto &table = crc_tables::of_byte;
     u32 value = ~before;
@@ -114,7 +116,7 @@ inline u32 crc32(std::span<const u8> data, u32 before = 0) {
     return ~value;
 }
 
-// Compare a checksum with the expected one; always true in builds that test damage behind checksums.
+// Return whether a checksum is the expected one; always true in builds that test damage behind checksums.
 inline bool is_checksum(u32 found, u32 expected) {
 #ifdef FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION
     static_cast<void>(found);
@@ -125,12 +127,12 @@ inline bool is_checksum(u32 found, u32 expected) {
 #endif
 }
 
-// Limits that every part of the format keeps.
+// Limits on values, which hold in all parts of the format.
 namespace limits {
 
 inline constexpr double largest_step = 0x1p160;  // positions end at 2^128, and products with it stay far from overflow
 inline constexpr double largest_rate = 12.0;     // largest rate in Eqs. 12, 14 and 16 over a half-range of 1
-inline constexpr i64 most_group_frames = 4096;   // an encoder holds a group in memory
+inline constexpr i64 most_group_frames = 4096;   // bounded because an encoder holds a whole group in memory
 
 }  // namespace limits
 

@@ -8,8 +8,8 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory of what a file declares: for each frame its time as stored, here and in Python, and a row of the spline;
-// for each run the places of its sections, and its Python objects.
+// Peak memory that a file declares. Each frame: its time as stored, its times in the core and in Python, and a row of
+// the spline. Each run: the places of its sections, and its Python objects.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
 constexpr std::string_view table = "RUNS", data = "RDAT", table_of_fields = "RFLD";
@@ -50,7 +50,7 @@ void File::read_runs() {
     }
     const std::size_t count = sequence_.run_frames.size();
     memory_.take(bytes_per_run * count, std::to_string(count) + " runs of frames");
-    sequence_.names(0, [](i64) {});  // runs have their own
+    sequence_.names(0, [](i64) {});  // a file of several runs has no names of its own: each run has
     const std::vector<u8> bytes = container_.read(table);
     FieldReader fields(bytes, "RUNS");
     const SectionPlace &all = container_.entry(data);
@@ -85,7 +85,8 @@ void File::read_runs() {
     if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that belong to no run");
 }
 
-// Section RFLD: the lengths of FLDS and FDAT of each run, which stand one after the other in the file's.
+// Read section RFLD: the lengths of FLDS and FDAT of each run. These lie one after the other in the file's sections of
+// these names.
 void File::read_fields_of_runs() {
     const std::vector<u8> bytes = container_.read(table_of_fields);
     FieldReader fields(bytes, "RFLD");

@@ -17,19 +17,20 @@ namespace pdeanim {
 // Consecutive frames of one connectivity.
 struct Run {
     static constexpr std::size_t section_count = 10;
-    static constexpr i64 most_vertices = (i64{1} << 31) - 1;  // they are numbered by int32
+    static constexpr i64 most_vertices = (i64{1} << 31) - 1;  // vertices are numbered by int32
 
-    i64 first = 0, frames = 0;  // its first frame, and the number of frames
-    i64 vertices = -1;          // as section RUNS states it; -1 without that section
+    i64 first = 0, frames = 0;  // index of the first frame, and number of frames
+    i64 vertices = -1;          // number of vertices by section RUNS; -1 if the file lacks it
     std::array<SectionPlace, section_count> places{};
-    std::array<SectionPlace, 2> fields{};  // FLDS and FDAT
+    std::array<SectionPlace, 2> fields{};  // the run's parts of FLDS and FDAT
 };
 
 class File {
 public:
-    static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
+    static constexpr u64 usual_memory = u64{4} << 30;  // default limit on memory; enough for some five million vertices
 
-    // Read header, times and the table of runs. CorruptError or LimitError if the file is damaged or asks for too much.
+    // Read the header, the times and the table of runs. CorruptError if the file is damaged, LimitError if it asks for
+    // too much memory.
     File(std::unique_ptr<Source> source, u64 max_memory);
 
     const Container &container() const { return container_; }
@@ -37,16 +38,16 @@ public:
     const std::vector<Run> &runs() const { return runs_; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
 
-    // Memory left for the decoded data of a run.
+    // Return the limit on memory, less what the headers take.
     const MemoryLimit &memory() const { return memory_; }
 
-    // The run at a time [s]: the last one whose first frame is not later, else the first.
+    // Return the run at a time [s]: the last run whose first frame is not later, or the first run before that.
     std::size_t run_at(double time) const;
 
-    // The run of a frame.
+    // Return the run that has a frame.
     std::size_t run_of(i64 frame) const;
 
-    // The sections of a run as if it were a file of its own.
+    // Return the sections of a run, as if the run were a file of its own.
     Container container_of(std::size_t run) const;
     SequenceDescription sequence_of(std::size_t run) const;
 

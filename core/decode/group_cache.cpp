@@ -9,17 +9,18 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory of a group for each value of a function of time on three axes, and for each of its frames.
+// Peak memory of a group: for each value of a function of time on three axes, and for each of its frames.
 constexpr u64 bytes_per_time_value = 120, bytes_per_group_frame = 16;
 
-// Usual memory of a coefficient; exact counts follow when it is decoded.
+// Typical memory of a coefficient, used until it is decoded and counted exactly.
 constexpr u64 bytes_per_coefficient = 40;
 
-// Largest number of groups decoded in parallel per thread: sizes differ, and a thread that is done takes the next one.
+// Largest number of groups decoded in parallel, per thread. Groups differ in size, and a thread that is done takes the
+// next.
 constexpr int groups_a_thread = 16;
 
-// Bytes of a group that are known before decoding: chunks, functions of time, starts of frames. Bounded: 4,096 frames,
-// 3 functions per frame, 3 axes.
+// Return the bytes of a group that are known before decoding: chunks, functions of time, starts of frames. These are
+// bounded: 4,096 frames, 3 functions per frame, 3 axes.
 u64 known_bytes(const Group &group) {
     return group.bytes() + bytes_per_time_value * static_cast<u64>(group.frames * group.functions) +
            bytes_per_group_frame * static_cast<u64>(group.frames);
@@ -31,19 +32,20 @@ GroupCache::GroupCache(RunSections &run, i64 largest_budget, const Turns &turns)
     : run_(run), turns_(turns), largest_budget_(largest_budget), budget_(first_budget()),
       has_been_kept_(run.table().groups().size()) {}
 
-// Take the memory that is known before any of a group is decoded.
+// Take the memory of a group that is known before it is decoded.
 TakenMemory GroupCache::begin_group(std::size_t index) {
     return TakenMemory(run_.memory(), known_bytes(run_.table().groups()[index]),
                        "functions of time of a group of frames");
 }
 
-// Usual memory to decode a group.
+// Return the memory that decoding a group typically takes.
 u64 GroupCache::expected_bytes(std::size_t index) const {
     const Group &own = run_.table().groups()[index];
     return known_bytes(own) + bytes_per_coefficient * static_cast<u64>(run_.vertices() * (own.channels() + 1));
 }
 
-// Decode a group, the k-th of those begun ahead. `taken`: from `begin_group`. Several threads call it at once.
+// Decode a group; it is the k-th of those that are decoded ahead. taken: from `begin_group`. Several threads call this
+// at once.
 DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
                                 GroupsAhead &ahead, int threads) const {
     const Group &group = run_.table().groups()[index];
@@ -104,17 +106,17 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
             keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
             return kept_.front().second;
         } catch (const LimitError &) {
-            // There may be room when no other group is kept.
+            // Without kept groups there may be room: try again.
             if (kept_.empty()) throw;
             room = std::numeric_limits<u64>::max();
         }
     }
 }
 
-// Return the groups that are not cached, in the order of their first times, up to as many as fit in memory together.
+// Return the groups that are not cached, in the order in which times need them, as many as fit in memory together.
 std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u64 &bytes_at_once) const {
     std::vector<std::size_t> wanted;
-    i64 kept_bytes = 0;  // about, of those that are wanted
+    i64 kept_bytes = 0;  // estimate for the groups in `wanted`
     const u64 most_at_once = run_.memory().left() + static_cast<u64>(kept_bytes_);
     for (const double time : times) {
         const bool is_enough = static_cast<int>(wanted.size()) == groups_a_thread * run_.threads();
@@ -126,7 +128,7 @@ std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u6
             own.channels() * run_.vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
         if (is_kept(index)) break;
         bytes_at_once += expected_bytes(index);
-        // A group evicted before its frames are evaluated would be decoded twice.
+        // Stop here: a group that is evicted before its frames are evaluated would be decoded twice.
         if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > budget_ - budget_ / 4)) break;
         wanted.push_back(index);
     }
@@ -138,7 +140,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
     std::vector<std::size_t> wanted = wanted_at(times, bytes_at_once);
     if (wanted.size() < 2) return;
     evict_for(bytes_at_once);
-    // Largest first: starting the largest one last would keep the others waiting.
+    // Largest first: if the largest group were started last, the other threads would wait for it.
     const auto bytes_of = [&](std::size_t index) { return run_.table().groups()[index].sizes[1]; };
     std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });
     std::vector<TakenMemory> taken;
@@ -152,7 +154,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
             try {
                 found[k].emplace(decode(wanted[k], std::move(taken[k]), k, space, *ahead, 1));
             } catch (const LimitError &) {
-                // The caller that needs it decodes it alone.
+                // No room: the caller that needs the group decodes it alone.
             }
         }
     };

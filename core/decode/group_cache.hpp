@@ -10,25 +10,25 @@
 
 namespace pdeanim {
 
-// Called by the thread that holds the turn.
+// Called only by the thread that holds the lock of `Turns`.
 class GroupCache {
 public:
-    // largest_budget: bytes of decoded groups at most. `run` and `turns` must outlive it.
+    // largest_budget: largest number of bytes of decoded groups. `run` and `turns` must outlive the cache.
     GroupCache(RunSections &run, i64 largest_budget, const Turns &turns);
 
-    // Return a group, decoded unless it is cached; it stays until other groups are requested. CorruptError if it is
-    // damaged, LimitError if there is no room for it alone.
+    // Return a decoded group from the cache, or decode it; valid until other groups are requested. CorruptError if it
+    // is damaged, LimitError if there is too little memory even with an empty cache.
     const DecodedGroup &group(std::size_t index);
 
     bool is_kept(std::size_t index) const { return places_.contains(index); }
 
-    // Decode the groups that frames at increasing times need first, in parallel; fewer if they would not be cached
-    // together. Groups without room next to the others are skipped.
+    // Decode in parallel the groups that are needed first at increasing times, as many as the cache can hold together.
+    // Groups for which memory does not suffice are skipped.
     void decode_ahead(std::span<const double> times);
 
-    // The byte budget before any evicted group is decoded again. Going through a clip once needs few groups at a time.
-    // Each time a group is decoded again the budget doubles, up to the largest one: scrubbing ends with everything it
-    // needs.
+    // Return the initial byte budget. Going through a clip once needs few groups at a time. Each time an evicted group
+    // is decoded again the budget doubles, up to the largest: after some scrubbing, all the groups it needs stay
+    // cached.
     i64 first_budget() const { return largest_budget_ / 8; }
 
 private:
@@ -45,9 +45,9 @@ private:
 
     RunSections &run_;
     const Turns &turns_;
-    i64 largest_budget_, budget_;  // bytes
+    i64 largest_budget_, budget_;  // [bytes]
     i64 kept_bytes_ = 0;
-    Kept kept_;  // the latest first
+    Kept kept_;  // most recently used first
     std::unordered_map<std::size_t, Kept::iterator> places_;
     std::vector<bool> has_been_kept_;  // one entry per group
 };

@@ -1,4 +1,5 @@
-// The terms of positions, for callers that add them up themselves: weights of functions of time, and fields.
+// The terms that add up to positions, for callers that add them up themselves: weights of functions of time, and
+// fields.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -9,8 +10,8 @@ namespace pdeanim {
 
 namespace {
 
-// Weights with which evaluation returns fields: the row `place` gives each function of a tile the weight 1 once.
-// Functions with a weight per axis go three to a row, one on each axis.
+// Return weights with which evaluation returns fields instead of positions: (rows, time axes, functions). Each row
+// gives one function the weight 1; functions that have a weight per axis go three to a row, one on each axis.
 std::vector<double> unit_weights(i64 functions, i64 time_axes, i64 first, i64 rows) {
     std::vector<double> weights(rows * time_axes * functions);
     for (i64 row = 0; row < rows; ++row) {
@@ -30,13 +31,13 @@ void check_time(double time) {
 
 }  // namespace
 
-// Whether a quantity is zero at a time: before the first frame and after the last one a mesh stands still.
+// Return whether a quantity is zero because a time is outside the clip, where the mesh stands still.
 bool Evaluator::is_outside(Quantity quantity, double time) const {
     if (quantity == Quantity::positions) return false;
     return run_.frames() == 1 || time < run_.times().front() || time > run_.times().back();
 }
 
-// The frame at a time, if positions are requested and there is one.
+// Return the frame whose time it is, if positions are requested and there is such a frame.
 std::optional<i64> Evaluator::frame_of_positions(Quantity quantity, double time) const {
     const double inside = clamp(time, run_.times().front(), run_.times().back());
     const i64 frame = run_.frame_at(inside);
@@ -139,7 +140,7 @@ std::vector<Correction> GroupFields::corrections(std::size_t index, TakenMemory 
         const auto own_places = [&](const std::vector<i64> &starts, const std::vector<i32> &places) {
             return std::span(places).subspan(starts[here.inside], starts[here.inside + 1] - starts[here.inside]);
         };
-        // A raw vertex replaces any residual of the same vertex.
+        // The position of a raw vertex replaces its residual, if it has both.
         const std::span<const i32> raw = own_places(here.group.raw_frame_starts, here.group.raw_places);
         std::vector<i32> places(raw.begin(), raw.end());
         const std::span<const i32> residuals = own_places(here.group.frame_starts, here.group.places);

@@ -31,7 +31,7 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
             do_inserted();
         }
     } catch (...) {
-        // The error is raised where the work is repeated.
+        // Ignored: the caller repeats the work, which raises the error.
     }
     {
         const std::lock_guard guard(lock_);
@@ -41,7 +41,7 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
     do_inserted();
 }
 
-// Whether the caller is the first to decode the functions of time of the k-th group.
+// Return whether the caller is the first to decode the functions of time of the k-th group.
 bool GroupsAhead::takes_over(std::size_t k) {
     const std::lock_guard guard(lock_);
     return !std::exchange(found_[k].is_taken_over, true);

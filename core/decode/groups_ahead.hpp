@@ -1,5 +1,5 @@
-// Read and decode parts of groups before the space basis exists: functions of time need no other section, coefficients
-// only the patches.
+// Reads and decodes parts of groups while the space basis is being built: functions of time need no other section, and
+// coefficients need only the patches.
 #pragma once
 
 #include <atomic>
@@ -16,37 +16,37 @@
 
 namespace pdeanim {
 
-// Another thread reads and decodes. A caller waits only for what it requests: coefficients are decoded in parallel with
-// functions of time that take longer than the space basis.
+// Groups that another thread reads and decodes. A caller waits only for the parts that it requests: coefficients are
+// decoded in parallel with functions of time, which may take longer than the space basis.
 class GroupsAhead {
 public:
-    // Nothing is decoded ahead.
+    // Decode nothing ahead.
     GroupsAhead() = default;
 
-    // Begin with these groups; container and table must outlive it.
+    // Begin to read and decode these groups; `container` and `table` must outlive this object.
     GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups);
 
-    // Return the chunks of the k-th group. Null if nothing is decoded ahead, or it failed: repeating the work raises
-    // the error with its place. `values` gives, once, the result of `decode_group_times`; null if no thread has begun
-    // it, and then the caller does.
+    // Return the chunks of the k-th group; null if nothing is decoded ahead, or reading failed: then the caller reads
+    // them itself, which raises the error with its place.
     const Chunks *chunks(std::size_t k);
     std::optional<std::vector<double>> values(std::size_t k);
 
-    // Number of threads at work.
+    // Return the number of threads that are at work.
     int busy() const { return busy_; }
 
-    // Run a task in the same thread after the current group. Objects that it uses must outlive this.
+    // Run a task in the same thread after the current group. The objects that it uses must outlive this one.
     void insert(std::function<void()> task);
 
-    // Return the coefficients of the first group, for the caller, a task, to decode; null if it cannot be read.
+    // Return the coefficients of the first group, which the caller, a task, must decode; null if its chunks cannot be
+    // read.
     GroupCoefficients *make_coefficients(std::shared_ptr<const SpaceLayout> layout, TakenMemory taken);
 
-    // The coefficients of the k-th group, if they have been made.
+    // Return the coefficients of the k-th group; null if `make_coefficients` has not made them.
     GroupCoefficients *coefficients(std::size_t k) const {
         return k == 0 && !is_dropped_ ? coefficients_.get() : nullptr;
     }
 
-    // Discard these groups: the layout has changed.
+    // Discard the coefficients: their layout turned out to be wrong.
     void drop_coefficients();
 
 private:
@@ -63,15 +63,16 @@ private:
     const GroupTable *table_ = nullptr;
     std::vector<std::size_t> groups_;
     std::vector<Ahead> found_;
-    std::size_t read_ = 0;  // groups whose chunks are read, from the first on
-    bool is_over_ = true;   // no more will be read, nor decoded
+    std::size_t read_ = 0;  // number of groups whose chunks are read
+    bool is_over_ = true;   // whether the thread has stopped reading and decoding
     std::mutex lock_;
     std::condition_variable changed_;
     std::function<void()> inserted_;
     std::unique_ptr<GroupCoefficients> coefficients_;
     bool is_dropped_ = false;
     std::atomic<int> busy_ = 0;
-    // Last, because they write to the others until they end; the second runs inserted tasks when the first has ended.
+    // Declared last, so that they end before the members they write to are destroyed. The second thread runs a task
+    // that is inserted after the first one has ended.
     std::jthread thread_, later_;
 };
 

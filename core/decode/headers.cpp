@@ -10,12 +10,12 @@ namespace pdeanim {
 
 namespace {
 
-// How times are stored: start + i / rate, (start + i) / rate, a list, or start + i (1 / rate), which rounds
-// differently.
+// How the time of frame i is stored: start + i / rate, (start + i) / rate, in a list, or start + i (1 / rate), which
+// rounds differently.
 enum TimeRule : u8 { stepped, counted, listed, by_period };
 
-// Flags next to the rule: its rate is the frame rate, which is then not stored again; the frame rate, or the start, is
-// a whole number of 0 or more, stored as a count; discontinuities follow.
+// Flags next to the rule: the rate is the frame rate, which is then stored once; the frame rate is a whole number,
+// stored as a count; the start is such a number; discontinuities follow.
 constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16, has_jumps = 32;
 
 constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
@@ -125,8 +125,8 @@ std::vector<std::string> SequenceDescription::names(i64 objects, const TakeMemor
 
 namespace {
 
-constexpr i64 most_points[] = {256, 65535};  // for each kind of basis
-constexpr int most_functions = 128;          // building them takes the square of their number
+constexpr i64 most_points[] = {256, 65535};  // in an element, by the kind of basis
+constexpr int most_functions = 128;          // limited because building them takes time that grows with the square
 constexpr int thresholds = 8;
 
 }  // namespace
@@ -167,7 +167,7 @@ Model Model::of_bytes(std::span<const u8> data) {
 namespace {
 
 constexpr std::array<SectionType, 3> chunk_sections = sections_where<3>(&SectionType::in_groups);
-constexpr u8 is_double = 4, last_basis = 3;  // bit of a group's kind: its positions are added up in float64
+constexpr u8 is_double = 4, last_basis = 3;  // is_double: bit of a group's kind; positions are added up in float64
 constexpr i64 closed_functions = 4;          // number of functions in Eq. 12
 
 bool is_step(double step) { return step > 0.0 && step <= limits::largest_step; }
@@ -227,7 +227,7 @@ GroupTable::GroupTable(const Container &container, i64 frames, i64 most_groups) 
         group.first = frames - left;
         group.offsets = ends;
         for (std::size_t i = 0; i < ends.size(); ++i) {
-            // A sum beyond the file's size could wrap only after more groups than fit in a file.
+            // Beyond the size of the file the sum is capped; it cannot wrap before that.
             ends[i] = std::min(ends[i] + group.sizes[i], container.file_bytes() + 1);
         }
         left -= group.frames;

@@ -13,18 +13,19 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory of what a file declares: per vertex of a mesh (curves, reference frame, positions between frames); per
+// Peak memory that a file declares: per vertex of a mesh (curves, reference frame, positions between frames), and per
 // corner of its connectivity.
 constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128;
 
-// Per empty group and object: a row of the table with its spare room, the cached group, and Python's numbers; lists, a
-// name and arrays, most of it Python's.
+// Peak memory of an empty group (its row of the table with spare room, the cached group, Python's numbers) and of an
+// empty object (lists, a name and arrays, most of it in Python).
 constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 
-// Per byte of a name: the spare room of a text, and Python's four bytes per character.
+// Peak memory per byte of a name: the spare room of a string, and Python's four bytes per character.
 constexpr u64 bytes_per_name_byte = 6;
 
-// Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
+// Return the faces of all objects, then their lines as pieces of two corners, with the vertices of all objects numbered
+// in one row.
 Polygons polygons_of(std::span<const Connectivity> parts) {
     Polygons mesh;
     std::size_t corners = 0, polygons = 0;  // upper bounds
@@ -58,10 +59,11 @@ Polygons polygons_of(std::span<const Connectivity> parts) {
     return mesh;
 }
 
-// Peak memory per element: its node and the one above, their functions, the two-scale matrix, the reference frame.
+// Peak memory per element: its node and its share of the node above, their functions and two-scale matrices, and the
+// reference frame.
 constexpr u64 bytes_per_element = 2048;
 
-// Functions of space are kept if they take at most one over this of the memory that is left.
+// Values of functions of space are kept if they take at most this share (1 / 8) of the remaining memory.
 constexpr u64 memory_shares = 8;
 
 }  // namespace
@@ -78,7 +80,7 @@ RunSections::RunSections(std::shared_ptr<const File> file, std::size_t run, int 
     model_ = Model::of_bytes(container_.read("MODL"));
 }
 
-// Read the head of section CONN.
+// Read the head of section CONN: the number of vertices of each object.
 void RunSections::read_vertex_counts(std::size_t run) {
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
@@ -232,8 +234,8 @@ TakenMemory RunSections::take_elements(const Patches &patches) {
     return TakenMemory(memory_, bytes_per_element * static_cast<u64>(patches.count()) + making, "patches of vertices");
 }
 
-// Patches under the assumption that no vertices coincide, made in parallel with the reference frame, followed by
-// coefficients.
+// Patches under the assumption that no vertices coincide. They are made while the reference frame is decoded, and then
+// coefficients are decoded for them.
 struct RunSections::EarlyPatches {
     std::shared_ptr<Patches> patches;  // null if a vertex has no neighbour
     TakenMemory taken;
@@ -243,7 +245,7 @@ struct RunSections::EarlyPatches {
     std::jthread thread;  // used if nothing else is decoded ahead
 };
 
-// Begin with them; null if they could not be the patches, or there is no thread for it.
+// Begin to make early patches; null if vertices are welded, so that they would be wrong, or there is no thread for it.
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
     if (threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
@@ -259,7 +261,7 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
                 coefficients = ahead->make_coefficients(own->layout, own->taken.another());
             }
         } catch (const CorruptError &) {
-            // They may turn out not to be the patches.
+            // Not an error: early patches may differ from the real ones, and are then not used.
         } catch (...) {
             own->failure = std::current_exception();
         }
@@ -274,8 +276,8 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
     return early;
 }
 
-// Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is decoded,
-// and so are coefficients.
+// Return the layout of the space basis of patches. Unless vertices coincide, patches follow from connectivity alone:
+// then they are made, and coefficients decoded, while the reference frame is decoded.
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *ahead) {
     const std::vector<ConnectivityView> parts = views();
     const std::shared_ptr<EarlyPatches> early = begin_early_patches(ahead);
@@ -306,7 +308,7 @@ const SpaceBasis &RunSections::space(GroupsAhead *ahead) {
     const auto guard = turns_.take();
     if (!space_) {
         auto layout = model_.form.kind == SpaceKind::patch ? layout_of_patches(ahead) : layout_of_curves();
-        // A thread without a processor would make others wait for it.
+        // Use only the idle processors: a thread without a processor would make the others wait.
         const int threads = most(threads_ - (ahead ? ahead->busy() : 0), 1);
         space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads);
         const u64 bytes = static_cast<u64>(space_->bytes_to_keep());

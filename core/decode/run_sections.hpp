@@ -25,10 +25,10 @@ struct CancelledError : std::runtime_error {
 // Threads that call functions of one animation take turns, and may cancel each other's calls.
 class Turns {
 public:
-    // Number of cancellations; several animations may share it.
+    // Count of cancellations, which several animations may share.
     using Cancels = std::shared_ptr<std::atomic<u64>>;
 
-    // Without a shared count, make one.
+    // Make a new count if none is shared.
     explicit Turns(Cancels cancels) : cancels_(cancels ? std::move(cancels) : std::make_shared<std::atomic<u64>>(0)) {}
 
     // Exclude other callers.
@@ -47,31 +47,32 @@ public:
         if (*cancels_ != cancels_before_) throw CancelledError();
     }
 
-    // Make running calls end with a CancelledError; later ones are not affected.
+    // Make running calls end with a CancelledError; later calls are not affected.
     void cancel() { ++*cancels_; }
 
 private:
     std::recursive_mutex lock_;
     Cancels cancels_;
-    u64 cancels_before_ = 0;  // before the call that holds the lock began
+    u64 cancels_before_ = 0;  // count when the call that holds the lock began
 };
 
-// The reference frame on its grid; a vertex is at origin + grid * step.
+// The reference frame on its grid; a vertex lies at origin + grid * step.
 struct Reference {
     std::vector<GridPoint> grid;
     std::array<double, 3> origin{};  // [scene units]
     double step = 0.0;               // width of a grid cell [scene units]
     bool is_smoothed = false;
     std::vector<double> points;  // (vertices, 3) [scene units]
-    std::vector<i32> ties;       // for each vertex, the first one that it is tied to; empty without ties
+    std::vector<i32> ties;       // for each vertex, the first vertex that it is tied to; empty if no vertices are tied
 };
 
-// From the bytes: container -> sequence, connectivity's head, table of groups, model (opening); connectivity ->
-// reference frame -> space basis. Every function may be called from several threads; they take turns.
+// The sections of one run. Opening reads the times, the head of the connectivity, the table of groups and the model. On
+// first use come connectivity, then the reference frame, then the space basis. Functions may be called from several
+// threads, which take turns.
 class RunSections {
 public:
-    // Read the headers of a run. CorruptError or LimitError if it is damaged, or asks for more than the file leaves.
-    // threads: that decode in parallel. `turns` must outlive it.
+    // Read the headers of a run. CorruptError if it is damaged, LimitError if it asks for more memory than the file has
+    // left. threads: number of threads that decode in parallel. `turns` must outlive this object.
     RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns);
 
     const Container &container() const { return container_; }
@@ -85,17 +86,18 @@ public:
     i64 first_vertex(i64 object) const { return first_vertices_[object]; }
     int threads() const { return threads_; }
 
-    // Memory that the file leaves for everything that is decoded.
+    // Return the limit on memory for everything that is decoded.
     MemoryLimit &memory() { return memory_; }
 
-    // The last frame that is not after a time inside the clip.
+    // Return the last frame that is not later than a time inside the clip.
     i64 frame_at(double time) const;
 
-    // Times of a group's frames [s], and its functions of time in closed form.
+    // Return the times of a group's frames [s].
     std::span<const double> times_of(const Group &group) const;
     ClosedForm closed_form(std::size_t group) const;
 
-    // Flags of the reference frame, which is not decoded. Vertices may coincide even if none are welded.
+    // Return the flags of the reference frame without decoding it. Vertices may coincide even if the flags do not say
+    // that vertices are welded.
     u8 reference_kind() const;
 
     // Parts that are decoded on first use.
@@ -104,12 +106,12 @@ public:
     std::vector<ConnectivityView> views();  // the connectivity of each object
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
-    const std::vector<u8> &remarks();  // section META, unread
+    const std::vector<u8> &remarks();  // Return the bytes of section META, not interpreted.
 
-    // The space basis. `ahead` continues with coefficients as soon as their layout is known.
+    // Return the space basis. `ahead` starts on coefficients as soon as the layout is known.
     const SpaceBasis &space(GroupsAhead *ahead = nullptr);
 
-    // Begin to decode groups in parallel with the space basis, if it does not exist yet and there is a thread for it.
+    // Begin to decode groups while the space basis is built; null if it exists already or there is no thread for it.
     std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
 
     // Shared ownership: stays valid after the animation is closed.
@@ -132,8 +134,8 @@ private:
     int threads_;
     Turns &turns_;
     SequenceDescription sequence_;
-    std::vector<u8> polygons_;            // section CONN after its head
-    std::vector<i64> first_vertices_{0};  // first vertex of each object, then the number of all vertices
+    std::vector<u8> polygons_;            // rest of section CONN, after its head
+    std::vector<i64> first_vertices_{0};  // number of the first vertex of each object, then the number of all vertices
     std::optional<GroupTable> table_;
     Model model_;
 

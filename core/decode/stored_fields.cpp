@@ -12,20 +12,20 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory while a chunk is decoded, of each of its numbers: in a chunk of one frame, or with as many functions of
-// time as frames, what the coder keeps of a frame is as large as all frames.
+// Peak memory per number of a chunk while it is decoded: in a chunk of one frame, or of as many functions of time as
+// frames, the coder keeps several arrays as large as the whole chunk.
 constexpr u64 decode_bytes_per_number = 64;
 
 template <class T> void store(std::span<u8> out, std::size_t index, T value) {
     std::memcpy(out.data() + index * sizeof(T), &value, sizeof(T));
 }
 
-// The bits of a float whose ordered image is a whole number.
+// Return the bits of a float from an integer. These integers have the same order as the floats.
 template <class Signed> Signed bits_of_ordered(Signed image) {
     return image >= 0 ? image : static_cast<Signed>(image ^ std::numeric_limits<Signed>::max());
 }
 
-// Kinds of values that are no numbers, as chunks have them; 3 is minus infinity.
+// Kinds of values that are not finite, as chunks store them; 3 is minus infinity.
 constexpr u8 not_a_number = 1, plus_infinity = 2;
 
 template <class Real> Real real_of(i64 value, u8 kind, double unit) {
@@ -35,7 +35,7 @@ template <class Real> Real real_of(i64 value, u8 kind, double unit) {
     return static_cast<Real>(static_cast<double>(value) * unit);
 }
 
-// Write a chunk's numbers as values of a type.
+// Write the numbers of a chunk as values of a type.
 void to_type(FieldType type, const FieldGroup &group, std::span<const i64> values, std::span<const u8> kinds,
              std::span<u8> out) {
     const std::size_t count = out.size() / static_cast<std::size_t>(size_of_type(type));
@@ -86,7 +86,7 @@ const std::vector<FieldHeader> &StoredFields::headers() {
     return *headers_;
 }
 
-// Visit the objects that have a field: the number and the connectivity of each.
+// Call visit(index, connectivity) for each object that has a field.
 template <class Visit> void StoredFields::for_each_owner(const FieldHeader &header, const Visit &visit) {
     i64 index = 0;
     for (const ConnectivityView &view : run_.views()) {
@@ -97,7 +97,7 @@ template <class Visit> void StoredFields::for_each_owner(const FieldHeader &head
     }
 }
 
-// Return the rows of a field and their neighbours; they stay until another part is requested.
+// Return the rows of a field and their neighbours; valid until another part of the cache is requested.
 const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
     const FieldCache::Key key{FieldCache::rows, header.first_of_rows, 0};
     if (const FieldCache::Part *known = cache_.find(key)) return *known->rows;
@@ -109,7 +109,7 @@ const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
     return *cache_.keep(key, {.values = {}, .rows = std::move(found)}, std::move(taken)).rows;
 }
 
-// Return the first row of an object in a field, and the number of its rows; without an object, the rows of all objects.
+// Return the first row and the number of rows of an object in a field; without an object, of all objects.
 std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> object) {
     const FieldHeader &header = headers()[field];
     if (!object && row_counts_[field]) return {0, *row_counts_[field]};
@@ -140,7 +140,7 @@ std::vector<u8> StoredFields::chunk(const FieldGroup &group) {
     return data;
 }
 
-// Return a decoded group; it stays until another one is requested.
+// Return the values of a decoded group; valid until another one is requested.
 const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index) {
     const FieldCache::Key key{FieldCache::group, field, index};
     if (const FieldCache::Part *known = cache_.find(key)) return known->values;
@@ -202,7 +202,7 @@ void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i
     }
 }
 
-// Return a frame of a group without a chunk; it stays until another one is requested.
+// Return a frame of a group that has no chunk; valid until another one is requested.
 std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldGroup &group, i64 wanted) {
     const FieldCache::Key key{FieldCache::frame, field, static_cast<std::size_t>(wanted)};
     if (const FieldCache::Part *known = cache_.find(key)) return known->values;
@@ -228,12 +228,12 @@ std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldG
     return cache_.keep(key, {.values = std::move(values), .rows = {}}, std::move(taken)).values;
 }
 
-// Return a frame; it stays until another one is requested.
+// Return the values at a frame; valid until another frame is requested.
 std::span<const u8> StoredFields::frame(std::size_t field, i64 wanted) {
     try {
         return decoded_frame(field, wanted);
     } catch (const LimitError &) {
-        // Evaluating the motion takes memory that the cache does not know beforehand.
+        // The motion takes memory that the cache could not count beforehand: empty the cache and try again.
         if (cache_.is_empty()) throw;
     }
     cache_.clear();
@@ -259,7 +259,7 @@ void StoredFields::read(std::size_t field, i64 first, i64 frames, std::span<u8> 
     }
 }
 
-// Write values between frames, from number `skip` of a frame on.
+// Write values between frames, of which the first `skip` numbers of a frame are left out.
 template <class Real>
 void StoredFields::mix(std::size_t field, double time, int derivative, i64 skip, std::span<Real> out) {
     if (!spline_) spline_.emplace(run_.times(), run_.jumps());
@@ -321,7 +321,6 @@ void StoredFields::check(std::size_t field, std::size_t index, bool deep) {
     const auto guard = turns_.take();
     const FieldGroup &own = headers()[field].groups[index];
     if (is_computed(own.code)) {
-        // Computed values have no bytes of their own.
         for (i64 k = 0; deep && k < own.frames; ++k) frame(field, own.first + k);
     } else if (deep) {
         group(field, index);
@@ -334,7 +333,7 @@ void StoredFields::verify() {
     const auto guard = turns_.take();
     for (std::size_t field = 0; field < headers().size(); ++field) {
         for (std::size_t index = 0; index < headers()[field].groups.size(); ++index) {
-            // Computed values have no bytes of their own.
+            // Computed groups have no bytes to check.
             if (!is_computed(headers()[field].groups[index].code)) group(field, index);
         }
     }

@@ -17,29 +17,30 @@ namespace pdeanim {
 // Functions may be called from several threads, which take turns.
 class StoredFields {
 public:
-    // All of them must outlive it. budget: bytes of decoded groups, computed frames and tables of neighbours at most.
+    // The arguments must outlive this object. budget: largest number of bytes of decoded groups, computed frames and
+    // tables of neighbours.
     StoredFields(RunSections &run, Evaluator &evaluator, Turns &turns, i64 budget)
         : run_(run), evaluator_(evaluator), turns_(turns), cache_(run.memory(), budget) {}
 
-    // CorruptError or LimitError if they are damaged, or ask for too much.
+    // Return the headers of all fields. CorruptError if they are damaged, LimitError if they ask for too much memory.
     const std::vector<FieldHeader> &headers();
 
-    // Number of rows of a field, of all objects or of one.
+    // Return the number of rows of a field, in all objects or in one.
     i64 rows(std::size_t field, std::optional<i64> object = std::nullopt);
 
     // Write the values of frames: out is (frames, rows, components) of the field's type.
     void read(std::size_t field, i64 first, i64 frames, std::span<u8> out);
 
-    // Write values at times [s], or derivatives [1/s] of floats. Between frames floats follow the spline through all
-    // frames; other types, and values near which one is not finite, are those of the frame before. Outside the clip its
-    // first or last frame stands still.
+    // Write values at times [s], or derivatives [1/s, 1/s^2] of floats. Between frames, floats follow the spline
+    // through all frames. Other types, and floats where the spline is not finite, keep the value of the earlier frame.
+    // Before the first frame and after the last one, values stand still.
     void evaluate(std::size_t field, std::span<const double> times, int derivative, std::optional<i64> object,
                   std::span<u8> out);
 
     // Check and decode every group.
     void verify();
 
-    // Check the bytes of a group; deep: and that it decodes, with the source or the motion that it is computed from.
+    // Check the bytes of a group. deep: also decode it, together with the field or the motion that it is computed from.
     void check(std::size_t field, std::size_t group, bool deep);
 
 private:
@@ -60,8 +61,8 @@ private:
     Turns &turns_;
     FieldCache cache_;
     std::optional<std::vector<FieldHeader>> headers_;
-    std::vector<std::optional<i64>> row_counts_;  // of each field, once counted
-    std::vector<float> first_positions_;          // of frame 0, if displacements need them
+    std::vector<std::optional<i64>> row_counts_;  // number of rows of each field, once it is counted
+    std::vector<float> first_positions_;          // at frame 0, if displacements need them
     TakenMemory of_first_positions_;
     std::optional<BrokenSpline> spline_;
 };

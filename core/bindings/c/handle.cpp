@@ -44,11 +44,12 @@ pdeanim_status describe(pdeanim_error *error, pdeanim_status status, const char 
     return status;
 }
 
-// Refuse files that declare more positions than the limit.
+// Refuse files that declare more bytes of positions than the limit.
 void check_output(const pdeanim_animation &animation, u64 limit) {
     constexpr u64 bytes_per_position = 12;
     const std::vector<Run> &runs = animation.file->runs();
-    u64 found = 0;  // fewer than 2^31 vertices, and far fewer than 2^33 frames, whose times are in memory: no overflow
+    u64 found =
+        0;  // cannot overflow: fewer than 2^31 vertices, and far fewer than 2^33 frames, whose times are in memory
     for (const Run &run : runs) {
         const i64 vertices = animation.animation ? animation.animation->sections().vertices() : run.vertices;
         found += static_cast<u64>(run.frames) * static_cast<u64>(vertices);
@@ -61,7 +62,7 @@ void check_output(const pdeanim_animation &animation, u64 limit) {
 
 pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_options *chosen) {
     if (source->size() > INT64_MAX) throw ArgumentError("the size of the file is out of range");
-    // Fields that the caller's version of the structure lacks are taken as 0.
+    // Fields that the caller's version of the structure lacks stay 0.
     pdeanim_options known{};
     if (chosen) {
         if (chosen->size < offsetof(pdeanim_options, threads)) {

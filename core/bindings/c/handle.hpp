@@ -1,4 +1,5 @@
-// Shared by the files of the C interface: the target of a handle, and the mapping of arguments and exceptions to codes.
+// Shared by the files of the C interface: the object that a handle points to, and how arguments and exceptions become
+// status codes.
 #pragma once
 
 #include <atomic>
@@ -10,7 +11,8 @@
 #include "decode/animation.hpp"
 #include "pdeanim.h"
 
-// The target of a caller's handle: a file of several runs, or one run, and memory of results that neither of them owns.
+// What a caller's handle points to: a file of several runs, or one run. It also keeps the results that C callers see
+// through pointers and that neither of them owns.
 struct pdeanim_animation {
     pdeanim_animation(std::shared_ptr<const pdeanim::File> whole, const pdeanim::Animation::Options &chosen);
     pdeanim_animation(const pdeanim_animation &whole, std::size_t of_it);
@@ -23,27 +25,27 @@ struct pdeanim_animation {
     std::size_t run = 0;
     std::unique_ptr<pdeanim::Animation> animation;
     std::vector<std::vector<std::vector<const char *>>> labels;  // labels of each object's attributes
-    pdeanim::i64 corrected_group = -1;                           // group of `corrections`
+    pdeanim::i64 corrected_group = -1;                           // the group whose corrections are kept
     std::vector<pdeanim_correction> corrections;                 // corrections in the last group requested
     pdeanim::TakenMemory of_corrections;
 
-    // For a file of several runs:
+    // Guards the members above if the file has several runs.
     std::mutex lock;
     std::optional<std::vector<pdeanim::u8>> remarks;
 };
 
 namespace pdeanim {
 
-// Whether a handle has been opened and not closed since. The handle is not dereferenced.
+// Whether the handle is that of an open animation. The handle is not dereferenced.
 bool is_open(const pdeanim_animation *handle);
 
-// Return the target of a handle; ArgumentError if it is not open.
+// Return the animation of a handle; ArgumentError if it is not open.
 template <class Handle> Handle &opened(Handle *handle) {
     if (!is_open(handle)) throw ArgumentError("the animation is NULL, or closed");
     return *handle;
 }
 
-// Raise ArgumentError for NULL.
+// Raise ArgumentError if a pointer is NULL.
 void check_given(const void *pointer, const char *name);
 
 // Raise ArgumentError unless `index` is below `count`; `what` is the name of an item.

@@ -1,5 +1,5 @@
-// The C interface (begin here): calls `Animation`. handle.cpp opens, closes and turns exceptions into codes;
-// products.cpp has the functions for programs that evaluate on a graphics processor.
+// The C interface (begin here): calls `Animation`. handle.cpp opens and closes animations and turns exceptions into
+// status codes; products.cpp has the functions for programs that evaluate on a graphics processor.
 #include "pdeanim.h"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// The C interface for graphics processors: groups of frames, and the weights, fields and corrections that add up to a
-// quantity.
+// The part of the C interface for programs that evaluate on a graphics processor: groups of frames, and the weights,
+// fields and corrections that add up to a quantity.
 #include <algorithm>
 #include <cstdint>
 

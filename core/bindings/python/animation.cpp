@@ -1,4 +1,4 @@
-// An open file for Python: class Animation.
+// The Python class Animation: an open file.
 #include "decode/animation.hpp"
 
 #include <nanobind/stl/optional.h>
@@ -18,7 +18,7 @@ namespace pdeanim::bindings {
 namespace {
 
 #ifdef _WIN32
-int process_number() { return 0; }  // no fork: no process is a copy of another
+int process_number() { return 0; }  // Windows has no fork: a process is never a copy of another
 #else
 int process_number() { return ::getpid(); }
 #endif
@@ -39,7 +39,7 @@ public:
         if (process_ != process_number()) leave_alone();
     }
 
-    // The file, and its run if there is only one or one was chosen. Both live as long as somebody uses them.
+    // The file, and a run: the only one, or the one that was chosen. Both live as long as they are used.
     struct Opened {
         const Container &container() const { return animation ? animation->sections().container() : file->container(); }
 
@@ -49,13 +49,14 @@ public:
 
     // Return the open file; ReadError once it is closed.
     //
-    // A fork may copy a process while a thread that the copy lacks holds the animation's lock, in the middle of a
-    // change. So the copy never touches the original objects and opens the file again.
+    // A fork copies a process, but only one of its threads. If another thread was changing the animation at that
+    // moment, the copy's lock is never released. So a forked process never touches the original objects: it opens the
+    // file again.
     Opened opened() {
         if (!opened_.file) throw ReadError("is closed; open it again");
         if (process_ != process_number()) {
             Opened anew = open();
-            if (process_ != process_number()) {  // no other thread was first
+            if (process_ != process_number()) {  // check again: another thread may have replaced it meanwhile
                 leave_alone();
                 opened_ = std::move(anew);
                 process_ = process_number();
@@ -64,7 +65,7 @@ public:
         return opened_;
     }
 
-    // Return the run; ArgumentError if there are several and none was chosen.
+    // Return the run; ArgumentError if the file has several and none was chosen.
     std::shared_ptr<Animation> animation() {
         std::shared_ptr<Animation> found = opened().animation;
         if (!found) throw ArgumentError("the file has several runs of frames; choose one");
@@ -78,7 +79,7 @@ public:
         return work(*own);
     }
 
-    // Running calls end normally: they share ownership.
+    // Close the animation. Running calls end normally: they share ownership.
     void close() {
         if (process_ != process_number()) leave_alone();
         opened_ = {};
@@ -95,7 +96,7 @@ private:
 
     void leave_alone() { new Opened(std::move(opened_)); }
 
-    nb::object file_;  // outlives the sources in `opened_`
+    nb::object file_;  // must outlive the sources in `opened_`
     u64 max_memory_;
     Animation::Options options_;
     std::optional<std::size_t> run_;
@@ -103,7 +104,7 @@ private:
     Opened opened_;
 };
 
-// Return a list of the results of `make` for each item.
+// Return a Python list of make(item) for each item.
 template <class Items, class Make> nb::list list_of(const Items &items, const Make &make) {
     nb::list found;
     for (const auto &item : items) found.append(make(item));
@@ -210,7 +211,7 @@ nb::object coefficients(PyAnimation &self, std::size_t index) {
     return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(channels, 1)));
 }
 
-// View a writable array of any library as a numpy array.
+// View a writable array of any array library as a numpy array.
 nb::object writable_view(const nb::ndarray<float, nb::device::cpu> &array) {
     using Kept = nb::ndarray<float, nb::device::cpu>;
     std::vector<std::size_t> shape;
@@ -299,7 +300,7 @@ std::size_t check_field(PyAnimation &self, std::size_t field) {
 
 using Bytes = nb::ndarray<u8, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-// Write the values of frames as bytes.
+// Write a field's values at consecutive frames as bytes.
 void read_field(PyAnimation &self, std::size_t field, i64 first, i64 frames, const Bytes &out) {
     check_field(self, field);
     self.with([&](Animation &own) {
@@ -313,7 +314,7 @@ void read_field(PyAnimation &self, std::size_t field, i64 first, i64 frames, con
     });
 }
 
-// Write values at times as bytes.
+// Write a field's values at times as bytes.
 void evaluate_field(PyAnimation &self, std::size_t field, const Flat<double> &times, int derivative,
                     std::optional<i64> object, const Bytes &out) {
     check_field(self, field);

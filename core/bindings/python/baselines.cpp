@@ -1,4 +1,4 @@
-// Coders of the published methods that research/baselines compares with. The .pdeanim format does not use them.
+// Entropy coders of the published methods that research/baselines compares with. The .pdeanim format does not use them.
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -10,12 +10,12 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Codes numbers below 2^62 in magnitude: zero flag, sign, number of binary digits in unary, then the digits below the
-// leading one. Like the published schemes, it uses no neighbours as context.
+// Codes integers below 2^62 in magnitude: a flag for zero, the sign, the number of binary digits in unary, then the
+// digits after the leading one. As in the published schemes, neighbouring values are no context.
 class BandModel {
 public:
-    // Keep the statistics for the next band, with less confidence: bands (modes, frequencies, frames) are ordered by
-    // size.
+    // Keep the statistics for the next band, with less confidence. (The bands are modes, frequencies or frames, in
+    // order of magnitude.)
     void begin_band() {
         zero_.trust(trusted);
         sign_.trust(trusted);
@@ -40,9 +40,11 @@ public:
     }
 
 private:
-    static constexpr u32 trusted = 24;  // confidence at the start of a band, as a number of adaptations
+    static constexpr u32 trusted =
+        24;  // confidence in the statistics at the start of a band, as a number of adaptations
     static constexpr int most_digits = 62;
-    static constexpr i64 tree_size = 4;  // two digits have the earlier digits as context; others are nearly random
+    static constexpr i64 tree_size =
+        4;  // the two digits after the leading one have the earlier digits as context; later digits are nearly random
     BitModel zero_, sign_;
     std::array<BitModel, most_digits> more_;
     std::array<std::array<BitModel, most_digits + tree_size>, most_digits + 1> digits_;
@@ -80,9 +82,9 @@ nb::object py_decode_bands(const nb::bytes &data, std::size_t bands, std::size_t
     return to_array(std::move(values));
 }
 
-// Predict numbers of vertices in the order of a traversal by the mean of the parallelograms at each position, or by the
-// previous position without any. The first has no prediction. Predictions are subtracted, or, to undo that, added from
-// the first position to the last.
+// Predict the rows of vertices in traversal order: by the mean of the parallelograms at a position, or by the previous
+// row if there are none. The first row is not predicted. Predictions are subtracted, or added to restore the values;
+// restoring goes from the first row to the last.
 void predict(std::span<i64> changed, std::span<const i64> known, std::size_t columns, std::span<const i64> starts,
              const i64 *corners, bool undo) {
     std::vector<i64> mean(columns);

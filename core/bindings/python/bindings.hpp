@@ -11,9 +11,9 @@
 //     linear_algebra.cpp  products and decompositions
 //     simulate.cpp, text.cpp, baselines.cpp   XPBD sweeps, OBJ text, coders of the published baselines
 //
-// All loops run with the interpreter lock released. Functions with several results return a named tuple.
-// pdecodec/_core.pyi has the types; tests/codec/test_core_types.py compares the two. This header has the helpers that
-// the files share.
+// All loops run with the interpreter lock released. Functions with several results return a named tuple. The types are
+// in pdecodec/_core.pyi; tests/codec/test_core_types.py compares them with the module. The rest of this header are
+// helpers that several of these files use.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -56,13 +56,13 @@ template <class T> nb::object to_array(std::vector<T> &&values) {
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
 }
 
-// Make an owner that keeps an object alive for arrays that lie in it.
+// Make an owner that keeps an object alive as long as numpy arrays view its memory.
 template <class T> nb::capsule owner_of(std::shared_ptr<T> shared) {
     auto *kept = new std::shared_ptr<T>(std::move(shared));
     return nb::capsule(kept, [](void *pointer) noexcept { delete static_cast<std::shared_ptr<T> *>(pointer); });
 }
 
-// Return a one-dimensional read-only view; `owner` keeps the values alive.
+// Return a one-dimensional read-only view of values that `owner` keeps alive.
 template <class T> nb::object shared_array(const std::vector<T> &values, const nb::capsule &owner) {
     return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
 }
@@ -88,33 +88,33 @@ inline void add_tuple(nb::module_ &module, const char *name, const char *fields)
     module.attr(name) = make(name, fields, nb::arg("module") = "pdecodec._core");
 }
 
-// Make a named tuple of one of these types.
+// Return a named tuple of a type that `add_tuple` has added.
 template <class... Values> nb::object named(const char *name, Values &&...values) {
     return nb::module_::import_("pdecodec._core").attr(name)(std::forward<Values>(values)...);
 }
 
-// Raise ValueError unless `holds`.
+// Raise ValueError unless a condition holds.
 inline void require(bool holds, const char *message) {
     if (!holds) throw nb::value_error(message);
 }
 
-// Return the connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), as views of
-// arrays that the caller keeps; ValueError if an object is inconsistent.
+// Return the connectivity of objects as views of arrays that the caller keeps; ValueError if an object is inconsistent.
+// Each part is a tuple (vertices, face sizes, face indices, line sizes, line indices).
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
-// Return the grid coordinates of all vertices in the core's layout; ValueError unless there is one for each vertex.
+// Return the grid coordinates of all vertices in the core's layout; ValueError unless there is one row per vertex.
 std::span<const GridPoint> grid_of(const Rows<i64, 3> &grid, const std::vector<ConnectivityView> &objects);
 
 // Return a reader of a file: of Python's bytes, of a file descriptor, or of a Python file object, which is read with
 // the interpreter lock. The caller keeps `file` alive.
 std::unique_ptr<Source> source_of(const nb::object &file);
 
-// The motion of the vertices in a group of frames, in the precision of its sums.
+// The motion of the vertices in a group of frames, in single or double precision as the group requires.
 struct PyMotion {
     std::variant<Motion<float>, Motion<double>> motion;
 };
 
-// Each adds the classes and functions of its file to the module.
+// Each function adds the classes and functions of the file of that name to the module.
 void bind_animation(nb::module_ &module);
 void bind_mesh(nb::module_ &module);
 void bind_motion(nb::module_ &module);

@@ -108,7 +108,8 @@ private:
     Wanted wanted_;
 };
 
-// Return the largest distance between two motions of the same vertices, in one coordinate before residuals.
+// Return the largest difference between two motions of the same vertices, over all coordinates and frames, before
+// residuals.
 double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<const double> &time,
                          const Rows<double, 3> &reference, int threads) {
     return std::visit(
@@ -150,7 +151,7 @@ template <class Real> void py_add_to(const Excess &excess, const Matrix<Real> &v
                   static_cast<i64>(count), axes, push);
 }
 
-// Return freed memory to the system; the C library keeps much of it for later.
+// Return freed memory to the system: the C library would keep much of it for later allocations.
 void give_back_memory() {
 #if defined(__GLIBC__)
     malloc_trim(0);

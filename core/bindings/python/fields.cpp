@@ -10,7 +10,7 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// An array of (frame, row, component).
+// An array of shape (frames, rows, components).
 template <class T> using Block = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
 template <class T> nb::object to_block(std::vector<T> &&values, i64 frames, i64 rows, i64 components) {

@@ -1,4 +1,4 @@
-// Products and decompositions of matrices.
+// Products and decompositions of matrices for Python.
 #include <memory>
 
 #include "base/arrays.hpp"

@@ -16,7 +16,8 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Whether sizes, each at least `smallest`, add up to the number of indices, and these refer to existing vertices.
+// Return whether the sizes are each at least `smallest` and add up to the number of indices, and the indices refer to
+// existing vertices.
 bool fit_together(std::span<const i32> sizes, i32 smallest, std::span<const i32> indices, i64 vertices) {
     i64 sum = 0;
     bool is_sound = true;
@@ -113,7 +114,7 @@ Polygons polygons_of(const Flat<i64> &starts, const Flat<i32> &vertex, i64 faces
     return mesh;
 }
 
-// Check ties: of each vertex the first one that it is tied to, or nothing.
+// View ties, after checking them: for each vertex, the first vertex that it is tied to; or an empty array.
 Ties ties_of(const Flat<i32> &ties, std::size_t vertices) {
     require(ties.size() == 0 || ties.size() == vertices, "ties are of other vertices");
     const auto found = view(ties);

@@ -1,4 +1,5 @@
-// The module itself: maps errors of the core to those of pdecodec.errors, and adds the parts of the other files.
+// The module itself: translates errors of the core to those of pdecodec.errors, and adds the functions of the other
+// files.
 #include "base/errors.hpp"
 #include "bindings/python/bindings.hpp"
 

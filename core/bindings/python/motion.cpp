@@ -15,7 +15,7 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Functions of time: an array of (function, frame, axis).
+// Functions of time: an array of shape (functions, frames, axes).
 template <class T> using Functions = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
 template <class T> std::span<const T> numbers_of(const Functions<T> &array) { return {array.data(), array.size()}; }
@@ -133,7 +133,7 @@ template <class T, class Array> std::span<const std::array<T, 3>> rows_of(const 
     return {reinterpret_cast<const std::array<T, 3> *>(array.data()), array.size() / 3};
 }
 
-// Return a read-only array that lies in an object and keeps it alive.
+// Return a read-only array that views a vector within `owner`, and keeps `owner` alive.
 template <class T> nb::object look_into(const std::vector<T> &values, nb::handle owner) {
     return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
 }
@@ -203,7 +203,7 @@ nb::object py_reference_distances(const Residuals &residuals) {
     return to_array(std::move(distances));
 }
 
-// Return the value of a read-only property that lies in one of the vectors.
+// Return a vector of the residuals as a read-only array: the getter of a property.
 template <auto values> nb::object look(nb::handle self) {
     return look_into(nb::cast<const Residuals &>(self).*values, self);
 }

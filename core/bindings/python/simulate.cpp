@@ -20,7 +20,7 @@ using ChangedNumbers = Array<double, nb::ndim<1>>;
 using StateArrays = std::tuple<ChangedPoints, Points, Flat<double>>;
 using ScalingNumbers = std::tuple<double, double, double>;
 
-// View an array as `count` items that consist of its numbers.
+// View an array of numbers as `count` items of a structure.
 template <class Item, class Array> std::span<Item> items(const Array &array, std::size_t count) {
     if (array.size() * sizeof(*array.data()) != count * sizeof(Item)) {
         throw nb::value_error("arrays do not fit each other");
@@ -58,7 +58,7 @@ void py_predict(const ChangedPoints &positions, const ChangedPoints &previous, c
     predict(moved, noted, masses, speeds, pulls, substep, keep);
 }
 
-// Batches of sheets keep pointers to the caller's arrays of multipliers.
+// The batches of a sheet keep pointers to the caller's arrays of multipliers.
 void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<double> &lengths,
                       const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
     const std::size_t count = pairs.shape(0);
@@ -156,7 +156,7 @@ void py_add_wind(const Points &positions, const Points &past, const Rows<i32, 3>
 
 }  // namespace
 
-// Arrays that are changed must not be converted: the change would happen in a copy.
+// Arrays that are changed must not be converted: the change would be made in a copy.
 void bind_simulate(nb::module_ &module) {
     const auto changed = [](const char *name) { return nb::arg(name).noconvert(); };
     module.def("predict", &py_predict, changed("positions"), changed("previous"), nb::arg("inverse_masses"),

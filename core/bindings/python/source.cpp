@@ -16,8 +16,8 @@ namespace pdeanim::bindings {
 namespace {
 
 #ifndef _WIN32
-// A file by its descriptor. Reads do not move the file position, which threads and forked processes share. The
-// descriptor is a duplicate: if another thread closes the original, running calls do not read an unrelated file.
+// A file that is read by its descriptor. Reads do not move the file position, which threads and forked processes share.
+// The descriptor is a duplicate: if another thread closes the original, running calls do not read an unrelated file.
 class FileSource : public Source {
 public:
     explicit FileSource(int descriptor)

@@ -25,7 +25,7 @@ std::span<const GridPoint> points_of(const Grid &grid) {
     return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
 }
 
-// Return an array that lies in an object of the core.
+// Return an array that views a vector within an object of the core.
 template <class T> nb::object inside(nb::handle owner, const std::vector<T> &values) {
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(const_cast<T *>(values.data()), {values.size()}, owner));
 }
@@ -68,7 +68,7 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
         cut_curves({order.data(), order.data() + vertices}, {bounds.begin(), bounds.end()}, points, view(ties)));
 }
 
-// Return a selection of subbands of a basis; ValueError unless they ascend from 0 and exist.
+// Return a selection of subbands of a basis; ValueError unless the subbands exist and ascend from 0.
 SpaceSelection selected(std::span<const i64> subbands, const SpaceBasis &basis) {
     const i64 count = static_cast<i64>(basis.layout().subbands().kinds.size());
     require(!subbands.empty() && subbands.front() == 0 && subbands.back() < count &&
@@ -77,7 +77,7 @@ SpaceSelection selected(std::span<const i64> subbands, const SpaceBasis &basis) 
     return SpaceSelection(basis.layout(), subbands);
 }
 
-// A space basis, and the array that it refers to.
+// A space basis, and the array that it keeps a reference to.
 struct PySpaceBasis {
     PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
                  const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &coded,

@@ -1,4 +1,4 @@
-// OBJ text: reading, and writing rows of numbers; normals of meshes for writers.
+// OBJ text for Python: reading it, and writing rows of numbers; and normals of meshes for writers.
 #include "base/parallel.hpp"
 #include "bindings/python/bindings.hpp"
 #include "text/normals.hpp"
@@ -16,7 +16,7 @@ std::span<const u8> lines_of(const nb::bytes &text) {
     return lines;
 }
 
-// View the numbers of an object that owns them as rows.
+// View numbers as rows of an array; the array takes ownership of the vector.
 template <int columns, class T> auto rows_of(std::vector<T> &numbers) {
     return nb::ndarray<nb::numpy, T, nb::shape<-1, columns>>(numbers.data(), {numbers.size() / columns, columns});
 }

@@ -2,11 +2,11 @@
 
     python core/bindings/wasm/build.py OUT.wasm
 
-The package has clang, a linker, and a C and a C++ library for wasm32-wasi, the latter without exceptions. The core
-reports errors by exceptions inside, so what of the C++ library they need is compiled here from the sources in the
-package, with exceptions of WebAssembly in their first form, which every browser since 2022 has.
+The package ziglang has clang, a linker, and a C and a C++ library for wasm32-wasi. Its C++ library is built without
+exceptions, but the core reports errors by exceptions inside. So the parts that exceptions need are compiled here
+from the package's sources, with WebAssembly's first form of exceptions, which every browser has had since 2022.
 
-Binaryen's wasm-opt, run by Node, then makes the linked module smaller: of 198 kB compressed it leaves 185.
+Binaryen's wasm-opt, run by Node, then makes the linked module smaller: 185 kB compressed instead of 198.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from pathlib import Path
 CORE = Path(__file__).resolve().parents[2]
 
 NOT_DECODED_WITH = {"bindings", "encode", "simulate", "tests", "text"}
-"""Folders of the core that a decoder does not need."""
+"""Folders of the core whose code a decoder does not need."""
 
 SECTION = b"pdeanim.sources"
 """Name of the custom section that records the sources of a module."""
 
 TARGET = ["-target", "wasm32-wasi", "-mcpu=lime1+exception_handling+reference_types+simd128"]
-"""Lime1 is the feature set of all engines of 2024; the other features are older still."""
+"""Lime1 is the set of features that all engines have had since 2024; the other features are older still."""
 
 FLAGS = [*TARGET, "-g0", "-fwasm-exceptions", "-mllvm", "-wasm-use-legacy-eh=true", "-ffunction-sections"]
 
@@ -66,7 +66,7 @@ LIBRARY = {
 """Sources of the package's folder ``lib`` that are compiled."""
 
 QUICK = {"decode/evaluate/evaluate.cpp", "linalg/products.cpp"}
-"""Sources of the core that are compiled for speed; all others are compiled to be small."""
+"""Sources of the core that are compiled for speed; all others are compiled for size."""
 
 STACK_BYTES = 1 << 20
 
@@ -80,7 +80,7 @@ OPTIMISER_FLAGS = [
     *("--enable-mutable-globals", "--enable-nontrapping-float-to-int", "--enable-reference-types"),
     *("--enable-sign-ext", "--enable-simd"),
 ]
-"""Allow the features of ``TARGET`` and no more, and repeat until nothing becomes smaller."""
+"""Allow only the features of ``TARGET``, and repeat the passes until the module no longer shrinks."""
 
 
 def sources() -> list[Path]:
@@ -95,12 +95,12 @@ def sources() -> list[Path]:
 
 
 COMMENTS = re.compile(r"""//[^\n]*|/\*.*?\*/|("(?:\\.|[^"\\])*"|'(?:\\[^\n']+|[^'\\\n])')""", re.DOTALL)
-"""Comments of C++, or (group 1) string and character literals, in which no comment begins."""
+"""Matches comments of C++, and (as group 1) string and character literals, in which no comment begins."""
 
 
 def digest() -> str:
-    """Return the SHA-256 of the names and contents of the sources, without comments and layout, which change no
-    module.
+    """Return the SHA-256 of the names and contents of the sources. Comments and layout are left out: they do
+    not change the module.
     """
     found = hashlib.sha256()
     for path in sources():
@@ -131,8 +131,8 @@ def custom_section(content: bytes) -> bytes:
 
 
 def built_from(module: bytes) -> dict[str, str]:
-    """Return the record in a module's custom section: ``sources``, their digest, and the versions ``ziglang``
-    and ``binaryen``.
+    """Return the record in a module's custom section: ``sources``, the digest of its sources, and the versions
+    ``ziglang`` and ``binaryen``.
     """
     at = module.rindex(SECTION) + len(SECTION)
     found: dict[str, str] = json.loads(module[at:])
@@ -191,7 +191,7 @@ def build(out: Path, jobs: int = 2) -> None:
             list(pool.map(run, commands(library, folder)))
         exports = [f"-Wl,--export={name}" for name in (*exported(), "malloc", "free")]
         linked = folder / "linked.wasm"
-        # The order must not depend on the file system: the same sources give the same bytes.
+        # Sort them: their order must not depend on the file system, so that the same sources give the same bytes.
         objects = sorted(folder.glob("*.o"))
         link = ["-mexec-model=reactor", "-O2", "-s", "-Wl,--gc-sections", f"-Wl,-z,stack-size={STACK_BYTES}", *exports]
         run([sys.executable, "-m", "ziglang", "cc", *TARGET, *link, *objects, "-o", linked])

@@ -1,6 +1,6 @@
-// The module for a web page (begin here; build.py builds it): opens a file that the page reads, and replaces the
-// services of an operating system. single_thread.hpp replaces the C++ library's threads, which are missing for
-// WebAssembly.
+// The WebAssembly module for a web page (begin here; build.py builds it): opens a file that the page reads, and
+// replaces what an operating system would provide. single_thread.hpp replaces the C++ library's threads, which
+// WebAssembly lacks.
 #include "pdeanim.h"
 
 extern "C" {
@@ -8,7 +8,7 @@ extern "C" {
 __attribute__((import_module("pdeanim"), import_name("read"))) int64_t pdeanim_page_read(void *user, uint64_t offset,
                                                                                          void *into, size_t size);
 
-// `user` is passed to the page's read function, as the number of the file.
+// Open a file through the page's read function, which gets `user` as the number of the file.
 __attribute__((export_name("pdeanim_open_page"))) pdeanim_status pdeanim_open_page(void *user, uint64_t size,
                                                                                    const pdeanim_options *options,
                                                                                    pdeanim_animation **animation,

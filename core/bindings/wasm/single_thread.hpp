@@ -1,5 +1,6 @@
-// The part of the C++ library's threads that the core uses, for a single thread: the C++ library that comes with the
-// compiler for WebAssembly leaves these classes out. Every source is compiled with this header in front (build.py).
+// The classes of the C++ library for threads, as far as the core uses them, for a single thread: the C++ library that
+// comes with the compiler for WebAssembly leaves them out. The compiler includes this header before every source
+// (build.py).
 #pragma once
 
 namespace std {
@@ -18,11 +19,11 @@ public:
     void notify_one() {}
     void notify_all() {}
 
-    // No other thread can make the predicate true: it already is, or the core never waits for it.
+    // There is no other thread that could make the predicate true: it is true already, or the core never waits for it.
     template <class Lock, class Predicate> void wait(Lock &, const Predicate &) {}
 };
 
-// The work to wait for is already done.
+// A latch never has to wait: the work was done when the thread was made.
 class latch {
 public:
     explicit latch(long) {}
@@ -30,7 +31,7 @@ public:
     void wait() const {}
 };
 
-// Does its work at once.
+// A thread that does its work in its constructor.
 class jthread {
 public:
     jthread() = default;

@@ -33,14 +33,15 @@ PDEANIM_INLINE void Descent<frames>::add_up_row(i64 function, double *row) const
     add_up<bytes, frames>(time_, rows_, function, row);
 }
 
-// The root's own functions.
+// Add up the affine functions of the root, which have coefficients of their own.
 template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::begin() {
     for (i64 k = 0; k < layout_.affine_of_node(0); ++k) {
         add_up_row<bytes>(k, waiting_[0].affine + k * columns);
     }
 }
 
-// Replace the last node by its halves, the first one on top; within a share of the tree, only by the half in the share.
+// Replace the last node in the list by its halves, the first half on top. Above the subtree of a share, only the half
+// that contains the share is kept.
 template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::halve() {
     constexpr int size = least(lanes<bytes, double>, columns);
     using Pack = Lanes<double, size>;
@@ -52,8 +53,7 @@ template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::
     const i64 own = layout_.affine_of_node(number), split = layout_.affine_of_node(half);
     const i64 total = split + layout_.affine_of_node(half + 1);
     const PartitionTree::Matrix &matrix = tree_.matrix(number);
-    // The coefficients of the node's functions at the frames, as far as they are used, and the matching rows of the
-    // matrix.
+    // Values at the frames of the node's wavelets that have coefficients, and the matching rows of the matrix.
     double wavelets[most_functions][columns], ignored[columns];
     const double *rows[most_functions], *multiples[most_functions];
     double *to[most_functions];
@@ -80,7 +80,7 @@ template <int frames> template <int bytes> PDEANIM_INLINE void Descent<frames>::
         const i64 first = side == 0 ? 0 : split, end = side == 0 ? split : total;
         for (i64 i = first; i < end; ++i) to[i] = child.affine + (i - first) * columns;
     }
-    // A half may take the node's place: each number of the node is read before its place is overwritten.
+    // A half may overwrite the node in the list: each number of the node is read before.
     for (int p = 0; p < columns; p += size) {
         Pack sums[most_functions];
         make_zero(sums);

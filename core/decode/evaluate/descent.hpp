@@ -1,4 +1,4 @@
-// Coefficients of the functions of space at some frames, carried down the partition tree to the elements.
+// Carries the coefficients of functions of space at some frames down the partition tree to the elements.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace pdeanim {
 
-// The loops below exist for several register widths. Here a single width serves all meshes: a page must fetch the code,
-// and has few registers; and where wider variants exist, narrow ones for larger meshes would serve old processors only
-// and cost compile time.
+// The loops below exist for several register widths. If this is true, a width has only one loop for meshes of all
+// sizes. For WebAssembly the code must be downloaded, and there are few registers. Elsewhere the narrow variant runs on
+// old processors only, where more loops are not worth their compile time.
 #if defined(__wasm__)
 template <int bytes> constexpr bool is_small = true;
 #elif defined(PDEANIM_FOR)
@@ -23,19 +23,20 @@ template <int bytes> constexpr bool is_small = false;
 
 template <int bytes, class Real> constexpr int lanes = bytes / static_cast<int>(sizeof(Real));
 
-// Processors have twice as many registers of the widest kind.
+// AVX-512 has twice as many registers as narrower instruction sets.
 template <int bytes> constexpr bool has_many_registers = bytes == 64;
 
-// Numbers of several frames side by side: all frames of x, then of y, then of z; for one frame the three axes and
+// Numbers per row of values at several frames: x at all frames, then y, then z; for a single frame, the three axes and
 // padding.
 template <int frames> constexpr int width = frames == 1 ? 4 : 3 * frames;
 
-// Values of every function of time at some frames: `width` numbers, or one per frame if all axes share them.
+// Values of every function of time at some frames: `width` numbers per function, or one per frame if all axes share
+// them.
 template <int frames, class Real> struct TimeRows {
     template <class Own> TimeRows(const Motion<Own> &motion, const double *time, i64 given)
         : is_shared(motion.axes == 3), stride(is_shared ? frames : width<frames>),
           values(static_cast<std::size_t>(motion.functions * stride)) {
-        constexpr i64 at_once = 8;  // functions whose rows stay in the nearest cache
+        constexpr i64 at_once = 8;  // as many functions as have rows that fit in the first-level cache
         const i64 functions = motion.functions, rows = given * motion.time_axes();
         for (i64 first = 0; first < functions; first += at_once) {
             const i64 end = least(first + at_once, functions);
@@ -53,17 +54,18 @@ template <int frames, class Real> struct TimeRows {
     AlignedArray<Real> values;
 };
 
-// Coefficients of one function of space.
+// Coefficients of one function of space, each with its function of time.
 template <class Real> struct RowOf {
     const u16 *functions;
     const Real *values;
     i64 count;
 };
 
-// Number of sums that are added up independently and joined at the end; a single sum would wait for itself.
+// Number of sums that are added up independently and joined at the end: each addition to a single sum would wait for
+// the one before.
 constexpr int partial_sums = 2;
 
-// Load `packs` registers of a row of values, from number `first` on.
+// Add up `packs` registers of a row, from number `first` on: coefficients that all axes share times functions of time.
 template <int packs, int size, class Real>
 PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
@@ -83,7 +85,7 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> 
     }
 }
 
-// Add `packs` registers per axis, with coefficients that differ by axis.
+// Add up `packs` registers per axis, with coefficients that differ by axis.
 template <int packs, int size, int frames, class Real>
 PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
@@ -101,7 +103,7 @@ PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *
     }
 }
 
-// The same at one frame.
+// The same for a single frame.
 template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, const RowOf<Real> &own, Real *row) {
     constexpr int axes = static_cast<int>(SpaceRows<Real>::padded_axes);
     static_assert(axes == width<1>);
@@ -110,7 +112,7 @@ template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, con
     put_lanes(row, sums);
 }
 
-// Value of one function of space at some frames: the sum of its coefficients times functions of time.
+// Compute the value of one function of space at some frames: the sum of its coefficients times functions of time.
 template <int bytes, int frames, class Real>
 PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const SpaceRows<Real> &rows, i64 function, Real *row) {
     const i64 start = rows.starts[function], numbers = time.is_shared ? SpaceRows<Real>::padded_axes : 1;
@@ -137,21 +139,21 @@ PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const SpaceRows<R
     }
 }
 
-// A node of the tree whose affine functions are summed up.
+// A node of the partition tree, with the values of its affine functions at some frames.
 template <int frames> struct Node {
     i64 number;
     int level;
     alignas(cache_line) double affine[affine_count * width<frames>];
 };
 
-// Nothing in it depends on the precision in which elements are added up.
+// Walks the partition tree to the elements. It always computes in double, whatever precision the elements use.
 template <int frames> class Descent {
 public:
-    // The motion and the time must outlive it.
+    // `motion` and `time` must outlive this object.
     template <class Real> Descent(const Motion<Real> &motion, const TimeRows<frames, double> &time, VertexShare share)
         : Descent(*motion.basis, motion.tree, motion.selection ? &*motion.selection : nullptr, time, share) {}
 
-    // Return the next element of the share, null after the last. It is valid until the next call.
+    // Return the next element of the share, or null after the last one. It is valid until the next call.
     const Node<frames> *next();
 
 private:
@@ -173,33 +175,34 @@ private:
     const SpaceSelection *selection_;  // null if all functions are used
     const TimeRows<frames, double> &time_;
     VertexShare share_;
-    std::vector<Node<frames>> waiting_;  // nodes to come, the next one last
+    std::vector<Node<frames>> waiting_;  // nodes that are still to be visited, the next one last
     i64 waiting_count_ = 1;
 };
 
-// Functions or fields of an element, and the value of each at some frames.
+// Functions or fields of an element (its columns), and the weight of each at some frames.
 template <class Real> struct Columns {
-    const Real *values;  // from the element's first vertex on
+    const Real *values;  // of the columns, beginning at the element's first vertex
     i64 count;
     const Real *counts;
     i64 count_stride;
-    bool is_shared;  // they have values for each axis, and the same value of time on all of them
+    bool is_shared;  // whether each axis has values of its own, and all axes share one weight per frame
 };
 
-// The elements of a motion at some frames, one after another.
+// Visits the elements of a motion one after another, with their values at some frames.
 template <int bytes, int frames, class Real> class MovedElements {
 public:
     PDEANIM_INLINE MovedElements(const Motion<Real> &motion, const double *time, i64 given, VertexShare share)
         : motion_(motion), exact_(motion, time, given), usual_(motion, time, given), descent_(motion, exact_, share) {}
     MovedElements(const MovedElements &) = delete;
 
-    // Go to the next one; return false after the last.
+    // Go to the next element; return false after the last one.
     PDEANIM_INLINE bool next() {
         const Patches &patches = *motion_.basis->elements().patches;
         do {
             node_ = descent_.next();
             if (!node_) return false;
-            // Elements come in order, as the halves of a node do, one after the other unless some are left out.
+            // Elements come in ascending order, so the next one usually follows the last. With a selection, some are
+            // left out: search.
             if (element_ < 0 || motion_.selection) {
                 const auto found =
                     std::lower_bound(patches.starts.begin(), patches.starts.end(), patches.begins[node_->number]);
@@ -219,7 +222,7 @@ public:
         return affine_ > 0 ? item().constant * node_->affine[axis * frames + frame] : 0.0;
     }
 
-    // The other functions that move it; valid until the next call of `next`.
+    // Return the other functions that move the element; valid until the next call of `next`.
     PDEANIM_INLINE Columns<Real> columns() {
         constexpr int numbers = width<frames>;
         const typename Motion<Real>::Element &own = item();

@@ -1,4 +1,4 @@
-// Positions at the vertices: add up the functions of each element, or the fields of functions of time, and write them.
+// Computes positions at the vertices: adds up the functions of each element, or the fields of functions of time.
 #include <cstdint>
 #include <cstring>
 #include <type_traits>
@@ -10,12 +10,12 @@ namespace pdeanim {
 
 namespace {
 
-// An element's vertices at some frames.
+// The vertices of an element, with what their positions at some frames are added up from and where these are written.
 template <class Real> struct Target {
     Columns<Real> columns;
-    i64 stride;                 // distance from one function, field or axis of the reference frame to the next
-    const Real *away;           // reference frame; null without one
-    const Real *means, *rests;  // (axes, frames): means, and their rounding errors
+    i64 stride;        // distance in memory from one function (or field, or axis of the reference frame) to the next
+    const Real *away;  // reference frame; null if there is none
+    const Real *means, *rests;  // (axes, frames): mean positions, and their rounding errors
     const i32 *vertices;
     i64 size;    // number of vertices written
     i64 frames;  // number of frames written
@@ -38,12 +38,12 @@ PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
 #endif
 }
 
-// Replaces `DistinctLines` where no lines are fetched.
+// Takes the place of `DistinctLines` if no cache lines are fetched.
 struct NoLines {
     PDEANIM_INLINE void fetch_one() {}
 };
 
-// Cache lines of an element's next vertices, at most `points`.
+// The different cache lines in which the next vertices of an element, at most `points`, are written.
 template <int points, int together, class Out> class DistinctLines {
 public:
     template <class Real> PDEANIM_INLINE DistinctLines(const Target<Real> &to, i64 vertices, const Out *out)
@@ -57,7 +57,7 @@ public:
         }
     }
 
-    // From now on fetch the lines of frames `first` to `first` + `together` - 1, as far as they exist.
+    // Schedule the lines of frames `first` to `first` + `together` - 1, as far as these frames exist.
     PDEANIM_INLINE void begin(i64 first) {
         next_ = waiting_;
         end_ = waiting_;
@@ -113,7 +113,7 @@ PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64
     }
 }
 
-// One coordinate of some vertices: the sum so far plus both parts of its mean, the smaller one first.
+// Finish one coordinate of some vertices: add both parts of its mean to the sum so far, the smaller part first.
 template <int size, int points, class Real, class Out>
 PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     for (int i = 0; i < points; i += size) {
@@ -126,7 +126,7 @@ PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     }
 }
 
-// `packs` registers of vertices, at frames `first` to `first` + `together` - 1.
+// Compute and write `packs` registers of vertices at frames `first` to `first` + `together` - 1.
 template <int bytes, int frames, int packs, int together, class Real, class Out, class Lines>
 PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Lines &lines, Out *out) {
     constexpr int size = lanes<bytes, Real>, points = packs * size;
@@ -175,7 +175,7 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
             add_columns<bytes, frames, packs, together>(to, t, vertices, lines, out);
         }
     } else {
-        // Vertices are scattered over the frames: fetch their places while others are added up.
+        // Vertices are scattered over a frame in memory: fetch the lines of the next frames while these are added up.
         DistinctLines<points, together, Out> lines(to, vertices, out);
         lines.begin(0);
         lines.fetch_all();
@@ -188,7 +188,7 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
     to.pass(points);
 }
 
-// At most twelve sums are kept in registers; 24 if there are twice as many registers.
+// Write an element in blocks whose sums stay in registers: at most 12 sums, or 24 with twice as many registers.
 template <int bytes, int frames, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
@@ -246,7 +246,7 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
         const double *own = time.data() + frame * row;
         Out *to = out.data() + frame * size;
         frame += given;
-        // Loops for one frame exist only for float output.
+        // Only float output has loops for a single frame.
         if constexpr (std::is_same_v<Out, float>) {
             if (given == 1) {
                 evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
@@ -257,7 +257,8 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
     }
 }
 
-// Elements are padded to the widest registers.
+// Add a motion at one time to the reference frame. Elements are padded to the widest registers, so there is no
+// remainder.
 template <int bytes, class Real> PDEANIM_INLINE void displace_all(const Motion<Real> &motion, const double *weights,
                                                                   AnchoredReference<Real> &moved, VertexShare share) {
     constexpr int size = lanes<bytes, Real>, packs = is_small<bytes> ? 1 : 64 / bytes;

@@ -10,19 +10,19 @@ namespace {
 
 constexpr const char *counted = "coefficients of a group of frames";
 
-// Bytes of an element without coefficients, with the objects that own its arrays.
+// Memory of an element without coefficients, including the objects that own its arrays.
 constexpr u64 bytes_per_element = sizeof(Motion<double>::Element) + 64;
 
 bool is_zero(std::span<const i64> row) {
     return std::all_of(row.begin(), row.end(), [](i64 number) { return number == 0; });
 }
 
-// Return the coefficients of one function of time in a row, which begin at a channel.
+// Return the coefficients in a row that belong to one function of time; they begin at a channel.
 std::span<const i64> entry_of(std::span<const i64> row, i64 channel, int axes) {
     return row.subspan(channel, least<i64>(axes, static_cast<i64>(row.size()) - channel));
 }
 
-// Count, over all rows, the functions of time that they have coefficients of.
+// Count the pairs of a row and a function of time that have a coefficient other than 0.
 i64 count_entries(QuantisedRows rows, int axes) {
     i64 entries = 0;
     for (const std::span<const i64> row : rows) {
@@ -143,7 +143,7 @@ template <class Real> void Motion<Real>::end() {
     affine_ = std::vector<double>();
 }
 
-// Multiply a row by the step: its coefficients [scene units].
+// Multiply the coefficients of a row by the quantisation step [scene units].
 template <class Real> void Motion<Real>::multiply(std::span<const i64> row, double *to) const {
     for (const i64 number : row) *to++ = static_cast<double>(number) * step;
 }
@@ -155,7 +155,7 @@ template <class Real> void Motion<Real>::take_values(Element &own, i64 columns, 
     own.values.resize(numbers);
 }
 
-// Store the values of a function or a field at an element's vertices, in their order.
+// Store the values of a function or a field at an element's vertices, in the order of the vertices.
 template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, const double *values) {
     const Patches &patches = *basis->elements().patches;
     const i64 size = patches.size(element);
@@ -164,7 +164,7 @@ template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, co
     for (i64 k = 0; k < size; ++k) to[k] = static_cast<Real>(values[places[k]]);
 }
 
-// Make fields from some of an element's functions; values: of these functions.
+// Make the fields of an element. used, values: its functions with coefficients, and their values at its vertices.
 template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, QuantisedRows rows,
                                                      std::span<const double *const> values) {
     Element &own = elements[element];
@@ -199,7 +199,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
     ElementFunctions making(all);
     std::vector<i64> used;  // the element's functions with coefficients, except the constant one
     std::vector<const double *> values;
-    std::vector<std::span<const i64>> others;  // rows of those that are not affine
+    std::vector<std::span<const i64>> others;  // rows of the functions that are not affine
     for (i64 e = first; e < end; ++e) {
         if (is_left_out(e)) continue;
         Element &own = elements[e];
@@ -208,7 +208,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
         for (i64 k = affine > 0; k < basis->layout().rank(e); ++k) {
             if (k < affine || !is_zero(rows[own_row + k])) used.push_back(k);
         }
-        // Functions are built only as far as they have coefficients: usually a fraction.
+        // Build functions only up to the last one with coefficients: usually a fraction of all.
         const i64 rank = most(affine, used.empty() ? 0 : used.back() + 1);
         const SpaceBasis::FirstFunctions made = basis->first_functions(e, rank, making);
         const auto function = [&](i64 k) { return made.values.numbers + k * made.values.row; };

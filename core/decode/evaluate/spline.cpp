@@ -8,16 +8,15 @@ namespace pdeanim {
 
 namespace {
 
-// Frames on either side of a time. The rest weighs (2 - sqrt 3)^16 < 1e-9 at even times, a fiftieth of float32's
-// resolution.
+// Number of frames on either side of a time that count. For even times the frames beyond weigh (2 - sqrt 3)^16 < 1e-9,
+// a fiftieth of float32's resolution.
 constexpr i64 half_window = 16;
-// The same for uneven times: each frame further away weighs at most half as much as the one before it, and 2^-30 <
-// 1e-9.
+// The same for uneven times: each further frame weighs at most half as much as the one before it, and 2^-30 < 1e-9.
 constexpr i64 half_window_uneven = 30;
-// Times are even if no two steps differ by more than this factor: then a frame further away weighs 0.28 as much.
+// Times are even if no two steps differ by more than this factor: then each further frame weighs 0.28 as much.
 constexpr double even = 1.1;
 
-// Weights of the values and slopes at both ends of a piece at its fraction u, 0 to 1.
+// Return the weights of the values and slopes at both ends of a piece, at the fraction u (0 to 1) of its length.
 std::array<double, 4> hermite(double u, double step, int derivative) {
     if (derivative == 0) {
         const double back = 1.0 - u;
@@ -43,9 +42,9 @@ FrameSpline::FrameSpline(std::vector<double> times) : times_(std::move(times)) {
     if (frames() > 3) set_up_rows();
 }
 
-// The condition at the ends ties the slope of the end frame to the next two; it is substituted into the neighbouring
-// rows. Every diagonal is stored as its excess over the rest of its row, so there are only sums, products and quotients
-// of positive numbers: nothing cancels, however uneven the steps.
+// The condition at the ends ties the slope of the end frame to the next two slopes; it is substituted into the
+// neighbouring rows. Every diagonal entry is stored as its excess over the rest of its row, so there are only sums,
+// products and quotients of positive numbers: nothing cancels, however uneven the steps.
 void FrameSpline::set_up_rows() {
     const i64 last_row = frames() - 2;
     rows_.resize(frames());
@@ -62,7 +61,7 @@ void FrameSpline::set_up_rows() {
     rows_[last_row].excess = last_but_one;
     rows_[last_row].left = last * (2.0 * last + 3.0 * last_but_one) / (last + last_but_one);
     rows_[last_row].right = last_but_one * last_but_one / (last + last_but_one);
-    double remains = 0.0;  // 1 minus the quotient that elimination leaves in the row before
+    double remains = 0.0;  // 1 minus the quotient that eliminating the previous row gives
     for (i64 i = 1; i <= last_row; ++i) {
         Row &row = rows_[i];
         row.centre = row.excess + row.below * remains;
@@ -79,7 +78,8 @@ void FrameSpline::set_up_rows() {
     }
 }
 
-// Add `share` times the slope at a frame, as weights of the mean slopes of a window that begins at frame `first`.
+// Add the slope at a frame, times `share`. Slopes are expressed by weights of the mean slopes between the frames of a
+// window that begins at frame `first`.
 void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double> slopes) const {
     const i64 last = frames() - 1, end = first + static_cast<i64>(slopes.size());
     i64 row = frame;
@@ -91,7 +91,7 @@ void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double
         share *= -(h + k) / k;
         row = frame == 0 ? 1 : last - 1;
     }
-    double entry = share / rows_[row].centre;  // entry of the inverse's row for the slope
+    double entry = share / rows_[row].centre;  // entry of the slope's row in the inverse matrix
     for (i64 i = row; i < least(end, last); ++i) {
         if (i > row) entry *= -rows_[i - 1].above / rows_[i].up;
         slopes[i - 1 - first] += entry * rows_[i].left;
@@ -105,7 +105,7 @@ void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double
     }
 }
 
-// Weights of the polynomial through all of 1 to 3 frames (Lagrange).
+// Weights of the polynomial through all frames of a clip of 1 to 3 frames (Lagrange).
 void FrameSpline::weights_of_polynomial(double time, int derivative, std::span<double> weights) const {
     for (i64 i = 0; i < frames(); ++i) {
         double value = 1.0, slope = 0.0, bend = 0.0, distances = 1.0;
@@ -146,7 +146,7 @@ i64 FrameSpline::weights(double time, int derivative, std::span<double> weights)
 
 namespace {
 
-// Weights of both ends of a straight line of `step` seconds at its fraction u, 0 to 1.
+// Return the weights of both ends of a straight line that lasts `step` [s], at the fraction u (0 to 1) of its length.
 std::vector<double> straight(double u, double step, int derivative) {
     if (derivative == 0) return {1.0 - u, u};
     if (derivative == 1) return {-1.0 / step, 1.0 / step};

@@ -1,12 +1,13 @@
 // Interpolation between frames: the cubic spline through all frames of a clip, as weights of the frames near a time.
 //
-// Eq. 12 of Fang et al. 2024 gives the four functions of time of one segment. In their well-conditioned form they are,
-// at alpha = 0, the polynomials 1, t, t^2/2, t^3/6: a cubic. From frame to frame the motion is one combination of these
-// four; at a frame, where two pieces meet, the value and two derivatives agree. That is the cubic spline. At each end
-// two pieces are one cubic (not-a-knot). It is a parabola through 3 frames, a line through 2, constant for 1.
+// Eq. 12 of Fang et al. 2024 gives the four functions of time of one segment. In their well-conditioned form and at
+// alpha = 0 they are the polynomials 1, t, t^2/2, t^3/6: a cubic. Between two frames the motion is one combination of
+// these four; at a frame, where two pieces meet, the value and two derivatives agree. That is the cubic spline. At each
+// end the first two pieces are one cubic (not-a-knot). A clip of 3 frames gives a parabola, of 2 a line, of 1 a
+// constant.
 //
-// The spline depends on every frame, but on a frame k further away only by 0.27^k. So a time needs the frames of a
-// window, and any frame can be decoded without the whole clip.
+// The spline depends on every frame, but on the frame k frames away only by 0.27^k. So a time needs only the frames of
+// a window, and any frame can be decoded without the whole clip.
 #pragma once
 
 #include <optional>
@@ -22,7 +23,7 @@ public:
     // times: of the frames [s], at least one; increasing by at least 2^-53, within 2^53 of 0.
     explicit FrameSpline(std::vector<double> times);
 
-    // Number of frames in a window.
+    // Return the number of frames in a window.
     i64 width() const { return width_; }
 
     // Write the weights of the frames of a window for the position (derivative 0), the velocity (1) [1/s] or the
@@ -31,12 +32,12 @@ public:
     i64 weights(double time, int derivative, std::span<double> weights) const;
 
 private:
-    // The equation for the slope s at a frame: below s[i - 1] + (below + above + excess) s[i] + above s[i + 1] = left
-    // d[i - 1] + right d[i], with d[i] the mean slope from frame i to frame i + 1. The first and the last frame have
-    // none.
+    // The equation for the slope s at a frame i: below s[i - 1] + (below + above + excess) s[i] + above s[i + 1] = left
+    // d[i - 1] + right d[i], with d[i] the mean slope from frame i to frame i + 1. The first and the last frame have no
+    // equation.
     struct Row {
         double below = 0.0, above = 0.0, excess = 0.0, left = 0.0, right = 0.0;
-        // Pivots of elimination: from the first row on, from the last row back, and where both meet.
+        // Pivots of the elimination that starts at the first row, that starts at the last row, and where both meet.
         double down = 1.0, up = 1.0, centre = 1.0;
     };
 
@@ -47,14 +48,14 @@ private:
     i64 frames() const { return static_cast<i64>(times_.size()); }
 
     std::vector<double> times_;
-    std::vector<double> steps_;  // from frame to frame [s]
+    std::vector<double> steps_;  // from each frame to the next [s]
     std::vector<Row> rows_;      // one row per frame, for clips of 4 frames or more
     i64 half_ = 0;               // frames of a window on either side of a time
     i64 width_ = 0;
 };
 
-// Weights of consecutive frames from `first` on. In a clip with discontinuities, a spline goes through the frames of
-// each stretch between them, and a straight line from stretch to stretch.
+// Weights of consecutive frames, beginning at `first`. In a clip with discontinuities, a spline joins the frames of
+// each stretch, and a straight line joins two stretches.
 struct FrameShares {
     i64 first = 0;
     std::vector<double> values;
@@ -68,7 +69,8 @@ public:
     // each from 1 to the last frame.
     BrokenSpline(std::vector<double> times, std::vector<i64> jumps);
 
-    // As FrameSpline::weights. The spline of the latest stretch is kept: increasing times build each spline once.
+    // Return weights like FrameSpline::weights. The spline of the latest stretch is kept, so increasing times build
+    // each spline once.
     FrameShares shares(double time, int derivative);
 
 private:

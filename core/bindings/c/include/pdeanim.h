@@ -89,7 +89,7 @@ typedef struct pdeanim_options {
     uint64_t max_kept;
 } pdeanim_options;
 
-/* An open file, or an open run of one. */
+/* An open file, or one open run of a file. */
 typedef struct pdeanim_animation pdeanim_animation;
 
 /* Return the version of the library, "1.0.0". */
@@ -117,7 +117,7 @@ PDEANIM_API pdeanim_status pdeanim_open_read(pdeanim_read read, void *user, uint
 /* Close an animation. NULL and a closed animation are ignored. No other call with this animation may be running. */
 PDEANIM_API void pdeanim_close(pdeanim_animation *animation);
 
-/* Make the running calls with this animation end soon, with PDEANIM_CANCELLED. Later calls are not affected. */
+/* Make the running calls with this animation return soon, with PDEANIM_CANCELLED. Later calls are not affected. */
 PDEANIM_API void pdeanim_cancel(pdeanim_animation *animation);
 
 /* Return the number of frames of all runs. */
@@ -138,12 +138,12 @@ PDEANIM_API const double *pdeanim_times(const pdeanim_animation *animation);
 /* Return the number of runs of frames, which is 1 for most files. */
 PDEANIM_API int64_t pdeanim_run_count(const pdeanim_animation *animation);
 
-/* Return the run to show at a time [s]; between the last frame of one run and the first frame of the next, the earlier
- * run. -1 if the time is NaN. */
+/* Return the run to show at a time [s]. Between the last frame of one run and the first frame of the next this is the
+ * earlier run. Returns -1 if the time is NaN. */
 PDEANIM_API int64_t pdeanim_run_at(const pdeanim_animation *animation, double time);
 
-/* Return the index of a run's first frame; the number of frames if `run` equals the number of runs; -1 if there is no
- * such run. */
+/* Return the index of a run's first frame, or the number of frames if `run` equals the number of runs. Returns -1 if
+ * there is no such run. */
 PDEANIM_API int64_t pdeanim_first_frame_of_run(const pdeanim_animation *animation, int64_t run);
 
 /* Open one run of a file as an animation of its own, whose times are those of the run's frames. No data of other runs
@@ -152,8 +152,8 @@ PDEANIM_API int64_t pdeanim_first_frame_of_run(const pdeanim_animation *animatio
 PDEANIM_API pdeanim_status pdeanim_open_run(const pdeanim_animation *animation, int64_t run, pdeanim_animation **opened,
                                             pdeanim_error *error);
 
-/* Get the remarks for human readers (section META): a JSON object, compressed as a Zstandard frame. `size` is 0 if
- * there are none. */
+/* Get the remarks for human readers (section META): a JSON object, compressed as a Zstandard frame. `size` is 0 if the
+ * file has no remarks. */
 PDEANIM_API pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size,
                                            pdeanim_error *error);
 
@@ -165,7 +165,7 @@ typedef struct pdeanim_object {
     /* Number of corners of each face; then the vertex of each corner, face after face. Vertices count from 0 in each
      * object. */
     const int32_t *face_sizes, *face_indices;
-    const int32_t *line_sizes, *line_indices; /* the same for lines; a line of one point is a single point */
+    const int32_t *line_sizes, *line_indices; /* the same for lines; a line with a single point draws a point */
 } pdeanim_object;
 
 /* Get the name and the topology of an object. */
@@ -193,11 +193,11 @@ typedef struct pdeanim_attribute {
     const char *name; /* UTF-8 */
     pdeanim_domain domain;
     pdeanim_type type;
-    int64_t row_count, column_count; /* one column: scalar values */
+    int64_t row_count, column_count; /* shape of the values; scalar values have one column */
     const void *values;              /* row after row */
     int64_t index_count;             /* number of `indices`, one per element; 0: element k has row k */
     const int32_t *indices;          /* row of each element, -1 for none */
-    int64_t label_count;             /* number of `labels`; 0: values have no labels */
+    int64_t label_count;             /* number of `labels`; 0: the values have no labels */
     const char *const *labels;       /* UTF-8: what each integer value means */
 } pdeanim_attribute;
 
@@ -238,22 +238,22 @@ typedef enum pdeanim_field_type {
 
 /* Values on vertices, faces, corners or objects that change in time, such as stresses. */
 typedef struct pdeanim_field {
-    const char *name, *unit; /* UTF-8; an empty unit is unknown */
+    const char *name, *unit; /* UTF-8; an empty unit means that it is unknown */
     pdeanim_domain domain;
     pdeanim_field_type type;
-    int64_t row_count, column_count; /* rows of all objects that have it; numbers of a row */
-    size_t value_bytes;              /* size of a number */
-    double smallest, largest;        /* range of the source */
-    double bound;                    /* largest error at frames; 0: exact */
+    int64_t row_count, column_count; /* number of rows of all objects that have the field; numbers per row */
+    size_t value_bytes;              /* size of one number [bytes] */
+    double smallest, largest;        /* smallest and largest value of the source */
+    double bound;                    /* largest error at the frames; 0: values are exact */
 } pdeanim_field;
 
 PDEANIM_API pdeanim_status pdeanim_field_count(pdeanim_animation *animation, int64_t *count, pdeanim_error *error);
 PDEANIM_API pdeanim_status pdeanim_get_field(pdeanim_animation *animation, int64_t index, pdeanim_field *field,
                                              pdeanim_error *error);
 
-/* Evaluate a field at `count` times [s], in any order: out[count][rows][columns] of its type, `size` bytes. Between frames
- * floats follow a smooth curve; other values are those of the frame before. `derivative` is 0, or 1 or 2 for derivatives
- * of floats [1 / s, 1 / s^2]. */
+/* Evaluate a field at `count` times [s], in any order: out[count][rows][columns] of the field's type; `size` is the
+ * size of `out` in bytes. Between frames, floats follow a smooth curve and other types keep the values of the earlier
+ * frame. `derivative` is 0 for values; 1 or 2 gives derivatives of floats [1 / s, 1 / s^2]. */
 PDEANIM_API pdeanim_status pdeanim_evaluate_field(pdeanim_animation *animation, int64_t index, const double *times,
                                                   size_t count, int derivative, void *out, size_t size,
                                                   pdeanim_error *error);
