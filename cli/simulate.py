@@ -57,6 +57,11 @@ def _scene_command(name: str) -> click.Command:
             show_default=True,
             help="pbd: the stiffness depends on substeps and iterations; for comparison.",
         ),
+        click.option(
+            "--fields",
+            is_flag=True,
+            help="Also write velocities, elastic energies and Lagrange multipliers, as fields of the vertices.",
+        ),
         *(_scene_option(option) for option in SCENES[name].options),
         overwrite_option,
         json_option,
@@ -84,6 +89,7 @@ def _simulate(
     substeps: int | None,
     iterations: int,
     method: Any,
+    fields: bool,
     overwrite: bool,
     as_json: bool,
 ) -> None:
@@ -94,14 +100,24 @@ def _simulate(
     refuse_pdeanim(output, f"simulate to .npz or .h5 first, then pdecodec encode it into {output}")
     check_output(output, overwrite=overwrite)
     scene = build(name, **options)
-    sequence = scene.simulate(frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method)
+    sequence = scene.simulate(
+        frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method, fields=fields
+    )
     with progress_bar() as progress:
         write_sequence(sequence, output, overwrite=overwrite, progress=progress)
     seconds = time.perf_counter() - started
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     if as_json:
         print_json(
-            {"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds}, outputs_are_written=True
+            {
+                "output": output,
+                "scene": name,
+                **counts,
+                "fps": fps,
+                "fields": sequence.field_facts(),
+                "seconds": seconds,
+            },
+            outputs_are_written=True,
         )
     say(f"{output}: {extent(sequence)}, {seconds:.1f} s")
 

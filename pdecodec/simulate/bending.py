@@ -42,6 +42,8 @@ class IsometricBendingConstraints(SheetConstraints):
 
     members: ClassVar[int] = 4
     rows_of_each: ClassVar[int] = 3
+    resists: ClassVar[str] = "bending"
+    multiplier_unit: ClassVar[str] = "J s^2"
     arrays: ClassVar[RowShapes] = {"coefficients": (4,)}
     coefficients: Float64Array
 

@@ -85,6 +85,12 @@ class Constraints(ABC):
     rows_of_each: ClassVar[int] = 1
     """Rows of ``C`` per constraint; 0 for one fewer than it has particles."""
 
+    resists: ClassVar[str]
+    """What they resist: ``"stretch"``, ``"bending"``, ``"volume"`` or ``"strain"``; names of fields begin with it."""
+
+    multiplier_unit: ClassVar[str]
+    """Unit of the multipliers: joules times seconds squared, over the unit of ``C``."""
+
     particles: Int32Array
     damping: float = 0.0
     stiffness: float = 1.0
@@ -140,10 +146,30 @@ class Constraints(ABC):
     def values(self, positions: Float64Array) -> Float64Array:
         """Return ``C`` of all constraints, (constraints, rows)."""
 
-    def energy(self, positions: Float64Array) -> float:
-        """Return the elastic energy [J], Eq. 2; rigid rows store none."""
+    def energies(self, positions: Float64Array) -> Float64Array:
+        """Return the elastic energy of each row [J], (constraints, rows), Eq. 2; rigid rows store none."""
         inverse = np.divide(1.0, self.compliances, out=np.zeros_like(self.compliances), where=self.compliances > 0)
-        return float(0.5 * (self.values(positions) ** 2 * inverse).sum())  # Eq. 2
+        energies: Float64Array = 0.5 * self.values(positions) ** 2 * inverse  # Eq. 2
+        return energies
+
+    def energy(self, positions: Float64Array) -> float:
+        """Return the elastic energy of all constraints [J]."""
+        return float(self.energies(positions).sum())
+
+    def gather(self, values: Float64Array, particles: int) -> Float64Array:
+        """Return the sums of constraints' values over particles; the particles of a constraint get equal shares.
+
+        Parameters
+        ----------
+        values : (constraints, rows) float64
+        particles : int
+            Number of particles of the system.
+
+        Returns
+        -------
+        (particles, rows) float64
+        """
+        return gathered(self.particles, values, particles)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,6 +250,12 @@ class MeasuredConstraints(UniformConstraints):
     def values(self, positions: Float64Array) -> Float64Array:
         found: Float64Array = self.measured(positions, self.particles) - getattr(self, self.rest)
         return found.reshape(self.count, self.rows)
+
+
+def gathered(members: Int32Array, values: Float64Array, particles: int) -> Float64Array:
+    """Return sums over particles, (particles, columns), of values (n, columns) shared equally by `members`, (n, m)."""
+    shares = np.repeat(values / members.shape[1], members.shape[1], axis=0)
+    return np.stack([np.bincount(members.ravel(), column, particles) for column in shares.T], axis=1)
 
 
 def check_shape(what: str, array: Float64Array, shape: tuple[int, ...]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.simulate.constraints import MeasuredConstraints, Method, RowShapes, SheetConstraints
+from pdecodec.simulate.constraints import MeasuredConstraints, Method, RowShapes, SheetConstraints, gathered
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,6 +37,8 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
     """
 
     rows_of_each: ClassVar[int] = 0
+    resists: ClassVar[str] = "stretch"
+    multiplier_unit: ClassVar[str] = "N s^2"
     arrays: ClassVar[RowShapes] = {"lengths": None}
     rest: ClassVar[str] = "lengths"
     lengths: Float64Array
@@ -60,6 +62,10 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
             sheets.add_distances(self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
         else:
             sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
+
+    def gather(self, values: Float64Array, particles: int) -> Float64Array:
+        """Return the sums of links' values over particles, (particles, 1); a link shares with its two points alone."""
+        return gathered(self.pairs, values.reshape(-1, 1), particles)
 
     def lengths_at(self, positions: Float64Array) -> Float64Array:
         """Return present lengths [m], in the shape of `lengths`."""

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import tempfile
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
+from typing import IO
 
 import numpy as np
 
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import DEFAULT_FPS
 from pdecodec.simulate.constraints import Method
+from pdecodec.simulate.quantities import solver_fields, solver_values
 from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.system import System
 
@@ -54,6 +60,7 @@ class Scene:
         substeps: int | None = None,
         iterations: int = 1,
         method: Method = "xpbd",
+        fields: bool = False,
     ) -> Simulation:
         """Return a mesh sequence that simulates while it is read.
 
@@ -67,6 +74,9 @@ class Scene:
         iterations : int
             Sweeps over all constraints in each substep.
         method : {"xpbd", "pbd"}
+        fields : bool
+            Whether the sequence has the solver's quantities as fields: velocities, elastic energies and Lagrange
+            multipliers (:mod:`pdecodec.simulate.quantities`).
         """
         frames = self.frames if frames is None else frames
         if frames < 1:
@@ -77,7 +87,9 @@ class Scene:
             substeps = math.ceil(self.substeps * DEFAULT_FPS / fps)
         if not 1 <= substeps <= MAX_SUBSTEPS:
             raise SettingsError(f"must be 1 to {MAX_SUBSTEPS}, not {substeps}", setting="substeps")
-        return Simulation(self, frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method)
+        return Simulation(
+            self, frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method, fields=fields
+        )
 
 
 class Simulation(MeshSequence):
@@ -85,7 +97,8 @@ class Simulation(MeshSequence):
 
     Each frame follows from the one before. Reading forwards costs one simulation, however it is divided into blocks.
     Reading an earlier frame starts again from the initial state and gives the same bits. Use :meth:`to_array` to
-    keep frames that fit in memory.
+    keep frames that fit in memory. Fields of frames that were read go to a temporary file, so that reading them after
+    the positions does not simulate again.
 
     Attributes
     ----------
@@ -94,7 +107,7 @@ class Simulation(MeshSequence):
     """
 
     def __init__(
-        self, scene: Scene, *, frames: int, fps: float, substeps: int, iterations: int, method: Method
+        self, scene: Scene, *, frames: int, fps: float, substeps: int, iterations: int, method: Method, fields: bool
     ) -> None:
         self.scene = scene
         self.objects = (MeshObject(scene.name, Connectivity.from_padded(scene.visible.size, scene.faces)),)
@@ -110,6 +123,13 @@ class Simulation(MeshSequence):
         substep = 1 / (self.fps * substeps)
         self._new_solver = partial(Solver, scene.system, substep=substep, iterations=iterations, method=method)
         self._restart()
+        if fields:
+            self.fields = solver_fields(scene.system, method)
+            self._columns = [*accumulate((field.components for field in self.fields), initial=0)]
+            self._frame_bytes = 4 * self._columns[-1] * self.vertex_count
+            self._kept: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed at the end
+            weakref.finalize(self, self._kept.close)
+            self._is_kept = np.zeros(frames, bool)
 
     def _restart(self) -> None:
         self.solver = self._new_solver()
@@ -131,4 +151,19 @@ class Simulation(MeshSequence):
                 points[frame - start] = self.solver.positions[self.scene.visible]
             if not np.isfinite(points[frame - start]).all():
                 raise SettingsError("the simulation ran off to infinity; give it more substeps", frame=frame)
+            if self.fields and not self._is_kept[frame]:
+                self._kept.seek(frame * self._frame_bytes)
+                self._kept.write(solver_values(self.solver)[self.scene.visible].data)
+                self._is_kept[frame] = True
         return points
+
+    def _field_values(self, field: Field, start: int, stop: int) -> Float32Array:
+        if not self._is_kept[start:stop].all():
+            self.read_frames(start, stop)
+        self._kept.seek(start * self._frame_bytes)
+        values = np.frombuffer(self._kept.read((stop - start) * self._frame_bytes), np.float32)
+        number = self.fields.index(field)
+        columns = slice(*self._columns[number : number + 2])
+        return values.reshape(stop - start, self.vertex_count, self._columns[-1])[..., columns].reshape(
+            field.shape(stop - start, self.objects)
+        )

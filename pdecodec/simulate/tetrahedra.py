@@ -46,6 +46,8 @@ class VolumeConstraints(MeasuredConstraints):
 
     members: ClassVar[int] = 4
     rest: ClassVar[str] = "volumes"
+    resists: ClassVar[str] = "volume"
+    multiplier_unit: ClassVar[str] = "Pa s^2"
     arrays: ClassVar[RowShapes] = {"volumes": ()}
     volumes: Float64Array
 
@@ -84,6 +86,8 @@ class NeoHookeanConstraints(Constraints):
 
     members: ClassVar[int] = 4
     rows_of_each: ClassVar[int] = 2
+    resists: ClassVar[str] = "strain"
+    multiplier_unit: ClassVar[str] = "J s^2"
     arrays: ClassVar[RowShapes] = {"inverse_rest": (3, 3), "volumes": ()}
     inverse_rest: Float64Array
     volumes: Float64Array
@@ -153,7 +157,8 @@ class NeoHookeanConstraints(Constraints):
         corners = positions[self.particles]
         return (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1) @ self.inverse_rest
 
-    def energy(self, positions: Float64Array) -> float:
-        """Return the elastic energy [J], Eq. 2, minus its value at rest."""
-        rest = 0.5 * (3 * self.shear + self.shear**2 / self.bulk) * float(self.volumes.sum())
-        return super().energy(positions) - rest
+    def energies(self, positions: Float64Array) -> Float64Array:
+        """Return the elastic energy of each row [J], Eq. 2, minus its value at rest."""
+        rest = 0.5 * self.volumes[:, None] * np.array([3 * self.shear, self.shear**2 / self.bulk])
+        energies: Float64Array = super().energies(positions) - rest
+        return energies

@@ -294,8 +294,11 @@ def test_simulate_writes_the_scene_at_the_asked_size_and_formats_lists_what_is_t
 ) -> None:
     output = tmp_path / "cloth.npz"
     size = ["--columns", "6", "--rows", "5", "--frames", "4", "--fps", "30", "--substeps", "3", "--iterations", "2"]
-    found = json_of(capsys, "simulate", "cloth", "-o", output, *size)
+    found = json_of(capsys, "simulate", "cloth", "-o", output, *size, "--fields")
     assert (found["frames"], found["vertices"]) == (4, 30)
+    with open_sequence(output) as written:
+        assert [one["name"] for one in found["fields"]] == [field.name for field in written.fields]
+        assert np.abs(written.read_field("stretch_energy", 3, 4)).max() > 0
     points, times = decoded(output)
     assert points.shape == (4, 30, 3)
     assert times == pytest.approx(np.arange(4) / 30)
