@@ -522,7 +522,7 @@ class GroupModel:
     def missing(
         self,
         margins: Float64Array,
-        aim: tuple[float, float, float] | None,
+        aim: tuple[float, float] | None,
         excess: Excess | None,
         has_errors: bool,
         threads: int,

@@ -53,14 +53,14 @@ void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeA
 
 void find_excess(std::span<const Position> points, std::span<const Exact> base, i64 frame, double bound, const Aim &aim,
                  Excess &found) {
-    const double from = aim.from * bound;
+    const double most_off = aim.most * bound;
     for (std::size_t vertex = 0; vertex < points.size(); ++vertex) {
         Exact off;
         for (int axis = 0; axis < 3; ++axis) off[axis] = static_cast<double>(points[vertex][axis]) - base[vertex][axis];
         const double square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
-        if (!(square > from * from)) continue;
+        if (!(square > most_off * most_off)) continue;
         const double distance = std::sqrt(square);
-        const double share = least(distance - aim.to * bound, aim.farthest * bound) / most(distance, bound);
+        const double share = least(distance - most_off, aim.farthest * bound) / most(distance, bound);
         found.frames.push_back(static_cast<i32>(frame));
         found.vertices.push_back(static_cast<i32>(vertex));
         found.excess.push_back({static_cast<float>(off[0] * share), static_cast<float>(off[1] * share),

@@ -36,9 +36,9 @@ struct Excess {
     void add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const;
 };
 
-// Move vertices that are off by more than `from` bounds to `to` bounds, by at most `farthest` bounds.
+// Move vertices that are off by more than `most` bounds to that distance, by at most `farthest` bounds.
 struct Aim {
-    double to, from, farthest;
+    double most, farthest;
 };
 
 struct Errors {

@@ -80,7 +80,7 @@ public:
                        bool has_errors, int threads) const {
         require(margins.size() == points_.shape(0), "there must be one margin per frame");
         Aim beyond{};
-        if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
+        if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1])};
         Residuals found;
         Errors errors;
         {

@@ -450,7 +450,7 @@ class GroupFitter:
         def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
             functions = group_functions(entry, self._time(group), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
-            aim = (self.tuning.aim, self.tuning.aim, FARTHEST_PUSH)
+            aim = (self.tuning.aim, FARTHEST_PUSH)
             missing = self.held(functions, self.points, basis.order).missing(
                 limits, aim, excess, not is_trial, thread_count()
             )
