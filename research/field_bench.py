@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.codec.encode.fields import choose_coding, encode_chunk, field_quantiser, group_frames
+from pdecodec.codec.encode.field.chunks import choose_coding, encode_chunk, field_quantiser, group_frames
 
 DOMAINS = {"node": 0, "point": 0, "face": 1, "cell": 1, "corner": 2}
 

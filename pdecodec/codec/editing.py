@@ -22,7 +22,7 @@ from pdecodec import _core
 from pdecodec.codec.appending import AppendingEncoder
 from pdecodec.codec.container import CHUNK_SECTIONS, SECTION_KINDS, Section, Spool, stored_sections, write_container
 from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.field_sections import encode_field
+from pdecodec.codec.encode.field.sections import encode_field
 from pdecodec.codec.encode.report import generator
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description

@@ -17,7 +17,7 @@ from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
-from pdecodec.codec.encode.field_sections import check_field_names
+from pdecodec.codec.encode.field.sections import check_field_names
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, preset_named, with_preset
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit

@@ -12,7 +12,7 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, CorruptFileError, Field, MeshSequence
 from pdecodec.codec.container import Section, container_pieces
-from pdecodec.codec.encode import computed_fields
+from pdecodec.codec.encode.field import computed
 from pdecodec.codec.sections.fields import FieldEntry, computed_group, encode_field_headers
 from spec.decoder import animation as independent
 from spec.sealing import seal, take_apart
@@ -110,7 +110,7 @@ def test_candidates_are_compared_with_files_of_what_they_need(monkeypatch: pytes
         sizes.append(sections[-1].length)
         return container_pieces(sections)
 
-    monkeypatch.setattr(computed_fields, "container_pieces", pieces)
+    monkeypatch.setattr(computed, "container_pieces", pieces)
     report = pdecodec.encode(wave(), fields={"force": "exact"}, max_error=1e-4, field_tolerance=1e-2)
     stored = {one.name: one.bytes for one in report.fields if one.bytes}
     assert sorted(sizes) == sorted([0, *stored.values()])  # the motion once, and each field that gives others

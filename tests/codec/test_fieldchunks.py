@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pdecodec import CorruptFileError, _core
-from pdecodec.codec.encode.fields import PREDICTIONS, TRANSFORMS, choose_coding, encode_chunk, field_quantiser
+from pdecodec.codec.encode.field.chunks import PREDICTIONS, TRANSFORMS, choose_coding, encode_chunk, field_quantiser
 from spec.decoder.fieldchunks import neighbours_of_rows, read_chunk
 from spec.decoder.fields import CorruptFileError as PlainError
 from spec.decoder.mesh import Mesh

@@ -27,7 +27,7 @@ from pdecodec.codec.container import (
     section_sizes,
     write_container,
 )
-from pdecodec.codec.encode.field_sections import encode_fields
+from pdecodec.codec.encode.field.sections import encode_fields
 from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
 from pdecodec.codec.encode.reference import References, TieFinder, thread_ahead
 from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.container import Section, Spool
-from pdecodec.codec.encode.computed_fields import FieldComputer, Recipe
-from pdecodec.codec.encode.fields import (
+from pdecodec.codec.encode.field.chunks import (
     FieldQuantiser,
     choose_coding,
     encode_chunk,
@@ -27,6 +26,7 @@ from pdecodec.codec.encode.fields import (
     float_error,
     group_frames,
 )
+from pdecodec.codec.encode.field.computed import FieldComputer, Recipe
 from pdecodec.codec.encode.report import FieldReport
 from pdecodec.codec.sections.fields import (
     DOMAINS,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.codec.container import Section, Spool, container_pieces
-from pdecodec.codec.encode.fields import float_error, group_frames
+from pdecodec.codec.encode.field.chunks import float_error, group_frames
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.fields import (
     COPY,
