@@ -160,9 +160,13 @@ BUILT_IN = (
         written_beside="pdecodec.formats.vtk.writer:data_file",
         options=("displacement",),
         writer="pdecodec.formats.vtk.xdmf_writer:write_xdmf",
+        holds_fields=True,
         keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids, normals of smooth "
-        "meshes (written); motion is the geometry of each step, or the vectors that a setting names",
-        loses="names of objects (written), attributes and sets (named), up axis and unit; changing connectivity",
+        "meshes (written), attributes of nodes, cells and grids (fields; those of temporal collections of the same "
+        "meshes and times together); motion is the geometry of each step, or the vectors that a setting names",
+        loses="names of objects (written), attributes of faces and edges of cells, of inner cells and of collections, "
+        "degrees of freedom, sets (all named), fields on corners, other attributes, up axis and unit; changing "
+        "connectivity",
     ),
     Format(
         name="pvd",

@@ -151,7 +151,9 @@ SPECIFICATIONS: Mapping[str, Specification] = {
         carried=("textures", "properties of materials"),
     ),
     "xdmf": Specification(
-        ("Geometry", "Topology", "Time", "spatial collections"), ("Attribute", "Set", "Information"), ("Polyhedron",)
+        ("Geometry", "Topology", "Time", "spatial collections", "Attribute of nodes, cells and grids"),
+        ("Attribute of faces and edges", "Set", "Information"),
+        ("Polyhedron",),
     ),
     **dict.fromkeys(("vtu", "vtp", "vtk", "pvtu", "pvd", "series"), _VTK),
     "exodus": Specification(

@@ -126,6 +126,15 @@ class Cells:
         else:
             self._faces.append((nodes, numbers))
 
+    def inner_notice(self, cells: str, data: str) -> tuple[str, ...]:
+        """Return a notice that counts the `cells` without faces, whose `data` have no place; call it after
+        :meth:`connectivity`.
+        """
+        inner = self.count - np.unique(self.owners).size
+        if not inner or not self.owners.size:
+            return ()
+        return (f"{inner} of {self.count} {cells} have no face on the surface: their {data} are not kept",)
+
     def connectivity(
         self, points: NDArray[np.floating], *, only_used: bool = False
     ) -> tuple[Connectivity, Int64Array | None]:

@@ -160,7 +160,7 @@ class ExodusSequence(MeshSequence):
             *self.notices,
             *not_kept_data(lost),
             *left_out_notice(self._gather, len(self._rest)),
-            *self._inner_notice(kept["element variables"], cells),
+            *(cells.inner_notice("elements", "element variables") if kept["element variables"] else ()),
         )
         self.metadata = {}
 
@@ -210,13 +210,6 @@ class ExodusSequence(MeshSequence):
             return self._stored[field.name].read(start, stop, field.row_count(self.objects), _fill_of)
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
-
-    def _inner_notice(self, kept: Sequence[str], cells: Cells) -> tuple[str, ...]:
-        """Return a notice that counts elements without faces, whose values are not kept."""
-        inner = cells.count - np.unique(cells.owners).size
-        if not kept or not inner:
-            return ()
-        return (f"{inner} of {cells.count} elements have no face on the surface: their element variables are not kept",)
 
     def _block_names(self, spans: Mapping[int, slice], owners: Int64Array) -> tuple[Attribute, ...]:
         """Return groups of faces by the names of their blocks; none if no block with faces has a name."""

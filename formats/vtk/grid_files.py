@@ -82,12 +82,11 @@ def grid_of_cells(
     connectivity, gather = cells.connectivity(points, only_used=only_used)
     rows = {"vertex": gather, "face": cells.owners}
     data = {key: one if rows[key[0]] is None else one.gathered(rows[key[0]]) for key, one in stored.items()}
-    inner = cells.count - np.unique(cells.owners).size
     vectors = tuple(name for name, values in point_data.items() if is_vectors(values))
     added = point_data[wanted] if wanted in vectors and wanted is not None else None
     notices = left_out_notice(gather, len(points))
-    if inner and cells.owners.size and any(domain == "face" for domain, _ in stored):
-        notices += (f"{inner} of {cells.count} cells have no face on the surface: their cell data are not kept",)
+    if any(domain == "face" for domain, _ in stored):
+        notices += cells.inner_notice("cells", "cell data")
     if gather is None:
         mesh = MeshFile(points, connectivity, (), notices, data)
     else:

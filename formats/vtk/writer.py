@@ -6,22 +6,20 @@ import base64
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining, main_color
-from pdecodec.formats.base.frame_data import ON_FACES, DataKey
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
 from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
+from pdecodec.formats.vtk.written_fields import WrittenFields
 from pdecodec.formats.vtk.xml_files import TYPES
 from pdecodec.mesh.arrays import Float32Array
-from pdecodec.mesh.fields import Field
-from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
@@ -80,11 +78,11 @@ class _Grid:
         counts = np.concatenate([whole.face_counts, whole.line_counts])
         faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
         kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
-        self._fields = _FieldsOfFrames(sequence)
+        self._fields = WrittenFields(sequence, ("vertex", "face"))
         colors, self._normals = joined_colors(sequence), VertexNormals(sequence)
         constant = {_OBJECT: len(sequence.objects) > 1, _COLOR: colors is not None, _NORMALS: self._normals.held}
         there = [name for name, is_there in constant.items() if is_there]
-        own = {name for domain, name in self._fields.names.values() if domain == "vertex"}
+        own = self._fields.names("vertex")
         replaced = [name for name in there if name in own]
         point_data = b""
         if has_numbers := _OBJECT in there and _OBJECT not in replaced:
@@ -123,68 +121,12 @@ class _Grid:
             + b"</FieldData>\n"
         )
         normals = _array(_NORMALS, self._normals.at(points)) if self._has_normals else b""
-        point_data, cell_data = self._fields.at(frame)
+        data: dict[str, list[bytes]] = {"vertex": [], "face": []}
+        for one, values in self._fields.at(frame):
+            data[one.field.domain].append(_array(one.name, values))
         before, cells, between, after = self._pieces
-        return [head, before, normals, *point_data, cells, *cell_data, between, _array("Points", points), after]
-
-
-class _FieldsOfFrames:
-    """The fields of a run on vertices and faces, as data of points and cells.
-
-    Attributes
-    ----------
-    names : dict of str to (domain, name)
-        Of the fields that are written, by their own names; flags are written as 0 and 1.
-    lost : list of str
-        Names of other fields: those on corners and objects, and whole numbers that not all objects have.
-    """
-
-    def __init__(self, sequence: MeshSequence) -> None:
-        self._sequence = sequence
-        self.names: dict[str, DataKey] = {}
-        self.lost: list[str] = []
-        on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
-        for one in sequence.fields:
-            if one.domain not in ("vertex", "face") or (one.objects is not None and one.dtype.kind != "f"):
-                self.lost.append(one.name)
-                continue
-            plain = one.name.removesuffix(ON_FACES.format(""))
-            is_twin = one.domain == "face" and plain != one.name and plain in on_vertices
-            self.names[one.name] = one.domain, plain if is_twin else one.name
-        fields = [sequence.field_named(name) for name in self.names]
-        size = sum(one.frame_bytes(sequence.objects) for one in fields)
-        self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
-        self._start, self._block = 0, dict[str, NDArray[Any]]()
-        self._owned = {one.name: _owned_rows(one, sequence.objects) for one in fields if one.objects is not None}
-
-    def at(self, frame: int) -> tuple[list[bytes], list[bytes]]:
-        """Return the data of points and of cells of a frame; lines have no values on faces: NaN, or 0."""
-        if not self._start <= frame < self._start + self._at_a_time or not self._block:
-            self._start = frame
-            stop = min(frame + self._at_a_time, self._sequence.frame_count)
-            self._block = {name: self._sequence.read_field(name, frame, stop) for name in self.names}
-        found: dict[str, list[bytes]] = {"vertex": [], "face": []}
-        lines = self._sequence.connectivity.line_count
-        for name, (domain, label) in self.names.items():
-            field, values = self._sequence.field_named(name), self._block[name][frame - self._start]
-            missing = np.nan if field.dtype.kind == "f" else 0
-            has_it = self._owned.get(name)
-            if has_it is not None:
-                whole = np.full((has_it.size, *values.shape[1:]), missing, values.dtype)
-                whole[has_it] = values
-                values = whole
-            if domain == "face" and lines:
-                values = np.append(values, np.full((lines, *values.shape[1:]), missing, values.dtype), axis=0)
-            found[domain].append(_array(label, values.astype(np.uint8) if values.dtype == bool else values))
-        return found["vertex"], found["face"]
-
-
-def _owned_rows(field: Field, objects: Sequence[MeshObject]) -> NDArray[np.bool_]:
-    """Return for each row of a domain of all objects whether its object has the field."""
-    counts = replace(field, objects=None).row_counts(objects)
-    owners = np.zeros(len(counts), bool)
-    owners[list(field.objects or ())] = True
-    return np.repeat(owners, counts)
+        points_of = _array("Points", points)
+        return [head, before, normals, *data["vertex"], cells, *data["face"], between, points_of, after]
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:

@@ -1,13 +1,15 @@
 """Read XDMF: a small XML file with a grid per time step that refers to data in HDF5 files.
 
 ``xdmf_document.py`` follows includes and references, ``xdmf_grids.py`` finds steps, their times and parts,
-``xdmf_items.py`` reads values, ``xdmf_cells.py`` cells. Features of XDMF that these do not support are refused by
-name. Here steps become frames: each with its own geometry, or one geometry moved by vectors that the user names.
+``xdmf_items.py`` reads values, ``xdmf_cells.py`` cells, ``xdmf_attributes.py`` fields. Features of XDMF that these do
+not support are refused by name. Here steps become frames: each with its own geometry, or one geometry moved by vectors
+that the user names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +20,26 @@ from pdecodec.errors import InputError, damaged, naming_file
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
+from pdecodec.formats.vtk.xdmf_attributes import (
+    CENTERS,
+    DAMAGE,
+    AttributeFields,
+    Rows,
+    are_degrees_of_freedom,
+    center_of,
+)
 from pdecodec.formats.vtk.xdmf_cells import cells_of
 from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.formats.vtk.xdmf_grids import Grids, Part, Step
 from pdecodec.formats.vtk.xdmf_items import Items
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.fields import Field, FieldDomain
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 _AXES = {"XYZ": 3, "XY": 2, "X_Y_Z": 3, "X_Y": 2}
 """Number of axes of the supported geometry types; those with underscores have a DataItem per axis."""
-
-_CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge": "edge data", "grid": "grid data"}
-"""Names of an attribute's data in notices, by its Center."""
-
-_DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
-"""Exceptions of ElementTree, h5py and NumPy on damaged or missing parts."""
 
 
 class XdmfSequence(MeshSequence):
@@ -60,7 +65,7 @@ class XdmfSequence(MeshSequence):
         except InputError:
             self.close()
             raise
-        except _DAMAGE as error:
+        except DAMAGE as error:
             self.close()
             raise damaged(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
 
@@ -75,22 +80,34 @@ class XdmfSequence(MeshSequence):
         self._gathers: list[Int64Array | None] = []
         self._nodes: list[int] = []
         left_out: dict[str, None] = {}
+        rows: list[Mapping[FieldDomain, Rows]] = []
         for name, part in zip(names, first, strict=True):
             points = self._geometry(part)
-            connectivity, gather = self._connectivity(part, points)
+            cells = cells_of(part.topology, self._items, self._path)
+            connectivity, gather = cells.connectivity(points)
+            vertices = slice(None) if gather is None else gather
+            rows.append({
+                "vertex": Rows(len(points), vertices, connectivity.vertex_count),
+                "face": Rows(cells.count, cells.owners, connectivity.face_count),
+                "object": Rows(1, slice(None), 1),
+            })  # fmt: skip
             attributes = () if gather is None else (node_attribute(gather),)
             objects.append(MeshObject(name, connectivity, attributes))
             self._gathers.append(gather)
             self._nodes.append(len(points))
-            left_out.update(dict.fromkeys(left_out_notice(gather, len(points))))
+            told = left_out_notice(gather, len(points))
+            if any(center_of(one) == "cell" for one in part.attributes):
+                told += cells.inner_notice("cells", "cell data")
+            left_out.update(dict.fromkeys(told))
         self.objects = tuple(objects)
         self._topologies = [self._items.key(part.topology) for part in first]
         self.metadata = {}
-        kept = {
-            "times": ["Time"] if self._steps[0].time is not None else [],
-            "point data": [] if self._moving is None else [self._moving],
-        }
-        lost = _dropped([*self._steps, *timeline.others], grids.loose, self._moving) | grids.information()
+        self._attributes = AttributeFields(self._steps, rows, self._items, self._moving)
+        self.fields = self._attributes.fields
+        read = [*self._attributes.kept, *([] if self._moving is None else [("node", self._moving)])]
+        kept = {CENTERS[center]: [name for at, name in read if at == center] for center, _ in read}
+        kept["times"] = ["Time"] if self._steps[0].time is not None else []
+        lost = _dropped(self._steps, read, timeline.others, grids.loose) | grids.information()
         self.list_contents = lambda: contents_of(self.objects, kept, lost)
         self.notices = (
             *notices,
@@ -176,19 +193,32 @@ class XdmfSequence(MeshSequence):
             for mine, theirs in zip(self._steps[number].parts, first, strict=True)
         )
 
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.empty((stop - start, field.row_count(self.objects), field.components), field.dtype)
+        for frame in range(start, stop):
+            with self._errors_of(frame):
+                values[frame - start] = self._attributes.read(field, frame, self.objects)
+        return values.reshape(field.shape(stop - start, self.objects))
+
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         found = np.empty((stop - start, self.vertex_count, 3), np.float32)
         for frame in range(start, stop):
-            try:
+            with self._errors_of(frame):
                 self._read_frame(frame, found[frame - start])
-            except InputError:
-                raise
-            except _DAMAGE as error:
-                raise InputError(
-                    f"this frame cannot be read ({error})", code="unreadable", path=self._path, frame=frame
-                ) from error
         return found
+
+    @contextmanager
+    def _errors_of(self, frame: int) -> Iterator[None]:
+        """Turn exceptions on damage into an InputError that names the frame."""
+        try:
+            yield
+        except InputError as error:
+            raise error.placed(frame=frame, path=error.path or self._path) from error
+        except DAMAGE as error:
+            raise InputError(
+                f"this frame cannot be read ({error})", code="unreadable", path=self._path, frame=frame
+            ) from error
 
     def _read_frame(self, frame: int, into: Float32Array) -> None:
         """Read positions (vertices, 3) of a frame; InputError if its connectivity differs from the first frame's."""
@@ -211,14 +241,14 @@ class XdmfSequence(MeshSequence):
 
 def _is_vector(attribute: Element) -> bool:
     """Return whether an attribute is a vector of two or three components per node."""
-    if attribute.get("Center", "Node").lower() != "node" or attribute.get("ItemType", "") == "FiniteElementFunction":
+    if center_of(attribute) != "node" or are_degrees_of_freedom(attribute):
         return False
     kind = attribute.get("AttributeType", attribute.get("Type", "Scalar")).lower()
-    if kind == "vector":
-        return True
     items: Iterable[Any] = attribute.findall("DataItem")
     shapes = [str(item.get("Dimensions", "")).split() for item in items]
-    return kind == "matrix" and len(shapes) == 1 and len(shapes[0]) == 2 and shapes[0][1] in ("2", "3")
+    if len(shapes) == 1 and len(shapes[0]) == 2:
+        return kind in ("vector", "matrix") and shapes[0][1] in ("2", "3")
+    return kind == "vector"
 
 
 def _vectors(parts: Sequence[Part]) -> list[str]:
@@ -227,22 +257,25 @@ def _vectors(parts: Sequence[Part]) -> list[str]:
     return [name for name in dict.fromkeys(names[0]) if all(name in others for others in names)]
 
 
-def _dropped(steps: Sequence[Step], loose: Sequence[Element], moving: str | None) -> dict[str, dict[str, None]]:
-    """Return the names of attributes and sets of all steps, by kind, except the vectors `moving`.
+def _dropped(
+    steps: Sequence[Step], read: Collection[tuple[str, str]], others: Sequence[Step], loose: Sequence[Element]
+) -> dict[str, dict[str, None]]:
+    """Return the names of attributes and sets that are not kept, by kind.
 
-    `loose` are attributes that belong to no part.
+    Kept are attributes of `steps` that are `read`, (Center, Name). The steps `others` are not read, and the attributes
+    `loose` belong to no part.
     """
     found: dict[str, dict[str, None]] = {}
     for one in loose:
         found.setdefault("data of collections", {})[str(one.get("Name"))] = None
-    for step in steps:
+    for step, names in (*((one, read) for one in steps), *((one, ()) for one in others)):
         for part in step.parts:
             for one in part.attributes:
-                name, center = str(one.get("Name")), one.get("Center", "Node").lower()
-                kind = _CENTERS.get(center, f"data of center {center}")
-                if one.get("ItemType") == "FiniteElementFunction":
+                name, center = str(one.get("Name")), center_of(one)
+                kind = CENTERS.get(center, f"data of center {center}")
+                if are_degrees_of_freedom(one):
                     kind = "degrees of freedom (FiniteElementFunction)"
-                elif name == moving and _is_vector(one):
+                elif (center, name) in names:
                     continue
                 found.setdefault(kind, {})[name] = None
             for one in part.sets:

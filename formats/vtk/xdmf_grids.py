@@ -7,7 +7,7 @@ spatial collection exist together, and so do the grids of a domain without a tem
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -86,7 +86,11 @@ class Grids:
             name = f"of {len(grids)} grids of the domain"
             return Timeline(self._join_steps([self._steps(grid, None) for grid in grids], None, name), lost)
         chosen = next((one for one in read if _has_attribute(one[1], wanted)), read[0])
-        rest = [one for one in read if one is not chosen]
+        rest, steps = [], chosen[1]
+        for one in read:
+            whole = None if one is chosen else self._with_attributes(steps, one[1])
+            steps = whole or steps
+            rest += [one] if one is not chosen and whole is None else []
         if rest:
             names = quoted(grid.get("Name", "") for grid, _ in rest)
             lost.append(f"of {len(read)} temporal collections {chosen[0].get('Name', '')!r} is read, not {names}")
@@ -98,7 +102,31 @@ class Grids:
         ]
         if outside:
             lost.append(f"grids outside the temporal collection are not read: {quoted(outside)}")
-        return Timeline(chosen[1], lost, [step for _, steps in rest for step in steps])
+        return Timeline(steps, lost, [step for _, others in rest for step in others])
+
+    def _with_attributes(self, steps: Sequence[Step], others: Sequence[Step]) -> list[Step] | None:
+        """Return steps with the attributes of others, too; None unless these have the same times and meshes.
+
+        Programs of finite elements write a temporal collection for each function.
+        """
+        if [step.time for step in steps] != [step.time for step in others]:
+            return None
+        found = []
+        for step, other in zip(steps, others, strict=True):
+            if len(step.parts) != len(other.parts):
+                return None
+            pairs = list(zip(step.parts, other.parts, strict=True))
+            if not all(
+                self._is_same(a.geometry, b.geometry) and self._is_same(a.topology, b.topology) for a, b in pairs
+            ):
+                return None
+            parts = (replace(a, attributes=(*a.attributes, *b.attributes), sets=(*a.sets, *b.sets)) for a, b in pairs)
+            found.append(Step(step.time, tuple(parts)))
+        return found
+
+    def _is_same(self, mine: Element, other: Element) -> bool:
+        """Return whether two elements hold the same data; nothing is read for that."""
+        return mine is other or (mine.attrib == other.attrib and self._items.key(mine) == self._items.key(other))
 
     def _steps(self, grid: Element, inherited: float | None) -> list[Step]:
         """Return the steps of a grid: those of a temporal collection, else one, with its own or the inherited time."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import bz2
+import contextlib
 import math
 import re
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import h5py
 import numpy as np
@@ -28,7 +29,7 @@ _KINDS = {"FLOAT": "f", "INT": "i", "UINT": "u", "CHAR": "i", "UCHAR": "u", "SHO
 _SIZES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2}
 """Default size of a number by type [bytes], if Precision is missing; 4 for other types."""
 
-_ORDERS = {"BIG": ">", "LITTLE": "<", "NATIVE": "=", "": "="}
+_ORDERS: Mapping[str, Literal[">", "<", "="]] = {"BIG": ">", "LITTLE": "<", "NATIVE": "=", "": "="}
 
 _DECOMPRESSORS: dict[str, Callable[[BinaryIO, int], bytes]] = {
     "": read_at_most,
@@ -53,6 +54,7 @@ class Items:
         self._document, self._path = document, document.path
         self._files: dict[Path, Any] = {}
         self._checked: set[tuple[Path, str]] = set()
+        self._dtypes: dict[tuple[tuple[str, str], ...], np.dtype[Any]] = {}
 
     def of(self, element: Element) -> list[Element]:
         """Return the DataItems of an element."""
@@ -84,7 +86,7 @@ class Items:
         InputError
             If its kind is not supported, or its data are missing or not of the declared size.
         """
-        kind = item.get("ItemType", item.get("Type", "Uniform")).lower()
+        kind = _kind(item)
         if kind == "hyperslab":
             values = self._read_slab(item)
         elif kind == "function":
@@ -95,10 +97,44 @@ class Items:
             raise self._refused(f"a DataItem of type {kind} is not read")
         return self._reshape(values, item)
 
+    def layout(self, element: Element) -> tuple[np.dtype[Any], int]:
+        """Return the type of the numbers of an element's only DataItem, and how many it declares.
+
+        No values are read, but for XML without Dimensions. Of items of HDF5 that declare the same type one is opened.
+
+        Raises
+        ------
+        InputError
+            If there is not one DataItem, its kind is not supported, or it cannot have so many numbers.
+        """
+        found = self.of(element)
+        if len(found) != 1:
+            raise self._refused(f"{element.tag} {element.get('Name', '')!r} has {len(found)} DataItems")
+        item = found[0]
+        dtype, shape = self._dtype(item), self._shape(item)
+        size = self.numbers(item).size if shape is None else math.prod(shape)
+        if shape is not None and _form(item) == "XML" and size > len(item.text or ""):
+            raise damaged("a DataItem declares more numbers than it has; write it again", path=self._path)
+        return dtype, size
+
     def close(self) -> None:
         for file in self._files.values():
             file.close()
         self._files = {}
+
+    def _dtype(self, item: Element) -> np.dtype[Any]:
+        """Return the type of the numbers of a DataItem, in the order of this computer."""
+        kind, form = _kind(item), _form(item)
+        if kind == "hyperslab":
+            return self._dtype(self.of(item)[-1])
+        if kind == "function":
+            return np.result_type(*map(self._dtype, self.of(item)))
+        if form != "HDF":
+            return _declared_type(item)
+        key = tuple(sorted((name, value) for name, value in item.items() if name not in ("Name", "Dimensions")))
+        if key not in self._dtypes:
+            self._dtypes[key] = self._dataset((item.text or "").strip().partition("|")[0], item).dtype.newbyteorder("=")
+        return self._dtypes[key]
 
     def _refused(self, message: str) -> InputError:
         return InputError(
@@ -124,11 +160,11 @@ class Items:
 
     def _uniform(self, item: Element, selection: Selection | None) -> NDArray[Any]:
         """Return the values of an item that holds them itself, or a selection of them."""
-        form = item.get("Format", "XML").upper()
+        form = _form(item)
         if form == "HDF":
             return self._of_hdf5(item, selection)
         if form == "XML":
-            values = np.array((item.text or "").split(), np.float64)
+            values = _parsed((item.text or "").split(), item)
         elif form == "BINARY":
             values = self._of_binary(item)
         else:
@@ -137,22 +173,17 @@ class Items:
 
     def _of_hdf5(self, item: Element, selection: Selection | None) -> NDArray[Any]:
         text = (item.text or "").strip()
-        name, _, place = text.partition(":")
-        place, *parts = place.split("|")
+        address, *parts = text.split("|")
         if parts:
             # XDMF 3: start, stride and count of a part, and the shape of the whole.
             if len(parts) != 4 or selection is not None:
                 raise self._refused(f"the part of a dataset {text!r} is not understood")
             start, stride, count, _ = ([int(number) for number in part.split()] for part in parts)
             selection = _selection(start, stride, count)
-        scope = self._document.scope
-        file = self._open(name, self._document.folder(item))
-        dataset = linked_item(file, place, scope)
-        if not isinstance(dataset, h5py.Dataset):
-            raise damaged(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
-        key = Path(file.filename), place
+        dataset = self._dataset(address, item)
+        key = Path(dataset.file.filename), address
         if key not in self._checked:
-            check_stored(dataset, scope)
+            check_stored(dataset, self._document.scope)
             self._checked.add(key)
         if selection is None:
             return np.asarray(dataset[()])
@@ -164,6 +195,14 @@ class Items:
             )
         return np.asarray(dataset[self._check_selection(selection, dataset.shape)])
 
+    def _dataset(self, address: str, item: Element) -> Any:
+        """Return the dataset at ``FILE:PLACE``."""
+        name, _, place = address.partition(":")
+        dataset = linked_item(self._open(name, self._document.folder(item)), place, self._document.scope)
+        if not isinstance(dataset, h5py.Dataset):
+            raise damaged(f"{name!r} has no dataset {place!r}; write it again", path=self._path)
+        return dataset
+
     def _open(self, name: str, folder: Path) -> Any:
         path = folder / name
         if path not in self._files:
@@ -173,12 +212,10 @@ class Items:
     def _of_binary(self, item: Element) -> NDArray[Any]:
         """Return the values of a raw binary file, from the byte ``Seek`` on."""
         name, shape = (item.text or "").strip(), self._shape(item)
-        number = item.get("NumberType", item.get("DataType", "Float")).upper()
         packing, order = item.get("Compression", "").upper(), item.get("Endian", "").upper()
-        if number not in _KINDS or packing not in _DECOMPRESSORS or order not in _ORDERS or shape is None:
+        if _number_type(item) not in _KINDS or packing not in _DECOMPRESSORS or order not in _ORDERS or shape is None:
             raise self._refused(f"the binary data in {name!r} ({dict(item.items())}) are not read")
-        size = int(item.get("Precision", _SIZES.get(number, 4)))
-        dtype = np.dtype(f"{_ORDERS[order]}{_KINDS[number]}{size}")
+        dtype = _declared_type(item).newbyteorder(_ORDERS[order])
         wanted = math.prod(shape) * dtype.itemsize
         with self._document.scope.open(name, self._document.folder(item)) as file:
             file.seek(int(item.get("Seek", "0").split()[0]))
@@ -196,7 +233,7 @@ class Items:
             raise self._refused(f"a HyperSlab has {len(parts)} DataItems, but needs two: the selection and its source")
         start, stride, count = self.numbers(parts[0]).reshape(3, -1).astype(np.int64).tolist()
         selection, source = _selection(start, stride, count), parts[1]
-        if source.get("ItemType", source.get("Type", "Uniform")).lower() == "uniform":
+        if _kind(source) == "uniform":
             values = self._uniform(source, selection)
         else:
             whole = self.numbers(source)
@@ -225,6 +262,33 @@ class Items:
         if len({column.size for column in columns}) != 1 or shape != (columns[0].size, len(columns)):
             raise self._refused(f"the function {text!r} of items that are not one number an element is not read")
         return np.stack(columns, axis=1)
+
+
+def _kind(item: Element) -> str:
+    return item.get("ItemType", item.get("Type", "Uniform")).lower()
+
+
+def _form(item: Element) -> str:
+    return item.get("Format", "XML").upper()
+
+
+def _number_type(item: Element) -> str:
+    return item.get("NumberType", item.get("DataType", "Float")).upper()
+
+
+def _declared_type(item: Element) -> np.dtype[Any]:
+    """Return the type of numbers that an item of XML or of a binary file declares; an exception if there is none."""
+    number = _number_type(item)
+    return np.dtype(f"{_KINDS[number]}{int(item.get('Precision', _SIZES.get(number, 4)))}")
+
+
+def _parsed(words: Sequence[str], item: Element) -> NDArray[Any]:
+    """Return numbers of a text: whole ones, to the last digit, where they are declared and the text has no others."""
+    kind = _KINDS.get(_number_type(item), "f")
+    if kind != "f":
+        with contextlib.suppress(ValueError, OverflowError):
+            return np.array(words, np.int64 if kind == "i" else np.uint64)
+    return np.array(words, np.float64)
 
 
 def _selection(start: Sequence[int], stride: Sequence[int], count: Sequence[int]) -> Selection:

@@ -1,16 +1,19 @@
-"""Write XDMF: one topology, a dataset of positions per frame, and a small XML file that names them."""
+"""Write XDMF: one topology, datasets of positions and fields per frame, and a small XML file that names them."""
 
 from __future__ import annotations
 
 from typing import Any
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.formats.arrays.hdf5 import new_hdf5
 from pdecodec.formats.base.attribute_roles import lost_by_joining
+from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
+from pdecodec.formats.vtk.written_fields import WrittenFields
 from pdecodec.formats.vtk.xdmf_cells import MIXED_KINDS
 from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
@@ -18,29 +21,52 @@ from pdecodec.system.whole_output import check_writable, partial_folder, publish
 
 
 def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write ``name.xdmf`` with ``name.h5`` next to it; objects are joined to one grid."""
+    """Write ``name.xdmf`` with ``name.h5`` next to it; objects are joined to one grid, fields are its attributes."""
     path = output.path
     data_path = path.with_suffix(".h5")
-    for one in (path, data_path):
-        check_writable(one, overwrite=output.overwrite)
+    for place in (path, data_path):
+        check_writable(place, overwrite=output.overwrite)
+    normals, fields = VertexNormals(sequence), WrittenFields(sequence, ("vertex", "face", "object"))
+    is_replaced = _NORMALS in fields.names("vertex")
+    has_normals = normals.held and not is_replaced
     with partial_folder(path) as folder, write_errors(path):
         with new_hdf5(folder / data_path.name) as (file, check):
             topology = _write_topology(file, sequence.connectivity, data_path.name)
-            rows, normals = [], VertexNormals(sequence)
+
+            def stored(name: str, values: NDArray[Any]) -> str:
+                check()
+                data = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+                file.create_dataset(name, data=data, track_times=False)
+                return _item_text(data_path.name, name, data)
+
+            rows = []
             for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
-                    name = f"points/{frame:06d}"
-                    check()
-                    file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
-                    shading = f"normals/{frame:06d}" if normals.held else None
-                    if shading is not None:
-                        file.create_dataset(shading, data=normals.at(points).astype("<f4"), track_times=False)
-                    time = float(sequence.times[frame])
-                    rows.append(_grid_text(topology, name, shading, data_path.name, len(points), time))
+                    text = f'{topology}        <Geometry GeometryType="XYZ">\n'
+                    text += f"{stored(f'points/{frame:06d}', points.astype(np.float32))}        </Geometry>\n"
+                    if has_normals:
+                        shading = stored(f"normals/{frame:06d}", normals.at(points).astype(np.float32))
+                        text += _attribute_text(_NORMALS, 3, "Node", shading)
+                    for number, (one, values) in enumerate(fields.at(frame)):
+                        item = stored(f"fields/{number}/{frame:06d}", values)
+                        text += _attribute_text(one.name, one.field.components, _CENTERS[one.field.domain], item)
+                    rows.append(_grid_text(text, float(sequence.times[frame])))
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
         publish(folder, [data_path.name, path.name], overwrite=output.overwrite)
-    return lost_by_joining(sequence, "XDMF", "grid", held=normals.holds)
+    return (
+        *lost_by_joining(sequence, "XDMF", "grid", held=normals.holds),
+        *not_kept([_NORMALS] * (normals.held and is_replaced), "not kept, because fields have their names: {}"),
+        *not_kept(fields.lost, "fields not kept: {}"),
+    )
 
+
+_NORMALS = "Normals"
+"""Name of the attribute of normals."""
+
+_CENTERS = {"vertex": "Node", "face": "Cell", "object": "Grid"}
+
+_TYPES = {1: "Scalar", 9: "Tensor"}
+"""Types of attributes by the number of components; others are vectors: VTK changes the order of a Tensor6."""
 
 _HEAD = (
     '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n  <Domain>\n'
@@ -70,27 +96,30 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
                 head = [number] if number in MIXED_KINDS else [number, size]
                 cells += [np.array(head, np.int32), indices[end - size : end]]
         numbers = np.concatenate(cells)
-    file.create_dataset("topology", data=np.ascontiguousarray(numbers, "<i4"), track_times=False)
-    shape = " ".join(map(str, numbers.shape))
+    data = np.ascontiguousarray(numbers, "<i4")
+    file.create_dataset("topology", data=data, track_times=False)
     return (
         f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
-        f'          <DataItem Dimensions="{shape}" NumberType="Int" Precision="4" Format="HDF">'
-        f"{escape(data_name)}:/topology</DataItem>\n        </Topology>\n"
+        f"{_item_text(data_name, 'topology', data)}        </Topology>\n"
     )
 
 
-def _grid_text(topology: str, name: str, normals: str | None, data_name: str, points: int, time: float) -> str:
-    def vectors(dataset: str) -> str:
-        return (
-            f'          <DataItem Dimensions="{points} 3" NumberType="Float" Precision="4" Format="HDF">'
-            f"{escape(data_name)}:/{dataset}</DataItem>\n"
-        )
-
-    shading = ""
-    if normals is not None:
-        head = '        <Attribute Name="Normals" AttributeType="Vector" Center="Node">\n'
-        shading = f"{head}{vectors(normals)}        </Attribute>\n"
+def _item_text(data_name: str, place: str, data: NDArray[Any]) -> str:
+    """Return the DataItem of a dataset."""
+    kind, size = {"f": "Float", "i": "Int", "u": "UInt"}[data.dtype.kind], data.dtype.itemsize
+    if size == 1:
+        kind = {"Int": "Char", "UInt": "UChar"}[kind]
     return (
-        f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{topology}'
-        f'        <Geometry GeometryType="XYZ">\n{vectors(name)}        </Geometry>\n{shading}      </Grid>\n'
+        f'          <DataItem Dimensions="{" ".join(map(str, data.shape))}" NumberType="{kind}" Precision="{size}" '
+        f'Format="HDF">{escape(data_name)}:/{place}</DataItem>\n'
     )
+
+
+def _attribute_text(name: str, components: int, center: str, item: str) -> str:
+    kind = _TYPES.get(components, "Vector")
+    head = f'        <Attribute Name={quoteattr(name)} AttributeType="{kind}" Center="{center}">\n'
+    return f"{head}{item}        </Attribute>\n"
+
+
+def _grid_text(content: str, time: float) -> str:
+    return f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{content}      </Grid>\n'

@@ -282,7 +282,7 @@ CONTRACT = (
     Holds(file="x.glb", attributes=(*_SCENE, "uv missing"), infinite=False, error=2.0**-21, attribute_error=1e-7),
     Holds(file="x.gltf", attributes=(*_SCENE, "uv missing"), infinite=False, error=2.0**-21, attribute_error=1e-7),
     Holds(file="x/", attributes=_OBJ, metadata=False, runs=True, infinite=False, attribute_error=1e-7),
-    _ONE(file="x.xdmf"),
+    _ONE(file="x.xdmf", fields=("vertex", "face", "object")),
     _ONE(file="x.pvd", runs=True, fields=_DOMAINS[:2]),
     _ONE(file="x.e", write=_write_exodus, written=False, shapes=tuple(one for one in _OF_TWO if one != "polygons")),
     _ONE(file="x.vtu.series", write=_write_series, written=False, runs=True),

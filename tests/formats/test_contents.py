@@ -299,7 +299,7 @@ LAYOUT = {
 }
 EXPECTED = {
     vtu: {"coded": ("positions", "faces", "field data", *DATA), "dropped": ("field data",)},
-    xdmf: {"coded": ("positions", "faces", "times"), "dropped": (*DATA, "grid data", "sets", "information")},
+    xdmf: {"coded": ("positions", "faces", "times", *DATA, "grid data"), "dropped": ("sets", "information")},
     exodus: {
         "coded": ("positions", "faces", "times", "nodal variables", "blocks"),
         "dropped": (

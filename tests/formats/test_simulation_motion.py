@@ -595,7 +595,8 @@ def test_vectors_of_xdmf_move_nothing_unless_they_are_asked_for(
     with open_sequence(path) as read:
         told = f"nothing says that {name!r} is its displacement"
         assert any(told in line for line in read.notices) == (kind != "Scalar" and not moves)
-        assert read.notices[-1] == f"point data {name!r} are not kept"
+        assert [(field.name, field.components) for field in read.fields] == [(name, width)]
+        assert read.read_field(name, 2, 3)[0].reshape(4, width).tolist() == (VELOCITY[:, :width] * RISE[2]).tolist()
     if kind == "Scalar":
         with pytest.raises(InputError, match="has no vectors 'u' on its nodes"):
             open_sequence(path, displacement=name)

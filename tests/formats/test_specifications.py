@@ -225,7 +225,14 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
             ),
             counts(3),
         ),
-        "Attribute": (lambda folder: xdmf(folder, f'<Attribute Name="heat">{ITEM}</Attribute>'), "point data 'heat'"),
+        "Attribute of nodes, cells and grids": (
+            lambda folder: xdmf(folder, f'<Attribute Name="heat">{ITEM}</Attribute>'),
+            has_field("heat vertex"),
+        ),
+        "Attribute of faces and edges": (
+            lambda folder: xdmf(folder, f'<Attribute Name="heat" Center="Edge">{ITEM}</Attribute>'),
+            "edge data 'heat'",
+        ),
         "Set": (lambda folder: xdmf(folder, f'<Set Name="rim" SetType="Node">{ITEM}</Set>'), "sets 'rim'"),
         "Information": (lambda folder: xdmf(folder, '<Information Name="who" Value="me"/>'), "information 'who'"),
         "Polyhedron": (lambda folder: xdmf(folder, kind="Polyhedron"), "type polyhedron is not read"),

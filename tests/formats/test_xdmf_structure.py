@@ -280,38 +280,120 @@ def test_degrees_of_freedom_are_no_displacements(tmp_path: Path, name: str) -> N
         open_sequence(path, displacement=name)
 
 
-def test_attributes_of_every_center_and_step_are_told_once_by_name(tmp_path: Path) -> None:
-    centers = [("Node", "heat"), ("Cell", "rank"), ("Face", "flux"), ("Edge", "len"), ("Grid", "mass"), ("", "p")]
-    told = "".join(
-        f'<Attribute Name="{name}"{f" Center={chr(34)}{center}{chr(34)}" if center else ""}>'
-        '<DataItem Dimensions="1">0</DataItem></Attribute>'
-        for center, name in centers
+def attribute(name: str, center: str, text: str, item: str = "") -> str:
+    """An attribute of as many numbers as its text has."""
+    at = f' Center="{center}"' if center else ""
+    return (
+        f'<Attribute Name="{name}"{at}><DataItem Dimensions="{len(text.split())}" {item}>{text}</DataItem></Attribute>'
     )
-    steps = grid(told + QUAD + geometry(), time=0) + grid(
-        QUAD + geometry() + vectors("late", SQUARE) + '<Set Name="left"/>', time=1
-    )
-    own = '<Attribute Name="energy" Center="Grid"><DataItem Dimensions="1">0</DataItem></Attribute>'
-    with open_sequence(write(tmp_path / "x.xdmf", collection(own + steps))) as read:
-        assert read.notices == (
-            "data of collections 'energy', point data 'heat', 'p', 'late', cell data 'rank', face data 'flux', edge "
-            "data 'len', grid data 'mass' "
-            "and sets 'left' are not kept",
+
+
+def test_attributes_are_fields_by_their_center_or_told_once_by_name(tmp_path: Path) -> None:
+    whole = 'NumberType="Int" Precision="8"'
+    told = attribute("p", "", "1 2 3 4") + attribute("ids", "Node", f"1 2 3 {2**60 + 1}", whole)
+    told += attribute("p", "cell", "9 8") + attribute("mass", "Grid", "5")
+    lost = attribute("flux", "Face", "1") + attribute("len", "Edge", "1") + attribute("odd", "Node", "1 2 3")
+    first = grid(told + lost + attribute("some", "Node", "1 2 3 4", whole) + QUAD + geometry(), time=0)
+    second = grid(told + vectors("late", SQUARE) + QUAD + geometry() + '<Set Name="left"/>', time=1)
+    with open_sequence(
+        write(tmp_path / "x.xdmf", collection(attribute("energy", "Grid", "0") + first + second))
+    ) as read:
+        assert [(one.name, one.domain, str(one.dtype), one.components) for one in read.fields] == [
+            ("p", "vertex", "float32", 1),
+            ("ids", "vertex", "int64", 1),
+            ("late", "vertex", "float32", 3),
+            ("p (faces)", "face", "float32", 2),
+            ("mass", "object", "float32", 1),
+        ]
+        assert read.read_field("p", 0, 2).tolist() == [[1, 2, 3, 4]] * 2
+        assert read.read_field("ids", 1, 2).tolist() == [[1, 2, 3, 2**60 + 1]]
+        assert np.isnan(read.read_field("late", 0, 1)).all()
+        assert np.array_equal(read.read_field("late", 1, 2)[0], SQUARE)
+        assert read.read_field("p (faces)", 0, 1).tolist() == [[[9, 8]]]
+        assert read.read_field("mass", 0, 2).tolist() == [[5], [5]]
+        assert read.notices[-1] == (
+            "data of collections 'energy', face data 'flux', edge data 'len', point data 'odd', 'some' and sets 'left' "
+            "are not kept"
         )
 
 
-def test_of_several_collections_the_one_is_read_that_has_the_displacement(tmp_path: Path) -> None:
-    pressure = collection("".join(grid(QUAD + geometry(), time=time) for time in (0, 1)), name="p")
-    moves = "".join(grid(QUAD + geometry() + vectors("u", SQUARE * 0 + time), time=time) for time in (0, 1))
-    path = write(tmp_path / "x.xdmf", pressure + collection(moves, name="u") + grid(QUAD + geometry(), "wall"))
+@pytest.mark.parametrize("kind", ["<f4", "<f8", "<i1", "<i2", "<i4", "<i8", "<u1", "<u2", "<u4", "<u8"])
+@pytest.mark.parametrize("form", ["XML", "HDF", "Binary"])
+def test_values_of_every_type_are_read_from_every_kind_of_item(tmp_path: Path, form: str, kind: str) -> None:
+    values = np.array([[1, 2], [3, 4], [5, 6], [7, 120]], kind)
+    number = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind]
+    text = {"XML": " ".join(map(str, values.flat)), "HDF": "d.h5:/v", "Binary": "d.bin"}[form]
+    (tmp_path / "d.bin").write_bytes(values.tobytes())
+    with h5py.File(tmp_path / "d.h5", "w") as file:
+        file["v"] = values
+    item = f'NumberType="{number}" Precision="{values.itemsize}" Format="{form}" Dimensions="4 2"'
+    held = f'<Attribute Name="v" AttributeType="Matrix"><DataItem {item}>{text}</DataItem></Attribute>'
+    with open_sequence(write(tmp_path / "x.xdmf", grid(held + QUAD + geometry()))) as read:
+        assert [(one.name, one.dtype, one.components) for one in read.fields] == [("v", values.dtype, 2)]
+        assert read.read_field("v", 0, 1).tolist() == [values.tolist()]
+
+
+def test_parts_have_their_own_attributes_on_the_surface_of_their_cells(tmp_path: Path) -> None:
+    tetrahedra = (
+        '<Topology TopologyType="Tetrahedron"><DataItem Dimensions="1 4" NumberType="Int">0 1 2 3</DataItem></Topology>'
+    )
+    solid = tetrahedra + geometry().replace(text_of(SQUARE), "0 0 0 1 0 0 0 1 0 0 0 1")
+    solid += attribute("load", "Cell", "7") + attribute("both", "Node", "1 2 3 4")
+    parts = grid(solid, "rock") + grid(QUAD + geometry() + attribute("both", "Node", "5 6 7 8"), "plate")
+    with open_sequence(write(tmp_path / "x.xdmf", collection(parts, "Spatial"))) as read:
+        load, both = read.field_named("load"), read.field_named("both")
+        assert (load.objects, both.objects) == ((0,), None)
+        assert read.read_field("load", 0, 1).tolist() == [[7] * 4]
+        assert read.read_field("both", 0, 1).tolist() == [[1, 2, 3, 4, 5, 6, 7, 8]]
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (attribute("v", "Node", "1 2 3 4.5", 'NumberType="Int"'), "has values that are no int32"),
+        (attribute("v", "Node", "1 2 3 x", 'NumberType="Int"'), "this frame cannot be read"),
+        (attribute("v", "Node", "1 2 3", 'NumberType="Int"').replace('"3"', '"4"'), "its data are 3 numbers"),
+    ],
+)
+def test_damaged_values_of_an_attribute_name_the_frame(tmp_path: Path, bad: str, message: str) -> None:
+    good = attribute("v", "Node", "1 2 3 4", 'NumberType="Int"')
+    steps = "".join(grid(one + QUAD + geometry(), time=time) for time, one in enumerate((good, bad)))
+    with open_sequence(write(tmp_path / "x.xdmf", collection(steps))) as read:
+        assert read.read_field("v", 0, 1).tolist() == [[1, 2, 3, 4]]
+        assert read.read_frames(0, 2).shape == (2, 4, 3)
+        with pytest.raises(InputError, match=message) as caught:
+            read.read_field("v", 1, 2)
+        assert caught.value.frame == 1
+
+
+def test_collections_of_the_same_meshes_and_times_are_read_together(tmp_path: Path) -> None:
+    pressure = collection(
+        "".join(grid(QUAD + geometry() + attribute("p", "Node", f"{t} 1 2 3"), time=t) for t in (0, 1))
+    )
+    moves = collection(
+        "".join(grid(QUAD + geometry() + vectors("u", SQUARE * 0 + t), time=t) for t in (0, 1)), name="u"
+    )
+    path = write(tmp_path / "x.xdmf", pressure + moves + grid(QUAD + geometry(), "wall"))
     with open_sequence(path, displacement="u") as read:
         assert read.read_frames(0, 2)[:, :, 2].tolist() == flat(0, 1)
+        assert read.read_field("p", 0, 2)[:, 0].tolist() == [0, 1]
         assert read.notices == (
-            "of 2 temporal collections 'u' is read, not 'p'",
             "grids outside the temporal collection are not read: 'wall'",
             "the vectors 'u' are added to the geometry: they move the mesh",
         )
     with open_sequence(path) as read:
-        assert read.notices[0] == "of 2 temporal collections 'p' is read, not 'u'"
+        assert [field.name for field in read.fields] == ["p", "u"]
+
+
+@pytest.mark.parametrize("other", [grid(QUAD + geometry(1), time=0), grid(QUAD + geometry(), time=3)])
+def test_of_several_collections_the_one_is_read_that_has_the_displacement(tmp_path: Path, other: str) -> None:
+    moves = collection(grid(QUAD + geometry() + vectors("u", SQUARE * 0 + 1), time=0), name="u")
+    path = write(tmp_path / "x.xdmf", collection(other, name="p") + moves)
+    with open_sequence(path, displacement="u") as read:
+        assert read.read_frames(0, 1)[:, :, 2].tolist() == flat(1)
+        assert "of 2 temporal collections 'u' is read, not 'p'" in read.notices
+    with open_sequence(path) as read:
+        assert "of 2 temporal collections 'p' is read, not 'u'" in read.notices
         assert "point data 'u' are not kept" in read.notices
 
 

@@ -1,0 +1,102 @@
+"""Read the fields of a sequence frame by frame, for writers that join objects: a value for each vertex and cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.base.frame_data import ON_FACES
+from pdecodec.mesh.fields import Field, FieldDomain
+from pdecodec.mesh.sequence import BLOCK_BYTES, MeshObject, MeshSequence
+
+
+@dataclass(frozen=True)
+class WrittenField:
+    """A field, and the name that its data get: that of the field, without what tells it from one on vertices."""
+
+    field: Field
+    name: str
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the written values: flags are written as 0 and 1."""
+        return np.dtype(np.uint8) if self.field.dtype == bool else self.field.dtype
+
+
+class WrittenFields:
+    """The fields of a run that a format has a place for, and their values in each frame.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    domains : sequence of str
+        Those that the format has a place for; "object" only counts if there is one object.
+
+    Attributes
+    ----------
+    fields : tuple of WrittenField
+    lost : list of str
+        Names of other fields: those of other domains, and whole numbers that not all objects have.
+    """
+
+    def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain]) -> None:
+        self._sequence = sequence
+        on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
+        found, self.lost = list[WrittenField](), list[str]()
+        for one in sequence.fields:
+            is_joined = one.domain == "object" and len(sequence.objects) > 1
+            is_uneven = one.objects is not None and one.dtype.kind != "f"
+            if one.domain not in domains or is_joined or is_uneven:
+                self.lost.append(one.name)
+                continue
+            plain = one.name.removesuffix(ON_FACES.format(""))
+            is_twin = one.domain == "face" and plain != one.name and plain in on_vertices
+            found.append(WrittenField(one, plain if is_twin else one.name))
+        self.fields = tuple(found)
+        size = sum(one.field.frame_bytes(sequence.objects) for one in found)
+        self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
+        self._start, self._block = 0, dict[str, NDArray[Any]]()
+        self._owned = {
+            one.field.name: _owned_rows(one.field, sequence.objects) for one in found if one.field.objects is not None
+        }
+
+    def names(self, domain: FieldDomain) -> list[str]:
+        """Return the names of the data of a domain."""
+        return [one.name for one in self.fields if one.field.domain == domain]
+
+    def at(self, frame: int) -> Iterator[tuple[WrittenField, NDArray[Any]]]:
+        """Yield the fields with their values in a frame, (rows[, components]).
+
+        Rows on faces are cells: faces, then lines, which have no values. These, and objects without the field, have
+        NaN or 0.
+        """
+        if not self._start <= frame < self._start + self._at_a_time or not self._block:
+            self._start = frame
+            stop = min(frame + self._at_a_time, self._sequence.frame_count)
+            self._block = {
+                one.field.name: self._sequence.read_field(one.field.name, frame, stop) for one in self.fields
+            }
+        lines = self._sequence.connectivity.line_count
+        for one in self.fields:
+            values = self._block[one.field.name][frame - self._start].astype(one.dtype, copy=False)
+            missing = np.nan if values.dtype.kind == "f" else 0
+            has_it = self._owned.get(one.field.name)
+            if has_it is not None:
+                whole = np.full((has_it.size, *values.shape[1:]), missing, values.dtype)
+                whole[has_it] = values
+                values = whole
+            if one.field.domain == "face" and lines:
+                values = np.append(values, np.full((lines, *values.shape[1:]), missing, values.dtype), axis=0)
+            yield one, values
+
+
+def _owned_rows(field: Field, objects: Sequence[MeshObject]) -> NDArray[np.bool_]:
+    """Return for each row of a domain of all objects whether its object has the field."""
+    counts = replace(field, objects=None).row_counts(objects)
+    owners = np.zeros(len(counts), bool)
+    owners[list(field.objects or ())] = True
+    return np.repeat(owners, counts)
