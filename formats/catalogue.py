@@ -93,13 +93,14 @@ BUILT_IN = (
         holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
+        holds_fields=True,
         write_options=("rigid",),
         finds_rigid_parts=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
-        "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
-        "points that come and go, transforms (kept apart on request), instances as objects, irregular times, "
-        "velocities (written)",
-        loses="stored velocities, parameters that change, userProperties, widths, creases, holes, cameras, lights, "
+        "edges, face sets, other parameters, connectivity that changes, with the parameters of each run, ids of points "
+        "that come and go, fields (parameters, UVs and colours that change, velocities), transforms (kept apart on "
+        "request), instances as objects, irregular times",
+        loses="text that changes, 64-bit integers, userProperties, widths, creases, holes, cameras, lights, "
         "transforms without shapes, NURBS, files of the HDF5 kind; notices name whatever is not kept",
     ),
     Format(

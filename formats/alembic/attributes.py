@@ -10,17 +10,22 @@ import numpy as np
 from alembic3d import AbcGeom
 from numpy.typing import NDArray
 
-from pdecodec.formats.alembic.values import change_times, to_numpy
-from pdecodec.formats.base.attribute_roles import (
-    COLOR,
-    GROUP,
-    MATERIAL,
-    UV,
-    role_name,
+from pdecodec.formats.alembic.fields import (
+    DOMAIN_KEY,
+    DOMAINS,
+    DTYPE_KEY,
+    FIELD_PARAMETERS,
+    Reader,
+    field_name,
+    field_of_parameter,
+    interpolated,
+    role_of_kind,
 )
+from pdecodec.formats.alembic.values import ALWAYS, change_times, sample_times, select, times_within, to_numpy
+from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, SPACE, UV, VELOCITIES, role_name
 from pdecodec.formats.base.scene_reading import Extras
-from pdecodec.formats.base.times import SAME_TIME
-from pdecodec.mesh.arrays import Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity
 
 FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
@@ -42,43 +47,16 @@ KIND_KEY, LABEL_KEY = "pdecodec_kind", "pdecodec_label"
 """Metadata keys of a face set or parameter: the role it has, and its label if Alembic's names cannot hold it."""
 
 
-DOMAIN_KEY = "pdecodec_domain"
-"""Metadata key of colours that are stored per corner, because programs read no others of a mesh, but belong to
-faces or to the object.
-"""
-
-
 FaceSet = tuple[str, NDArray[np.integer]]
 """Label, and the faces of the set."""
 
 
-NOT_UV_KEY = "notUV"
-"""Alembic's own metadata key of a parameter of two numbers that are no texture coordinates."""
+_PARAMETERS = {**FIELD_PARAMETERS, "String": AbcGeom.IStringGeomParam}
+"""Types of parameters by their names."""
 
 
-_PARAMETERS = (
-    AbcGeom.IFloatGeomParam,
-    AbcGeom.IInt32GeomParam,
-    AbcGeom.IV2fGeomParam,
-    AbcGeom.IV3fGeomParam,
-    AbcGeom.IP3fGeomParam,
-    AbcGeom.IN3fGeomParam,
-    AbcGeom.IC3fGeomParam,
-    AbcGeom.IC4fGeomParam,
-    AbcGeom.IDoubleGeomParam,
-    AbcGeom.IUcharGeomParam,
-    AbcGeom.IStringGeomParam,
-)
-"""Types of parameters that an attribute can hold."""
-
-
-_DOMAINS: dict[str, AttributeDomain] = {
-    "kConstantScope": "object",
-    "kUniformScope": "face",
-    "kVaryingScope": "vertex",
-    "kVertexScope": "vertex",
-    "kFacevaryingScope": "corner",
-}
+_CONSTANT = {"Float", "Int32", "V2f", "V3f", "P3f", "N3f", "C3f", "C4f", "Double", "Uchar", "String"}
+"""Names of the types that an attribute can hold."""
 
 
 class AlembicExtras(Extras):
@@ -88,48 +66,85 @@ class AlembicExtras(Extras):
     ----------
     fates : dict of str to (bool, str)
         For each path below the shape, such as ``.arbGeomParams/Cd``: whether it is kept, and a note on what is lost.
-    edges : sequence of float [s] or None
-        If connectivity changes, the times of its changes: data that change at other times are noted as lost.
+    span : (float, float) [s]
+        Times between which the connectivity is constant: what changes between them becomes a field.
+    samplings : list of ((samples,) float64 [s], TimeSampling)
+        Times and time samplings of fields.
     """
 
-    def __init__(self, connectivity: Connectivity, order: Int64Array, edges: Sequence[float] | None = None) -> None:
+    def __init__(self, connectivity: Connectivity, order: Int64Array, span: tuple[float, float] = ALWAYS) -> None:
         super().__init__(connectivity, order)
         self.fates: dict[str, tuple[bool, str]] = {}
-        self.edges = edges
+        self.span = span
+        self.samplings: list[tuple[Float64Array, Any]] = []
 
     @contextmanager
     def reading(self, *names: str) -> Iterator[None]:
         """Record what becomes of the properties that are read in the block."""
-        before, kept = len(self.left_out), len(self.attributes) + len(self.own)
+        before, kept = len(self.left_out), self._count()
         yield
         lost = self.left_out[before:]
-        is_kept = len(self.attributes) + len(self.own) > kept or not lost
-        self.fates |= dict.fromkeys(names, (is_kept, ", ".join(lost)))
+        self.fates |= dict.fromkeys(names, (self._count() > kept or not lost, ", ".join(lost)))
 
-    def note_changes(self, name: str, param: Any) -> None:
-        """Note a parameter that changes while connectivity does not."""
-        if self.edges is not None and not param.isConstant():
-            changes = change_times([one for one in (param.getValueProperty(), param.getIndexProperty()) if one.valid()])
-            if any(np.abs(np.asarray(self.edges) - time).min(initial=np.inf) > SAME_TIME for time in changes):
-                self.left_out.append(f"{name} at times when it changes and faces do not")
+    def _count(self) -> int:
+        return len(self.attributes) + len(self.own) + len(self.fields)
+
+    def changes(self, param: Any) -> bool:
+        """Return whether a parameter changes while connectivity does not."""
+        if param.isConstant() or self.span == ALWAYS:
+            return not param.isConstant()
+        props = [one for one in (param.getValueProperty(), param.getIndexProperty()) if one.valid()]
+        return next(change_times(props, self.span), None) is not None
+
+    def add_samples(self, prop: Any, find: Callable[[Float64Array], tuple[Field, Reader]]) -> None:
+        """Add a field whose samples are those of a property; `find` returns it from the times [s] to read."""
+        times = sample_times(prop)
+        inside = times_within(times, self.span)
+        own = inside if inside.size else times[:1]
+        moving = own.size > 1 and not prop.isConstant()
+        field, read_at = find(own)
+        before = len(self.fields)
+        self.add_field(field, read_at, own.tolist() if moving else ())
+        if moving and len(self.fields) > before:
+            self.samplings.append((times, prop.getTimeSampling()))
+
+    def add_parameter(self, param: Any, name: str, metadata: Any) -> None:
+        """Add a parameter that changes as a field of a name, unless its metadata tell another."""
+        numbers = field_of_parameter(param, name, metadata, self.connectivity)
+        if numbers is None:
+            self.left_out.append(f"{name} (it changes with time)")
+            return
+        field, sample = numbers
+        self.add_samples(param, lambda times: (field, interpolated(sample, times, field)))
+
+    def add_velocities(self, prop: Any) -> None:
+        """Add velocities of points, if there are any."""
+        field = Field(VELOCITIES, "vertex", components=SPACE)
+
+        def sample(time: float) -> NDArray[Any]:
+            return to_numpy(prop.getValue(select(time)))
+
+        if prop.valid() and prop.getNumSamples():
+            with self.reading(".velocities"):
+                self.add_samples(prop, lambda times: (field, interpolated(sample, times, field)))
 
 
 def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: Any = None) -> None:
-    """Read all constant data of a shape; the connectivity of `extras` has faces that are already reversed.
+    """Read all data of a shape; the connectivity of `extras` has faces that are already reversed.
 
-    If the selector `at` is given, read everything at its sample, whether it is constant or not.
+    What changes becomes fields. If the selector `at` is given, read everything else at its sample.
     """
     if kind in ("mesh", "subdivision"):
         uvs = schema.getUVsParam()
         if uvs.valid() and uvs.getNumSamples():
             with extras.reading("uv"):
                 name = role_name(UV, uvs.getHeader().getMetaData().getSourceName() or UV, ("st",))
-                domain, values, indices = _sample(uvs, at)
-                if at is None or values.size:
-                    extras.add(name, domain, values, indices)
-                if at is None and not uvs.isConstant():
-                    extras.left_out.append(f"{name} after its first sample")
-                extras.note_changes(name, uvs)
+                if extras.changes(uvs):
+                    extras.add_parameter(uvs, name, uvs.getHeader().getMetaData())
+                else:
+                    domain, values, indices = _sample(uvs, at)
+                    if at is None or values.size:
+                        extras.add(name, domain, values, indices)
         if kind == "mesh" and schema.getNormalsParam().valid() and schema.getNormalsParam().getNumSamples():
             with extras.reading("N"):
                 domain, values, indices = _sample(schema.getNormalsParam(), at)
@@ -142,6 +157,7 @@ def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: An
             header = parameters.getPropertyHeader(index)
             with extras.reading(f".arbGeomParams/{header.getName()}"):
                 _read_parameter(parameters, header, extras, at)
+    extras.add_velocities(schema.getVelocitiesProperty())
 
 
 def find_own_properties(schema: Any) -> list[Any]:
@@ -203,37 +219,35 @@ def value_at(get: Callable[..., Any], at: Any) -> Any:
 
 
 def _read_parameter(parent: Any, header: Any, extras: AlembicExtras, at: Any) -> None:
-    name = header.getName()
-    kind = next((one for one in _PARAMETERS if one.matches(header)), None)
-    if kind is None:
+    name, metadata = header.getName(), header.getMetaData()
+    kind = next((kind for kind, one in _PARAMETERS.items() if one.matches(header)), "")
+    param = _PARAMETERS[kind](parent, name) if kind else None
+    if param is None or not param.getNumSamples():
         extras.left_out.append(name)
         return
-    param = kind(parent, name)
-    if param.getNumSamples() == 0 or (at is None and not param.isConstant()):
-        extras.left_out.append(f"{name} (it changes with time)" if param.getNumSamples() else name)
+    own = name.startswith(OWN_PREFIX)
+    if not own and (metadata.get(DTYPE_KEY) or extras.changes(param)):
+        extras.add_parameter(param, field_name(kind, metadata.get(LABEL_KEY) or name, metadata), metadata)
         return
-    if name.startswith(OWN_PREFIX):
+    if kind not in _CONSTANT:
+        extras.left_out.append(name)
+        return
+    if own:
         # It is empty if this run has none, which has the same effect as a missing one.
         extras.own[name.removeprefix(OWN_PREFIX)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
         return
-    metadata = header.getMetaData()
-    name = metadata.get(LABEL_KEY) or name
-    if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
-        name = role_name(COLOR, name, ())
-    elif kind is AbcGeom.IV2fGeomParam and metadata.get(NOT_UV_KEY) != "1":
-        name = role_name(UV, name, ())
-    extras.note_changes(name, param)
+    name = role_of_kind(kind, metadata.get(LABEL_KEY) or name, metadata)
     domain, values, indices = _sample(param, at)
     if at is not None and not values.size and not (indices is not None and indices.size):
         # The parameter belongs to other runs of frames.
         return
-    own = metadata.get(DOMAIN_KEY)
-    if own and indices is not None and indices.size == extras.connectivity.face_indices.size:
+    domain_of = metadata.get(DOMAIN_KEY)
+    if domain_of and indices is not None and indices.size == extras.connectivity.face_indices.size:
         counts = extras.connectivity.face_counts
-        domain, indices = ("face", indices[np.cumsum(counts) - counts]) if own == "face" else ("object", None)
+        domain, indices = ("face", indices[np.cumsum(counts) - counts]) if domain_of == "face" else ("object", None)
         if indices is not None and np.array_equal(indices, np.arange(len(values))):
             indices = None
-    labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
+    labels = tuple(map(str, values)) if kind == "String" else ()
     if labels:
         values = np.arange(len(labels), dtype=np.int32)
     if labels and metadata.get(KIND_KEY):
@@ -250,4 +264,4 @@ def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Ar
     if extent > 1 and values.ndim == 1 and values.size % extent == 0:
         values = values.reshape(-1, extent)
     indices = to_numpy(sample.getIndices()).astype(np.int32) if param.isIndexed() else None
-    return _DOMAINS.get(str(param.getScope()), "object"), values, indices
+    return DOMAINS.get(str(param.getScope()), "object"), values, indices

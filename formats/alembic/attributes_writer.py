@@ -10,7 +10,8 @@ import numpy as np
 from alembic3d import AbcCoreAbstract, AbcGeom
 from numpy.typing import NDArray
 
-from pdecodec.formats.alembic.attributes import DOMAIN_KEY, KIND_KEY, LABEL_KEY, NOT_UV_KEY, OWN_PREFIX
+from pdecodec.formats.alembic.attributes import KIND_KEY, LABEL_KEY, OWN_PREFIX
+from pdecodec.formats.alembic.fields import DOMAIN_KEY, NOT_UV_KEY
 from pdecodec.formats.alembic.values import (
     ARRAYS,
     SCOPES,
@@ -84,11 +85,13 @@ class ExtrasWriter:
         The shape; its schema must have its first sample already.
     sampling : int or None
         Number of the time sampling if data change, else None.
+    taken : set of str
+        Names of parameters of the shape; those written here are added.
     """
 
-    def __init__(self, handle: Any, sampling: int | None) -> None:
-        self._handle, self._sampling = handle, sampling
-        self._parameters: dict[str, _ParameterWriter] = {}
+    def __init__(self, handle: Any, sampling: int | None, taken: set[str]) -> None:
+        self._handle, self._sampling, self._taken = handle, sampling, taken
+        self._parameters: dict[str, ParameterWriter] = {}
         self._face_sets: dict[tuple[str, str], Any] = {}
         self._members: dict[tuple[str, str], NDArray[np.integer]] = {}
         self._frames = 0
@@ -203,12 +206,15 @@ class ExtrasWriter:
         indices: NDArray[Any] | None,
         metadata: Mapping[str, str] = {},
     ) -> bool:
-        """Add a sample to a parameter; return False if it has one for this frame, or has another kind."""
+        """Add a sample to a parameter; return False if it has one for this frame, has another kind, or is a field."""
         known = self._parameters.get(name)
+        if known is None and name in self._taken:
+            return False
         if known is None:
+            self._taken.add(name)
             parent = self._handle.getSchema().getArbGeomParams()
-            described = _ParameterKind(kind, domain, metadata, indices is not None)
-            known = self._parameters[name] = _ParameterWriter(parent, name, described, self._sampling)
+            described = ParameterKind(kind, domain, metadata, indices is not None)
+            known = self._parameters[name] = ParameterWriter(parent, name, described, self._sampling)
             known.fill(self._frames)
         elif known.count > self._frames or not known.takes(kind, domain, metadata):
             return False
@@ -216,25 +222,27 @@ class ExtrasWriter:
         return True
 
 
-class _ParameterKind(NamedTuple):
+class ParameterKind(NamedTuple):
     """Name of a parameter's kind in Alembic, and the other properties that all its samples share."""
 
     kind: str
     domain: AttributeDomain
     metadata: Mapping[str, str]
     is_indexed: bool
+    extent: int = 1
 
 
-class _ParameterWriter:
+class ParameterWriter:
     """A parameter, and the number of its samples."""
 
-    def __init__(self, parent: Any, name: str, described: _ParameterKind, sampling: int | None) -> None:
+    def __init__(self, parent: Any, name: str, described: ParameterKind, sampling: int | None) -> None:
         self._described = described
         kind, scope, metadata = described.kind, SCOPES[described.domain], AbcCoreAbstract.MetaData()
         for key, value in described.metadata.items():
             metadata.set(key, value)
         make = getattr(AbcGeom, f"O{kind}GeomParam")
-        self._handle = make(parent, name, described.is_indexed, scope, 1, metadata, *_sampling_argument(sampling))
+        sampled = _sampling_argument(sampling)
+        self._handle = make(parent, name, described.is_indexed, scope, described.extent, metadata, *sampled)
         self.count = 0
 
     def takes(self, kind: str, domain: AttributeDomain, metadata: Mapping[str, str]) -> bool:
@@ -260,6 +268,7 @@ class _ParameterWriter:
             self.set(np.zeros((0,) if width is None else (0, width)), None)
 
     def repeat(self) -> None:
+        """Add the previous sample once more."""
         self._handle.setFromPrevious()
         self.count += 1
 

@@ -1,8 +1,8 @@
 """Read Alembic scenes on demand, sample by sample: polygon meshes, subdivision surfaces, curves and points.
 
-There is a frame at every time at which positions or a transform above them have a sample. Data without a sample at
-this time are interpolated between their own samples: positions linearly; rotation, stretch and translation of
-transforms separately.
+There is a frame at every time at which positions, a transform above them or a field have a sample. Data without a
+sample at this time are interpolated between their own samples: positions and fields of floats linearly; rotation,
+stretch and translation of transforms separately. Fields of whole numbers hold.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from typing import Any
 
 import numpy as np
 from alembic3d import Abc
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.inventory import take_inventory
-from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan, samples_at
-from pdecodec.formats.alembic.values import sample_times, select
+from pdecodec.formats.alembic.shapes import AlembicShape, ShapeScan
+from pdecodec.formats.alembic.values import sample_times, samples_at, select
 from pdecodec.formats.base.registry import Transforms, read_errors
 from pdecodec.formats.base.scene_reading import Refusals, SceneFacts, SceneSequence, runs_of_scene
 from pdecodec.formats.base.times import Timing, merged_times, rate_or_default, resampled, round_rate, snapped_times
 from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
@@ -88,6 +90,10 @@ class AlembicSequence(SceneSequence):
         with _archive_errors(self._path):
             return super().read_frames(start, stop)
 
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        with _archive_errors(self._path):
+            return super()._field_values(field, start, stop)
+
     def _matrices(self, shape: AlembicShape, start: int, stop: int) -> Float64Array | None:
         if not any(one.moves or not np.array_equal(one.matrices[0], np.eye(4)) for one in shape.chain):
             return None
@@ -150,8 +156,9 @@ def _open_archive(path: Path) -> Any:
 
 
 def _moving_samplings(shapes: Sequence[AlembicShape]) -> list[tuple[Float64Array, Any]]:
-    """Return times [s] and time sampling of all positions and transforms that move shapes."""
+    """Return times [s] and time sampling of all positions and transforms that move shapes, and of their fields."""
     moving = [(shape.times, shape.positions.getTimeSampling()) for shape in shapes if shape.times.size > 1]
+    moving += [sampling for shape in shapes for sampling in shape.samplings]
     return moving + [(one.times, one.sampling) for shape in shapes for one in shape.chain if one.moves]
 
 

@@ -16,8 +16,22 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 from scipy.spatial.transform import Rotation
 
-from pdecodec.formats.alembic.attributes import ADDED_KEY, AlembicExtras, find_own_properties, read_extras, value_at
-from pdecodec.formats.alembic.values import change_times, matrix_rows, sample_times, select, to_numpy
+from pdecodec.formats.alembic.attributes import (
+    ADDED_KEY,
+    AlembicExtras,
+    find_own_properties,
+    read_extras,
+    value_at,
+)
+from pdecodec.formats.alembic.values import (
+    change_times,
+    matrix_rows,
+    sample_times,
+    samples_at,
+    select,
+    times_within,
+    to_numpy,
+)
 from pdecodec.formats.base.attribute_roles import (
     CURVE_BASIS,
     CURVE_WRAP,
@@ -49,7 +63,10 @@ _NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material"
 
 @dataclass(kw_only=True, eq=False)
 class AlembicShape(Shape):
-    """Object, positions and their times [s] of a shape, and its transforms, from the one right above it to the top."""
+    """Object, positions and their times [s] of a shape, and its transforms, from the one right above it to the top.
+
+    `samplings` are the times and time samplings of its fields.
+    """
 
     node: Any
     kind: str
@@ -57,14 +74,7 @@ class AlembicShape(Shape):
     positions: Any
     times: Float64Array
     chain: tuple[Transform, ...]
-
-
-def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
-    """Return the samples before and after a time and the weight of the second; outside all samples, the nearest one."""
-    index = int(np.searchsorted(times, time + SAME_TIME, side="right")) - 1
-    if index < 0 or index == times.size - 1 or time - times[index] <= SAME_TIME:
-        return max(index, 0), max(index, 0), 0.0
-    return index, index + 1, float((time - times[index]) / (times[index + 1] - times[index]))
+    samplings: Sequence[tuple[Float64Array, Any]]
 
 
 class Transform:
@@ -145,19 +155,23 @@ class ShapeScan(SceneWalk):
 
         The first value is a selector, or None if the properties are constant; the second is a part of `times`.
         """
-        if self.is_first and (changed := change_times(props)):
+        if self.is_first and (changed := sorted(set(change_times(props)))):
             self.changes[path] = changed
         if path not in self.changes:
             return None, times
         if self.at is None:
             return select(float(times[0])), times
-        edges = np.array([-np.inf, *self.changes[path], np.inf])
-        number = int(np.searchsorted(edges, self.at + SAME_TIME, side="right")) - 1
-        inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
-        own = times[inside] if inside.any() else times[:1]
+        inside = times_within(times, self.span(path))
+        own = inside if inside.size else times[:1]
         # Attributes may have changed since the first of these samples, when something else of the shape changed.
         before = own[own <= self.at + SAME_TIME]
         return select(float(before[-1] if before.size else own[0])), own
+
+    def span(self, path: str) -> tuple[float, float]:
+        """Return the times [s] between which a shape has the connectivity that this walk reads."""
+        edges = [-np.inf, *self.changes.get(path, ()), np.inf]
+        number = 0 if self.at is None else int(np.searchsorted(edges, self.at + SAME_TIME, side="right")) - 1
+        return edges[number], edges[number + 1]
 
 
 def _walk(node: Any, path: str, chain: tuple[Transform, ...], hidden: bool, scan: ShapeScan) -> None:
@@ -229,19 +243,19 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
     }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
     at, times = scan.look(path, [*props, *find_own_properties(schema)], sample_times(positions))
     points = Connectivity(len(positions.getValue(select(times[0]))))
-    edges = scan.changes.get(path) if scan.is_first else None
+    span = scan.span(path)
     gather = None
     if kind == "curves":
         counts = to_numpy(value_at(props[0].getValue, at)).astype(np.int32)
         if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
             refusals.refuse(path, "curves whose numbers of points do not add up")
             return
-        extras = AlembicExtras(points, np.zeros(0, np.int64), edges)
+        extras = AlembicExtras(points, np.zeros(0, np.int64), span)
         read_extras(kind, schema, node, extras, at)
         connectivity, gather = extras.curves(counts)
         _describe_curves(schema.getValue(), extras)
     elif kind == "points":
-        extras = AlembicExtras(points, np.zeros(0, np.int64), edges)
+        extras = AlembicExtras(points, np.zeros(0, np.int64), span)
         read_extras(kind, schema, node, extras, at)
         connectivity = extras.own_lines("line_counts", "line_indices")
         ids = np.zeros(0, np.int64)
@@ -259,7 +273,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
             return
         order = reversed_corners(counts)
         whole = Connectivity(points.vertex_count, face_counts=counts, face_indices=indices[order])
-        extras = AlembicExtras(whole, order, edges)
+        extras = AlembicExtras(whole, order, span)
         read_extras(kind, schema, node, extras, at)
         connectivity = extras.own_lines("line_counts", "line_indices")
         if kind == "subdivision":
@@ -273,11 +287,13 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
                 name=path,
                 connectivity=connectivity,
                 attributes=extras.attributes,
+                fields=extras.gathered_fields(gather),
                 gather=gather,
                 left_out=extras.left_out,
                 node=node,
                 kind=kind,
                 fates=extras.fates,
+                samplings=extras.samplings,
                 positions=positions,
                 times=times if moves else times[:1],
                 chain=chain,

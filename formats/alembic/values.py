@@ -10,7 +10,7 @@ alive, so the code that makes a sample keeps its arrays until the sample is writ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import imath
@@ -18,6 +18,7 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 from numpy.typing import ArrayLike, NDArray
 
+from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 SCOPES = {
@@ -28,7 +29,7 @@ SCOPES = {
 }
 
 
-WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
+WIDTHS = {"V2f": 2, "V3f": 3, "V3d": 3, "N3f": 3, "N3d": 3, "C3f": 3, "C4f": 4}
 """Columns of the types that have more than one."""
 
 
@@ -43,23 +44,46 @@ def sample_times(prop: Any) -> Float64Array:
     return np.array([sampling.getSampleTime(index) for index in range(max(1, prop.getNumSamples()))], np.float64)
 
 
-def change_times(props: Sequence[Any]) -> list[float]:
-    """Return the times [s] at which one of several array properties changes."""
-    changed: list[float] = []
+def samples_at(times: Float64Array, time: float) -> tuple[int, int, float]:
+    """Return the samples before and after a time and the weight of the second; outside all samples, the nearest one."""
+    index = int(np.searchsorted(times, time + SAME_TIME, side="right")) - 1
+    if index < 0 or index == times.size - 1 or time - times[index] <= SAME_TIME:
+        return max(index, 0), max(index, 0), 0.0
+    return index, index + 1, float((time - times[index]) / (times[index + 1] - times[index]))
+
+
+ALWAYS = (-np.inf, np.inf)
+"""All times [s]."""
+
+
+def times_within(times: Float64Array, span: tuple[float, float]) -> Float64Array:
+    """Return the times [s] from the first of two edges up to the second without it."""
+    return times[(times >= span[0] - SAME_TIME) & (times < span[1] - SAME_TIME)]
+
+
+def change_times(props: Sequence[Any], span: tuple[float, float] = ALWAYS) -> Iterator[float]:
+    """Yield the times [s] at which one of several array properties changes between its samples in a span of time."""
     for prop in props:
         if prop.getNumSamples() > 1 and not prop.isConstant():
             before = None
-            for time in sample_times(prop).tolist():
+            for time in times_within(sample_times(prop), span).tolist():
                 now = to_numpy(prop.getValue(select(time)))
                 if before is not None and not np.array_equal(now, before):
-                    changed.append(time)
+                    yield time
                 before = now
-    return sorted(set(changed))
+
+
+_CHANNELS = {
+    **dict.fromkeys((imath.C3fArray, imath.C3cArray), "rgb"),
+    **dict.fromkeys((imath.C4fArray, imath.C4cArray), "rgba"),
+    **dict.fromkeys((imath.QuatfArray, imath.QuatdArray), "rxyz"),
+}
+"""Parts of the elements of arrays that NumPy cannot take whole."""
 
 
 def to_numpy(array: Any) -> NDArray[Any]:
     """Copy an imath array to NumPy, (n,) or (n, k)."""
-    channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
+    channels = _CHANNELS.get(type(array))
     if channels is not None:
         return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
     if isinstance(array, imath.UnsignedIntArray):
@@ -109,6 +133,19 @@ def vector_array(values: ArrayLike) -> Any:
     return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
 
 
+def double_vector_array(values: ArrayLike) -> Any:
+    """Convert (n, 3) to imath.V3dArray."""
+    return imath.V3dArrayFromBuffer(np.ascontiguousarray(values, np.float64))
+
+
+def boolean_array(values: ArrayLike) -> Any:
+    """Convert (n,) to imath.BoolArray."""
+    mask = int_array(values)
+    array = imath.BoolArray(False, len(mask))
+    array[mask] = True
+    return array
+
+
 def color_array(values: ArrayLike) -> Any:
     """Convert (n, 3) or (n, 4) to imath.C3fArray or C4fArray."""
     rows = np.ascontiguousarray(values, np.float32)
@@ -136,6 +173,11 @@ ARRAYS: dict[str, Callable[[Any], Any]] = {
     "Uchar": byte_array,
     "V2f": vector_array,
     "V3f": vector_array,
+    "V3d": double_vector_array,
+    "N3f": vector_array,
+    "N3d": double_vector_array,
+    "Boolean": boolean_array,
+    "UInt32": unsigned_array,
     "C3f": color_array,
     "C4f": color_array,
     "String": string_array,

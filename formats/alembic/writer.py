@@ -18,9 +18,11 @@ from typing import Any
 import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
+from numpy.typing import NDArray
 
 from pdecodec.formats.alembic.attributes import ADDED_KEY, FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.attributes_writer import ExtrasWriter, uv_sample
+from pdecodec.formats.alembic.fields_writer import FieldsWriter, is_uv_set, is_velocity
 from pdecodec.formats.alembic.values import (
     SCOPES,
     Keep,
@@ -30,13 +32,14 @@ from pdecodec.formats.alembic.values import (
     unsigned_array,
     vector_array,
 )
-from pdecodec.formats.base.attribute_roles import UV, reversed_corners, source_name, uv_sets
+from pdecodec.formats.base.attribute_roles import UV, direction_role, reversed_corners, uv_sets
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.base.scene_writing import ShapeKey, ShapeWriter, shape_keys, tree_paths, write_shapes
 from pdecodec.formats.base.times import regular_rate
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import ReservedRoom, write_failure
 
@@ -60,7 +63,7 @@ _BASES = {
 
 
 def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write an Ogawa file; velocities are stored as ``.velocities``.
+    """Write an Ogawa file; velocities are stored as ``.velocities``, other fields as parameters that change.
 
     Alembic does not record the up axis and programs assume Y, so a scene with another known up axis is turned.
     """
@@ -70,7 +73,7 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         sequence = place(sequence, up_axis="Y")
         if output.velocities is not None:
             output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
-    if output.velocities is None and len(sequence.runs) == 1:
+    if output.velocities is None and len(sequence.runs) == 1 and not any(map(direction_role, sequence.fields)):
         sequence, moved = rigid_parts(sequence, output.rigid)
         turned += moved
     with archive_file(output) as partial:
@@ -210,10 +213,12 @@ class _ShapeWriter(ShapeWriter):
         shape, self._new_sample = _SHAPES["subdivision" if key.kind == "mesh" and key.subdivision else key.kind]
         self._handle = shape(parent, name, sampling)
         self._schema = self._handle.getSchema()
-        self._extras = ExtrasWriter(self._handle, sampling if changes else None)
+        taken: set[str] = set()
+        self._extras = ExtrasWriter(self._handle, sampling if changes else None, taken)
+        self._fields = FieldsWriter(self._handle, sampling, taken)
         self._previous: Float32Array | None = None
         """Positions of the previous frame, if it is of the same run."""
-        self._has_uvs = self._has_normals = False
+        self._has_uvs = self._has_normals = self._has_speeds = False
 
     def begin(self, item: MeshObject, times: Float64Array) -> None:
         super().begin(item, times)
@@ -234,18 +239,39 @@ class _ShapeWriter(ShapeWriter):
         normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
         points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
         described = _described_bytes(self.item) if self._previous is None else 0
-        return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals))
+        # Small integers are written as Int32, and corners may have indices.
+        fields = sum(SAMPLE_BYTES + 4 * int(values[0].nbytes) for _, values in self.fields)
+        return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals) + fields)
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        repeats = np.zeros(len(points), bool) if speeds is not None else self._find_repeats(points)
+        rest, uvs = [], None
+        for field, values in self.fields:
+            if is_velocity(field):
+                speeds = values.astype(np.float32) if speeds is None else speeds
+            elif uvs is None and self._takes_uvs(field):
+                uvs = field, values
+            else:
+                rest.append((field, values))
+        if speeds is None and self._has_speeds:
+            speeds = np.zeros((len(points), 0, 3), np.float32)
+        in_samples = speeds is not None or uvs is not None
+        repeats = np.zeros(len(points), bool) if in_samples else self._find_repeats(points)
         normals = self.normals_at(points[~repeats])
         for frame in range(len(points)):
             if repeats[frame]:
                 self._schema.setFromPrevious()
                 self._extras.repeat()
             else:
-                self._sample(points[frame], None if speeds is None else speeds[frame], next(normals))
+                own = None if uvs is None else (uvs[0], uvs[1][frame])
+                self._sample(points[frame], None if speeds is None else speeds[frame], next(normals), own)
         self._previous = points[-1].copy()
+        self.notices += self._fields.write(rest, len(points), self.item.connectivity)
+
+    def _takes_uvs(self, field: Field) -> bool:
+        """Return whether the shape's own UVs hold a field: they are those of the first UV set that is constant, else of
+        the first field that is one.
+        """
+        return self.key.kind == "mesh" and not uv_sets(self.item) and is_uv_set(field, changes=self.changes)
 
     def _find_repeats(self, points: Float32Array) -> BoolArray:
         """Return (frames,) bool, whether positions (frames, vertices, 3) equal those of the previous frame of
@@ -259,7 +285,13 @@ class _ShapeWriter(ShapeWriter):
             found[frame] = np.array_equal(points[frame], points[frame - 1])
         return found
 
-    def _sample(self, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None) -> None:
+    def _sample(
+        self,
+        points: Float32Array,
+        speeds: Float32Array | None,
+        normals: Float32Array | None,
+        uvs: tuple[Field, NDArray[Any]] | None,
+    ) -> None:
         first = self._previous is None
         self._previous = points
         # After the first sample of a run, samples hold only positions, and the rest stays.
@@ -267,8 +299,12 @@ class _ShapeWriter(ShapeWriter):
         if first:
             self._describe(sample, keep)
         sample.setPositions(keep(vector_array(points)))
+        if uvs is not None:
+            self._name_uvs(uvs[0].name)
+            sample.setUVs(self._fields.uv_sample(*uvs, self.item.connectivity, keep))
         if speeds is not None:
             sample.setVelocities(keep(vector_array(speeds)))
+            self._has_speeds = True
         if normals is not None:
             sample.setNormals(normal_sample(normals, self._corner_rows, keep))
         elif first and self._has_normals:
@@ -297,14 +333,18 @@ class _ShapeWriter(ShapeWriter):
 
     def _describe_uvs(self, sample: Any, order: Int64Array, keep: Keep) -> None:
         for uv in uv_sets(self.item)[:1]:
-            if uv.name != UV and not self._has_uvs:
-                self._schema.setUVSourceName(source_name(uv, UV, UV))
+            self._name_uvs(uv.name)
             sample.setUVs(uv_sample(uv, self.item.connectivity, order, keep, by_corner=self.changes))
-            self._has_uvs = True
             return
         if self._has_uvs:
             nothing, rows = keep(vector_array(np.zeros((0, 2)))), keep(unsigned_array([]))
             sample.setUVs(keep(AbcGeom.OV2fGeomParamSample(nothing, rows, SCOPES["corner"])))
+
+    def _name_uvs(self, name: str) -> None:
+        """Name the shape's own UVs, before its first sample that has some."""
+        if name != UV and not self._has_uvs:
+            self._schema.setUVSourceName(name.removeprefix(f"{UV}:"))
+        self._has_uvs = True
 
     def _describe_curves(self, sample: Any, keep: Keep) -> None:
         sample.setCurvesNumVertices(keep(int_array(self.item.connectivity.line_counts)))

@@ -242,6 +242,16 @@ def first_sample(read_at: Callable[[float], NDArray[Any] | None], times: Sequenc
     return next((found for time in times or (0.0,) if (found := read_at(time)) is not None and found.size), None)
 
 
+def gathered_rows(values: NDArray[Any], rows: NDArray[np.integer]) -> NDArray[Any] | None:
+    """Return the row of `values` (n, ...) that each element has, NaN or 0 if it has none; None if n is 0."""
+    if not len(values):
+        return None
+    missing = (rows < 0) | (rows >= len(values))
+    found = values[np.where(missing, 0, rows)]
+    found[missing] = np.nan if found.dtype.kind == "f" else 0
+    return found
+
+
 def fields_of_shapes(shapes: Sequence[Shape]) -> tuple[tuple[Field, ...], dict[str, dict[int, ShapeField]]]:
     """Return the fields of several shapes, and by their names what each shape gives to them, by its index.
 

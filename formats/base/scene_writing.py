@@ -202,10 +202,8 @@ class ShapeWriter(ABC):
     notices : list of str
     fields : list of (Field, array)
         The object's fields at the frames that :meth:`write` gets, (frames, rows, components), for the points that the
-        object is drawn with; none unless :attr:`holds_fields`.
+        object is drawn with.
     """
-
-    holds_fields = False
 
     def __init__(self, key: ShapeKey, title: str, *, changes: bool) -> None:
         self.key, self.title, self.changes = key, title, changes
@@ -263,21 +261,21 @@ def write_shapes(
 ) -> Iterator[Float64Array]:
     """Write samples of all shapes block by block; yield the times [s] of each block after it is written.
 
-    `before` is called with the number of frames of each block before it is written.
+    `before` is called with the number of frames of each block before it is written, when shapes have their fields.
     """
     places: dict[ShapeKey, _Place] = {}
-    with_fields = any(shape.holds_fields for shape in shapes.values())
-    for run, begin, start, block in output.blocks_of_runs(sequence, title, with_fields=with_fields):
+    for run, begin, start, block in output.blocks_of_runs(sequence, title, with_fields=True):
         if start == begin:
             of_run = sequence.times[begin : begin + run.frame_count]
             places = _begin_run(shapes, run, of_run, every=len(sequence.runs) == 1)
-        before(len(block))
         times = sequence.times[start : start + len(block)]
         moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
-        fields = _fields_of_block(run, start - begin, len(block)) if with_fields else {}
+        fields = _fields_of_block(run, start - begin, len(block))
         for key, shape in shapes.items():
-            own, rows_of_fields = places[key]
-            shape.fields = [(field, fields[field.name][:, rows]) for field, rows in rows_of_fields if fields]
+            shape.fields = [(field, fields[field.name][:, rows]) for field, rows in places[key][1]]
+        before(len(block))
+        for key, shape in shapes.items():
+            own = places[key][0]
             shape.write(block[:, own], None if moving is None else moving[:, own], times)
         yield times
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, NORMAL, UV, VECTOR, role_name
-from pdecodec.formats.base.scene_reading import Extras, first_sample
+from pdecodec.formats.base.scene_reading import Extras, first_sample, gathered_rows
 from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY
 from pdecodec.formats.usd.values import ALWAYS, changes_with_time, codes_within, spline_codes, value_at
 from pdecodec.mesh.arrays import Int64Array
@@ -106,13 +106,7 @@ def _values_in_time(
         values = values.reshape(-1, width) if width > 1 and values.size % width == 0 else values
         if not indices:
             return values
-        rows = np.array(indices[0], np.int64)
-        missing = (rows < 0) | (rows >= len(values))
-        if not len(values):
-            return None
-        found = values[np.where(missing, 0, rows)]
-        found[missing] = np.nan if found.dtype.kind == "f" else 0
-        return found
+        return gathered_rows(values, np.array(indices[0], np.int64))
 
     return read_at, codes
 

@@ -225,8 +225,6 @@ class _PrimWriter(ShapeWriter):
     If there are several runs, connectivity and attributes are samples at the first frame of each run.
     """
 
-    holds_fields = True
-
     def __init__(self, prim: Any, key: ShapeKey, rate: float, *, changes: bool) -> None:
         super().__init__(key, "USD", changes=changes)
         self._rate, self._prim = rate, prim

@@ -275,7 +275,7 @@ CONTRACT = (
           infinite=False, error=3e-6),
     _CACHE(file="x.mdd"),
     _CACHE(file="x.pc2", times="counted"),
-    Holds(file="x.abc", attributes=_ABC, runs=True),
+    Holds(file="x.abc", attributes=_ABC, fields=_DOMAINS, runs=True),
     Holds(file="x.usda", attributes=_USD, fields=_DOMAINS, runs=True),
     Holds(file="x.usdc", attributes=_USD, fields=_DOMAINS, runs=True),
     Holds(file="x.usdz", attributes=_USD, fields=_DOMAINS, runs=True, bytes_again=False),

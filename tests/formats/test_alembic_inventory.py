@@ -105,6 +105,10 @@ def everything(path: Path) -> Path:
     parameter(mesh.getSchema(), "corner", AbcGeom.GeometryScope.kFacevaryingScope, 6)
     parameter(mesh.getSchema(), "misfit", VERTEX, 3)
     parameter(mesh.getSchema(), "changing", VERTEX, 4, samples=2)
+    Abc.OInt64ArrayProperty(mesh.getSchema().getArbGeomParams(), "serial").setValue(imath.IntArray(4))
+    texts = AbcGeom.OStringGeomParam(mesh.getSchema().getArbGeomParams(), "texts", False, OBJECT, 1)
+    for text in "ab":
+        texts.set(AbcGeom.OStringGeomParamSample(imath.StringArray(text, 1), OBJECT))
     Abc.OM44fArrayProperty(mesh.getSchema().getArbGeomParams(), "matrices").setValue(imath.M44fArray(1))
     sets = mesh.getSchema().createFaceSet("some").getSchema()
     sets.set(AbcGeom.OFaceSetSchemaSample(imath.IntArrayFromBuffer(np.array([1], np.int32))))
@@ -142,10 +146,12 @@ FATES = {
     "/rig/mesh:/visible": "coded",
     "/rig/mesh:/.geom/P": "coded",
     "/rig/mesh:/.geom/.selfBnds": "implied",
-    "/rig/mesh:/.geom/.velocities": "dropped",
+    "/rig/mesh:/.geom/.velocities": "coded",
     "/rig/mesh:/.geom/.userProperties/artist": "dropped",
-    **{f"/rig/mesh:/.geom/.arbGeomParams/{name}": "coded" for name in ("whole", "weight", "face", "corner")},
-    **{f"/rig/mesh:/.geom/.arbGeomParams/{name}": "dropped" for name in ("misfit", "changing", "matrices")},
+    **{
+        f"/rig/mesh:/.geom/.arbGeomParams/{name}": "coded" for name in ("whole", "weight", "face", "corner", "changing")
+    },
+    **{f"/rig/mesh:/.geom/.arbGeomParams/{name}": "dropped" for name in ("misfit", "texts", "serial", "matrices")},
     "/rig/mesh/some": "coded",
     "/rig/mesh/some:/.faceset/.faces": "coded",
     "/surface": "coded",
@@ -156,8 +162,8 @@ FATES = {
     "/dust:/.geom/.pointIds": "coded",
 }
 NAMED = (
-    "not kept: misfit, changing (it changes with time), matrices, archive properties (studio), "
-    "userProperties of transforms (asset), velocities, userProperties (artist), properties of objects (custom), "
+    "not kept: misfit, serial, texts (it changes with time), matrices, archive properties (studio), "
+    "userProperties of transforms (asset), userProperties (artist), properties of objects (custom), "
     "transforms without shapes 'locator', cameras 'shot', lights 'key', objects without a schema 'notes', "
     "meshes without vertices 'nothing', creases and corners, holes, "
     "properties of subdivision (.interpolateBoundary), widths"

@@ -12,7 +12,7 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSequence, open_sequence, write_sequence
 from pdecodec.codec.coded_order import CodedOrderSequence
-from pdecodec.formats.base.attribute_roles import direction_role
+from pdecodec.formats.base.attribute_roles import direction_role, reversed_corners
 from pdecodec.formats.base.scene_reading import ShapeField
 from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, turned_directions
 from pdecodec.mesh import fields
@@ -36,7 +36,7 @@ ROLES = [
     (Field("color:Cd", "face", components=4), 4),
     (Field("of one", "vertex", objects=(1,)), 5),
 ]
-EXTENSIONS = ["usda"]
+EXTENSIONS = ["usda", "abc"]
 
 
 def values_of(field: Field, rows: int) -> Any:
@@ -82,11 +82,12 @@ def test_fields_of_every_scope_and_type_come_back(extension: str, tmp_path: Path
         assert not read.objects[0].attributes
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
-def test_a_scene_with_fields_goes_through_a_coded_file(extension: str, tmp_path: Path) -> None:
-    needed(extension)
+@pytest.mark.parametrize(("source", "target"), [("usda", "usda"), ("abc", "abc"), ("abc", "usda"), ("usda", "abc")])
+def test_a_scene_with_fields_goes_through_a_coded_file(source: str, target: str, tmp_path: Path) -> None:
+    needed(source)
+    needed(target)
     clip = clip_of(ROLES)
-    first, coded, second = tmp_path / f"x.{extension}", tmp_path / "x.pdeanim", tmp_path / f"y.{extension}"
+    first, coded, second = tmp_path / f"x.{source}", tmp_path / "x.pdeanim", tmp_path / f"y.{target}"
     write_sequence(clip, first)
     with open_sequence(first) as read:
         pdecodec.encode(read, coded)
@@ -96,8 +97,9 @@ def test_a_scene_with_fields_goes_through_a_coded_file(extension: str, tmp_path:
         assert_same(again, clip, 1e-3)
 
 
+@pytest.mark.parametrize("second", [slice(0, 1), slice(1, 2)])
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_fields_of_runs_belong_to_their_run(extension: str, tmp_path: Path) -> None:
+def test_fields_of_runs_belong_to_their_run(extension: str, second: slice, tmp_path: Path) -> None:
     needed(extension)
     runs = []
     for number, faces in enumerate([FACES, connectivity_of(4, [[0, 1, 2], [0, 2, 3]])]):
@@ -108,7 +110,9 @@ def test_fields_of_runs_belong_to_their_run(extension: str, tmp_path: Path) -> N
         points = np.random.default_rng(number).random((2, count, 3))
         times = np.arange(2 * number, 2 * number + 2) / 24
         objects = [MeshObject("a", faces)]
-        runs.append(ArraySequence(points, objects=objects, times=times, fps=24, fields=fields[: 2 - number]))
+        runs.append(
+            ArraySequence(points, objects=objects, times=times, fps=24, fields=fields[second] if number else fields)
+        )
     write_sequence(ChangingSequence(runs), tmp_path / f"x.{extension}")
     with open_sequence(tmp_path / f"x.{extension}") as read:
         for found, expected in zip(read.runs, runs, strict=True):
@@ -187,10 +191,9 @@ def test_the_rows_of_many_objects_are_counted_once(
 
 
 def test_a_writer_that_holds_no_fields_does_not_read_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    needed("abc")
     clip = clip_of(ROLES)
     monkeypatch.setattr(ArraySequence, "read_field", lambda *given: pytest.fail("a field is read"))
-    told = write_sequence(clip, tmp_path / "x.abc")
+    told = write_sequence(clip, tmp_path / "x.pc2")
     assert any("velocities" in line for line in told)
 
 
@@ -264,6 +267,83 @@ def test_primvars_of_usd_are_uvs_by_their_type_and_fields_without_samples(tmp_pa
         assert read.notices == ()
 
 
+def alembic_of_two_rates(path: Path) -> None:
+    """Write a triangle with three samples, and parameters with two."""
+    import imath
+    from alembic3d import Abc, AbcCoreAbstract, AbcGeom
+
+    archive = Abc.OArchive(str(path))
+    slow, fast = (archive.addTimeSampling(AbcCoreAbstract.TimeSampling(step, 0.0)) for step in (0.5, 0.25))
+    schema = AbcGeom.OPolyMesh(archive.getTop(), "a", fast).getSchema()
+    corners, sizes = (imath.IntArrayFromBuffer(np.array(one, np.int32)) for one in ([0, 1, 2], [3]))
+    for frame in range(3):
+        points = imath.V3fArrayFromBuffer(np.full((3, 3), frame, np.float32))
+        schema.set(AbcGeom.OPolyMeshSchemaSample(points, corners, sizes))
+    vertex, corner = AbcGeom.GeometryScope.kVertexScope, AbcGeom.GeometryScope.kFacevaryingScope
+    parent = schema.getArbGeomParams()
+
+    def add(kind: str, name: str, samples: list[Any], scope: Any, rows: list[list[int]] | None = None) -> None:
+        param = getattr(AbcGeom, f"O{kind}GeomParam")(parent, name, rows is not None, scope, 1, slow)
+        for number, values in enumerate(samples):
+            indices = [] if rows is None else [imath.UnsignedIntArray(imath.DoubleArrayFromBuffer(
+                np.array(rows[number], np.float64)))]  # fmt: skip
+            param.set(getattr(AbcGeom, f"O{kind}GeomParamSample")(values, *indices, scope))
+
+    def floats(*values: float) -> Any:
+        return imath.FloatArrayFromBuffer(np.array(values, np.float32))
+
+    def integers(*values: int) -> Any:
+        return imath.IntArrayFromBuffer(np.array(values, np.int32))
+
+    add("Float", "heat", [floats(0, 2, 4), floats(8, 2, np.nan)], vertex)
+    add("Int32", "state", [integers(1, 2, 3), integers(7, 8, 9)], vertex)
+    add("Float", "seams", [floats(5, 6), floats(5, 6)], corner, [[0, 1, 1], [1, 1, 0]])
+    add("Half", "half", [floats(1, 2, 3), floats(2, 3, 4)], vertex)
+    turns = [imath.QuatfArray(3), imath.QuatfArray(3)]
+    turns[1][0] = imath.Quatf(0, 1, 0, 0)
+    add("Quatf", "orient", turns, vertex)
+    add("Int64", "serial", [integers(1, 2, 3), integers(2, 3, 4)], vertex)
+
+
+def test_parameters_of_alembic_have_samples_of_their_own_and_indices(tmp_path: Path) -> None:
+    """Between samples floats are interpolated and whole numbers hold; parameters of 64-bit integers are named."""
+    needed("abc")
+    alembic_of_two_rates(tmp_path / "x.abc")
+    with open_sequence(tmp_path / "x.abc", fps=4) as read:
+        found = {one.name: read.read_field(one.name, 0, 3) for one in read.fields}
+        assert [line for line in read.notices if "kept" in line] == ["not kept: serial"]
+        assert {one.kind for one in read.contents if one.fate == "dropped"} == {".arbGeomParams/serial"}
+    # A value that is NaN in one of two samples holds.
+    np.testing.assert_array_equal(found["heat"], [[0, 2, 4], [4, 2, 4], [8, 2, np.nan]])
+    np.testing.assert_array_equal(found["state"], [[1, 2, 3], [1, 2, 3], [7, 8, 9]])
+    # Corners are in reverse order: Alembic's faces run clockwise.
+    np.testing.assert_array_equal(found["seams"], [[6, 6, 5], [5.5, 6, 5.5], [5, 6, 6]])
+    assert found["half"].dtype == np.float32
+    np.testing.assert_array_equal(found["orient"][[0, 2], 0], [[1, 0, 0, 0], [0, 1, 0, 0]])
+
+
+def test_alembic_keeps_seams_of_uvs_that_change_and_says_which_numbers_are_too_large(tmp_path: Path) -> None:
+    needed("abc")
+    from alembic3d import Abc, AbcGeom
+
+    corners = connectivity_of(4, [[0, 1, 2], [2, 1, 3]])
+    uvs = np.tile(np.arange(12, dtype=np.float32).reshape(6, 2), (3, 1, 1))
+    uvs[:, 3] = uvs[:, 2]  # vertex 2 has no seam
+    uvs[2, 3] += 1  # until the last frame
+    large = np.array([[0, 2**53 + 1]] * 3).repeat(2, axis=1)
+    clip = ArraySequence(
+        np.zeros((3, 4, 3)), objects=[MeshObject("a", corners)], fields={"uv": uvs, "serial": large.astype(np.int64)}
+    )
+    told = write_sequence(clip, tmp_path / "x.abc")
+    assert told == ("whole numbers of field 'serial' beyond 2**53 become 2**53 in Alembic",)
+    schema = AbcGeom.IPolyMesh(Abc.IArchive(str(tmp_path / "x.abc")).getTop().getChild("a"), "a").getSchema()
+    samples = [schema.getUVsParam().getIndexedValue(Abc.ISampleSelector(frame / 24)) for frame in range(3)]
+    assert [len(one.getVals()) for one in samples] == [5, 5, 6]
+    with open_sequence(tmp_path / "x.abc") as read:
+        np.testing.assert_array_equal(read.read_field("uv", 0, 3), uvs)
+        np.testing.assert_array_equal(read.read_field("serial", 0, 3), np.minimum(large, 2**53))
+
+
 def usd_values(path: Path) -> dict[str, list[Any]]:
     from pxr import Usd, UsdGeom
 
@@ -280,6 +360,31 @@ def usd_values(path: Path) -> dict[str, list[Any]]:
     return found
 
 
+def abc_values(path: Path) -> dict[str, list[Any]]:
+    """Rows of corners are returned in our order of corners, colours of faces by the first corner of each face."""
+    import imath
+    from alembic3d import Abc, AbcGeom
+
+    archive = Abc.IArchive(str(path))
+    schema = AbcGeom.IPolyMesh(archive.getTop().getChild("a"), "a").getSchema()
+    parameters, order = schema.getArbGeomParams(), reversed_corners(FACES.face_counts)
+    selectors = [Abc.ISampleSelector(frame / 24) for frame in range(FRAMES)]
+    found = {"velocities": [np.array(schema.getVelocitiesProperty().getValue(one)) for one in selectors]}
+    params = {"uv V2f": schema.getUVsParam()}
+    for header in (parameters.getPropertyHeader(index) for index in range(parameters.getNumProperties())):
+        kinds = ("V2f", "V3f", "N3f", "C3f", "C4f")
+        kind = next(one for one in kinds if getattr(AbcGeom, f"I{one}GeomParam").matches(header))
+        name = header.getName()
+        params[f"{name} {kind}"] = getattr(AbcGeom, f"I{kind}GeomParam")(parameters, name)
+    for name, param in params.items():
+        rows = [param.getExpandedValue(one).getVals() for one in selectors]
+        values = [np.array([tuple(row) for row in one] if isinstance(one, imath.C4fArray) else one) for one in rows]
+        scope = str(param.getScope()).removesuffix("Scope")
+        values = [one[order] if scope == "kFacevarying" else one for one in values]
+        found[f"{name} {scope}"] = [one[[0, 4]] for one in values] if name == "Cd C4f" else values
+    return found
+
+
 SEEN: dict[str, tuple[Callable[[Path], dict[str, list[Any]]], dict[str, str]]] = {
     "usda": (
         usd_values,
@@ -292,6 +397,19 @@ SEEN: dict[str, tuple[Callable[[Path], dict[str, list[Any]]], dict[str, str]]] =
             "up faceVarying normal3f[]": "normal:up",
             "velocities": "velocities",
             "accelerations": "accelerations",
+        },
+    ),
+    "abc": (
+        abc_values,
+        {
+            "uv V2f kFacevarying": "uv",
+            "second V2f kVertex": "uv:second",
+            "color C3f kVertex": "color",
+            "Cd C4f kFacevarying": "color:Cd",
+            "wind V3f kUniform": "vector:wind",
+            "up N3f kFacevarying": "normal:up",
+            "velocities": "velocities",
+            "accelerations V3f kVertex": "accelerations",
         },
     ),
 }

@@ -292,7 +292,8 @@ LISTED: dict[str, tuple[str, dict[str, str]]] = {
     "alembic": (
         "alembic3d",
         {
-            "parameters that change": "changing (it changes with time)",
+            "parameters of text that change": "texts (it changes with time)",
+            "parameters of 64-bit integers and boxes": "serial",
             "options of subdivision": "properties of subdivision",
             "objects of other schemas": "objects without a schema",
         },

@@ -1,0 +1,180 @@
+"""Write what changes with time on an Alembic shape as parameters that have a sample for each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from alembic3d import AbcGeom
+from numpy.typing import NDArray
+
+from pdecodec.formats.alembic.attributes_writer import ParameterKind, ParameterWriter
+from pdecodec.formats.alembic.fields import DOMAIN_KEY, DTYPE_KEY, NAME_KEY, UNIT_KEY, field_name
+from pdecodec.formats.alembic.values import SCOPES, WIDTHS, Keep, unsigned_array, vector_array
+from pdecodec.formats.base.attribute_roles import (
+    COLOR,
+    NORMAL,
+    UV,
+    VECTOR,
+    VELOCITIES,
+    direction_role,
+    field_source_name,
+    reversed_corners,
+    unique_name,
+)
+from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import Field
+from pdecodec.mesh.sequence import Connectivity
+
+_MAX_EXACT = 2**53
+"""Whole numbers up to this one are exact as float64."""
+
+_ROLE_KINDS = {
+    (UV, "f4", 2): "V2f",
+    (COLOR, "f4", 3): "C3f",
+    (COLOR, "f4", 4): "C4f",
+    (VECTOR, "f4", 3): "V3f",
+    (VECTOR, "f8", 3): "V3d",
+    (NORMAL, "f4", 3): "N3f",
+    (NORMAL, "f8", 3): "N3d",
+}
+"""Names of Alembic's types by role, NumPy type and components; other fields are arrays of numbers with an extent."""
+
+_SCALAR_KINDS = {
+    "f4": "Float",
+    "f8": "Double",
+    "i8": "Double",
+    "u8": "Double",
+    "u1": "Uchar",
+    "u4": "UInt32",
+    "b1": "Boolean",
+}
+"""Names of Alembic's types of single numbers, by NumPy's; other integers are written as Int32. The Python binding does
+not write 64-bit integers.
+"""
+
+
+def is_velocity(field: Field) -> bool:
+    """Return whether a field is what the shapes of Alembic have a property for."""
+    return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
+
+
+def is_uv_set(field: Field, *, changes: bool) -> bool:
+    """Return whether the UVs of a mesh can hold a field; if connectivity changes, those are always of corners."""
+    return _role_kind(field) == "V2f" and (field.domain == "corner" or (field.domain == "vertex" and not changes))
+
+
+def _role_kind(field: Field) -> str | None:
+    role = direction_role(field) or field.name.partition(":")[0]
+    return _ROLE_KINDS.get((role, field.dtype.str[1:], field.components))
+
+
+class SharedRows:
+    """Which corners share a row of UVs: those of one vertex whose UVs have been equal since the rows were found.
+
+    Programs take corners that share no row for the border of a patch.
+    """
+
+    def __init__(self) -> None:
+        self._vertices: Int32Array | None = None
+        self._firsts = self._rows = np.zeros(0, np.int64)
+
+    def of(self, vertices: Int32Array, values: NDArray[Any]) -> tuple[Float32Array, Int64Array]:
+        """Return rows (n, 2), and the row of each corner (corners,), for the UVs (corners, 2) of one frame."""
+        bits = np.ascontiguousarray(values, np.float32).view(np.int32)
+        if vertices is not self._vertices or not (bits[self._firsts][self._rows] == bits).all():
+            keys = np.column_stack([vertices, bits])
+            _, self._firsts, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+            self._rows, self._vertices = rows.reshape(-1), vertices
+        return values[self._firsts], self._rows
+
+
+class FieldsWriter:
+    """Writer of the fields of one shape.
+
+    Parameters
+    ----------
+    handle : AbcGeom object
+        The shape; its schema must have its first sample already.
+    sampling : int
+        Number of the time sampling of frames.
+    taken : set of str
+        Names of parameters of the shape; those of fields are added.
+    """
+
+    def __init__(self, handle: Any, sampling: int, taken: set[str]) -> None:
+        self._handle, self._sampling, self._taken = handle, sampling, taken
+        self._known: dict[str, tuple[ParameterKind, ParameterWriter]] = {}
+        self._shared: dict[str, SharedRows] = {}
+        self._frames = 0
+
+    def write(self, fields: Sequence[tuple[Field, NDArray[Any]]], frames: int, connectivity: Connectivity) -> list[str]:
+        """Write values (frames, rows, components); return notices about what was lost.
+
+        What earlier runs of frames had and this one has not becomes empty.
+        """
+        notices = []
+        for field, stored in fields:
+            if field.name not in self._known:
+                self._known[field.name] = self._made(field, has_faces=connectivity.face_count > 0)
+            kind, parameter = self._known[field.name]
+            values = stored
+            if field.is_exact and field.dtype.itemsize == 8:
+                values = stored.clip(-_MAX_EXACT if field.dtype.kind == "i" else 0, _MAX_EXACT)
+                if (values != stored).any():
+                    notices.append(f"whole numbers of field {field.name!r} beyond 2**53 become 2**53 in Alembic")
+            for rows in values:
+                shared, indices = self._rows(field, kind, rows, connectivity)
+                parameter.set(shared if kind.kind in WIDTHS else shared.reshape(-1), indices)
+        self._frames += frames
+        for _, parameter in self._known.values():
+            parameter.fill(self._frames)
+        return notices
+
+    def _made(self, field: Field, *, has_faces: bool) -> tuple[ParameterKind, ParameterWriter]:
+        """Return the kind of parameter of a field, and its writer, with samples for all frames before."""
+        of_role, domain, metadata = _role_kind(field), field.domain, {DTYPE_KEY: field.dtype.name}
+        is_color = of_role in ("C3f", "C4f")
+        if is_color and has_faces and domain in ("face", "object"):
+            domain, metadata[DOMAIN_KEY] = "corner", domain
+        is_indexed = DOMAIN_KEY in metadata or (of_role == "V2f" and domain == "corner")
+        kind = of_role or _SCALAR_KINDS.get(field.dtype.str[1:], "Int32")
+        name = unique_name(field_source_name(field, UV, COLOR).replace("/", "_"), self._taken)
+        if field_name(kind, name, {}) != field.name:
+            metadata[NAME_KEY] = quote(field.name)
+        if field.unit:
+            metadata[UNIT_KEY] = quote(field.unit)
+        described = ParameterKind(kind, domain, metadata, is_indexed, 1 if of_role else field.components)
+        parameter = ParameterWriter(self._handle.getSchema().getArbGeomParams(), name, described, self._sampling)
+        parameter.fill(self._frames)
+        return described, parameter
+
+    def _rows(
+        self, field: Field, kind: ParameterKind, rows: NDArray[Any], connectivity: Connectivity
+    ) -> tuple[NDArray[Any], NDArray[np.integer] | None]:
+        """Return the rows of the file and their indices for the rows of one frame."""
+        if kind.domain != "corner":
+            return rows, None
+        if field.domain == "face":
+            return rows, np.repeat(np.arange(len(rows)), connectivity.face_counts)
+        if field.domain == "object":
+            return rows, np.zeros(connectivity.face_indices.size, np.int64)
+        order = reversed_corners(connectivity.face_counts)
+        return self._shared_rows(field, rows, connectivity, order) if kind.is_indexed else (rows[order], None)
+
+    def _shared_rows(
+        self, field: Field, rows: NDArray[Any], connectivity: Connectivity, order: Int64Array
+    ) -> tuple[Float32Array, Int64Array]:
+        found, indices = self._shared.setdefault(field.name, SharedRows()).of(connectivity.face_indices, rows)
+        return found, indices[order]
+
+    def uv_sample(self, field: Field, rows: NDArray[Any], connectivity: Connectivity, keep: Keep) -> Any:
+        """Return the UVs (rows, 2) of one frame as an Alembic sample for the shape's own UVs."""
+        sample = AbcGeom.OV2fGeomParamSample
+        if field.domain == "vertex":
+            return keep(sample(keep(vector_array(rows)), SCOPES["vertex"]))
+        order = reversed_corners(connectivity.face_counts)
+        found, indices = self._shared_rows(field, rows, connectivity, order)
+        return keep(sample(keep(vector_array(found)), keep(unsigned_array(indices)), SCOPES["corner"]))
