@@ -11,44 +11,46 @@
 #include "linalg/products.hpp"
 #include "linalg/vectors.hpp"
 
-// Eigenvalues and eigenvectors of a symmetric matrix, in three steps: reflections reduce it to three diagonals
-// (Tridiagonal), divide and conquer solves these (tridiagonal_eigen), and the eigenvectors are reflected back.
+// Computes eigenvalues and eigenvectors of a symmetric matrix in three steps. Reflections reduce it to a tridiagonal
+// matrix (Tridiagonal), divide and conquer solves that (tridiagonal_eigen), and the eigenvectors are reflected back.
 
 namespace pdeanim {
 
 namespace {
 
-// A symmetric matrix reduced to three diagonals by reflections.
+// A symmetric matrix reduced to a tridiagonal one by reflections.
 class Tridiagonal {
 public:
-    // Reduce a symmetric matrix (size x size) whose largest number is about one.
+    // Reduce a symmetric matrix (size x size) whose largest entry is about one.
     Tridiagonal(const double *matrix, i64 size);
 
-    std::vector<double> diagonal, beside;  // `beside` has a zero at its end
+    std::vector<double> diagonal, beside;  // `beside` are the entries next to the diagonal, with a zero at the end
 
-    // Replace eigenvectors of the three diagonals by those of the matrix, one per row; rows are a stride apart.
+    // Replace eigenvectors of the tridiagonal matrix by those of the original one: one per row, rows a stride apart.
     void turn_back(double *rows, i64 stride, i64 count, int threads) const;
 
 private:
     i64 size_, stride_;
-    std::vector<double> vectors_;  // vectors of the reflections: row i has the v of the reflection that clears row i
+    std::vector<double> vectors_;  // row i has the vector v of the reflection that clears row i of the matrix
     std::vector<double> factors_;
 };
 
-// Rows are cleared one after the other, from the last one up, except for the number next to the diagonal.
+// Rows are cleared one after the other, from the last one up, except for the entry next to the diagonal.
 //
 // The reflection I - f v v^T from both sides subtracts v w^T + w v^T from the rows above, with p = f A v and w = p -
-// f/2 (p v) v. The next reflection needs only its own row of the rest, so one pass over the other rows subtracts the
-// change and multiplies by the next v.
-// Each row is stored up to the end of the block of eight that holds its diagonal entry. Entries before that block also
-// stand for their mirror images.
+// f/2 (p v) v. The next reflection follows from the next row alone. So that row is changed first, and one pass over the
+// other rows then subtracts the change and multiplies by the next v.
+//
+// Each row is stored up to the end of the block of eight that holds its diagonal entry. Entries before that block stand
+// for their mirror images too.
 
-// The change to subtract: v w^T + w v^T.
+// A change to subtract from the matrix: v w^T + w v^T.
 struct Change {
     const double *v, *w;
 };
 
-// Change `count` rows from `first` on, all in one block of eight, and add their contribution to A v to p.
+// Change `count` rows from `first` on, all in one block of eight, and add their contribution to A v (with `next` as v)
+// to p.
 template <int count, int bytes> PDEANIM_INLINE void change_rows(double *matrix, i64 stride, i64 first,
                                                                 const Change &change, const double *next, double *p) {
     using Eight = pdeanim::Eight<bytes>;
@@ -111,7 +113,7 @@ PDEANIM_INLINE void reduce(double *matrix, double *factors, double *diagonal, do
 }
 
 constexpr i64 reflections_at_once = 32;
-constexpr i64 rows_at_once = 48;  // eigenvectors that a thread works on together
+constexpr i64 rows_at_once = 48;  // number of eigenvectors that a thread works on together
 
 Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     : diagonal(size), beside(size), size_(size), stride_(whole_eights(size)), vectors_(size * stride_), factors_(size) {
@@ -121,12 +123,12 @@ Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     });
 }
 
-// The product H_1 H_2 ... of a few reflections is I + V T V^T with an upper triangle T (compact WY form).
+// The product H_1 H_2 ... of a few reflections is I + V T V^T with an upper triangular matrix T (compact WY form).
 void Tridiagonal::turn_back(double *rows, i64 stride, i64 count, int threads) const {
     constexpr i64 most = reflections_at_once;
     std::vector<double> across(size_ * most), triangle(most * most);
     for (i64 begin = 1; begin < size_; begin += most) {
-        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // the longest v of these
+        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // length: of the longest v among them
         const double *v = vectors_.data() + begin * stride_;
         for (i64 k = 0; k < length; ++k) {
             for (i64 j = 0; j < some; ++j) across[k * some + j] = v[j * stride_ + k];
@@ -161,15 +163,16 @@ void Tridiagonal::turn_back(double *rows, i64 stride, i64 count, int threads) co
 }
 
 // Divide and conquer (Cuppen 1981): the matrix is halved again and again, down to a few rows, which the QL algorithm
-// solves. The eigenvalues of two joined halves are a diagonal changed by one vector. Where that vector has almost
-// nothing of an eigenvector, or two eigenvalues are almost equal, the eigenvector stays; usually there are many such.
+// solves. Joining two solved halves is the eigenproblem of a diagonal matrix changed by one vector (Secular). If that
+// vector is almost orthogonal to an eigenvector, or two eigenvalues are almost equal, an eigenvector stays as it is;
+// usually many do.
 
-constexpr i64 worth_threads = 160;  // rows from which several threads are faster than one
+constexpr i64 worth_threads = 160;  // number of rows from which several threads are faster than one
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr i64 few_rows = 32;
-constexpr int most_turns = 80;  // per eigenvalue; two or three are usual
+constexpr int most_turns = 80;  // largest number of QL steps per eigenvalue; two or three are usual
 
-// Rotate rows i and i + 1, of `width` numbers.
+// Rotate rows i and i + 1 of `width` numbers in their plane.
 void turn(double *row, double *next, i64 width, double cosine, double sine) {
     for (i64 k = 0; k < width; ++k) {
         const double upper = row[k], lower = next[k];
@@ -178,8 +181,8 @@ void turn(double *row, double *next, i64 width, double cosine, double sine) {
     }
 }
 
-// The QL algorithm with implicit shifts (Wilkinson and Reinsch 1971, tql2); rows of `vectors`, if any, are rotated
-// along.
+// Turn a tridiagonal matrix into a diagonal one by the QL algorithm with implicit shifts (Wilkinson and Reinsch 1971,
+// tql2). The rows of `vectors`, unless it is null, are rotated along.
 void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stride) {
     for (i64 first = 0; first < count; ++first) {
         for (int turns = 0; turns < most_turns; ++turns) {
@@ -217,10 +220,10 @@ void turn_to_diagonal(double *d, double *e, i64 count, double *vectors, i64 stri
     }
 }
 
-// Two solved halves, rows and columns `first` to `end` of the eigenvectors, cut before `middle`.
+// Two solved halves of a matrix: its rows and columns `first` to `end` - 1, cut before `middle`.
 struct Cut {
     i64 first, middle, end;
-    double beside;  // the number beside the diagonal at the cut
+    double beside;  // the matrix entry next to the diagonal at the cut
 };
 
 class Halves {
@@ -243,11 +246,11 @@ public:
     }
 
 private:
-    enum Kind : u8 { above, both, below };  // which columns of an eigenvector are not zero
+    enum Kind : u8 { above, both, below };  // in which half an eigenvector has numbers other than zero
 
     double *row(i64 j) { return vectors_ + j * stride_; }
 
-    // Choose the eigenvectors that change, by increasing eigenvalue.
+    // Choose the eigenvectors that joining changes, by increasing eigenvalue.
     void choose() {
         std::vector<i64> order(size_);
         std::iota(order.begin(), order.end(), i64{0});
@@ -264,7 +267,8 @@ private:
         if (before >= 0) changed_.push_back(before);
     }
 
-    // Whether two eigenvalues count as equal: then the first eigenvector is rotated so that it does not change.
+    // Return whether two eigenvalues count as equal. If they do, rotate their eigenvectors so that joining does not
+    // change the first one.
     bool are_alike(i64 one, i64 other, double enough) {
         const double length = std::sqrt(z_[one] * z_[one] + z_[other] * z_[other]);
         const double cosine = z_[other] / length, sine = z_[one] / length;
@@ -287,7 +291,7 @@ private:
             z[j] = z_[changed_[j]];
         }
         const Secular secular(d, std::move(z), weight_, threads_);
-        // Sort by kind, so that products leave out zeros.
+        // Sort by kind, so that the products can leave out zeros.
         std::vector<i64> order(count);
         std::iota(order.begin(), order.end(), i64{0});
         std::stable_sort(order.begin(), order.end(),
@@ -332,8 +336,9 @@ private:
     std::vector<i64> changed_;
 };
 
-// Return eigenvectors of a matrix with three diagonals, one per row: (size x size). Unsorted eigenvalues replace the
-// diagonal; `beside` has a zero at its end and is overwritten. Numbers are at most about one.
+// Return the eigenvectors of a tridiagonal matrix, one per row: (size x size). `diagonal` receives the eigenvalues,
+// unsorted. `beside`, the entries next to the diagonal with a zero at the end, is overwritten. Entries are at most
+// about one.
 std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector<double> &beside, int threads) {
     const i64 size = static_cast<i64>(diagonal.size());
     i64 parts = 1;
@@ -359,7 +364,7 @@ std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector
     });
     for (i64 joined = 2; joined <= parts; joined *= 2) {
         const i64 pairs = parts / joined;
-        const bool is_many = pairs >= 2 * several;  // then each thread joins its own halves
+        const bool is_many = pairs >= 2 * several;  // then each pair of halves is joined by one thread
         in_shares(pairs, is_many ? several : 1, [&](i64 pair, i64 end) {
             for (; pair < end; ++pair) {
                 const i64 middle = pair * joined + joined / 2;

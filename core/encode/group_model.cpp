@@ -15,9 +15,10 @@ namespace {
 
 using Exact = std::array<double, 3>;
 
-// Tiles of frames of a group that are processed together: at most as many frames as are evaluated at once, and half of
-// a few frames if they have enough positions, since sums common to all frames are then added twice. Errors are summed
-// tile by tile, so tiles do not depend on the number of threads.
+// Divides the frames of a group into tiles that are processed together. A tile has at most as many frames as are
+// evaluated at once. If there are enough positions, a group has at least two tiles, which two threads can share; with
+// fewer it would not pay off, because sums common to all frames are added for each tile. Errors are summed tile by
+// tile, so tiles must not depend on the number of threads.
 class Tiles {
 public:
     Tiles(i64 frames, i64 vertices)
@@ -26,7 +27,7 @@ public:
 
     i64 count() const { return count_; }
 
-    // The first frame of a tile; also defined behind the last tile.
+    // Return the first frame of a tile; for the number of tiles, the number of frames.
     i64 begin(i64 tile) const { return frames_ * tile / count_; }
 
 private:
@@ -35,12 +36,12 @@ private:
     i64 frames_, count_;
 };
 
-// Copy rows of vertices to those that are tied to them; the vertices of a selection of elements are on their own.
+// Copy rows of vertices to the vertices that are tied to them. A selection of elements has no tied vertices.
 template <class Real, class Row> void copy_to_tied(const Motion<Real> &motion, std::span<Row> rows) {
     if (!motion.selection) motion.basis->elements().patches->copy_to_tied(rows);
 }
 
-// Positions of some frames before residuals and before rounding.
+// Compute positions of some frames, before residuals and before rounding to float32.
 template <class Real>
 void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeArray<double> &positions) {
     const i64 row = model.motion.time_axes() * model.motion.functions;
@@ -68,7 +69,7 @@ void find_excess(std::span<const Position> points, std::span<const Exact> base, 
     }
 }
 
-// Add the errors of a frame with known residuals; `decoded` is a buffer for its positions.
+// Add up the errors of a frame whose residuals are known; `decoded` is a buffer for its positions.
 template <class Real> void add_errors(const Motion<Real> &motion, std::span<const Position> points,
                                       std::span<const Exact> base, const Residuals &residuals, i64 frame,
                                       const ResidualScale &scale, std::vector<Position> &decoded, Errors &found) {

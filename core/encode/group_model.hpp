@@ -1,4 +1,4 @@
-// Compare a group of frames, as its motion gives it, with the input: residuals, excess beyond the bound, errors.
+// Compares a group of frames as its model gives it with the input: residuals, excess beyond the bound, errors.
 // Positions are evaluated a few frames at a time and never stored.
 #pragma once
 
@@ -20,23 +20,24 @@ template <class Real> struct GroupModel {
 // The input positions to compare with.
 struct Wanted {
     std::span<const Position> points;  // (frames, vertices)
-    std::span<const i32> order;        // the vertex at each place
-    double bound, step;                // largest distance; size of a residual's step
+    std::span<const i32> order;        // the vertex at each position of the element order
+    double bound, step;                // largest distance allowed; step of residuals [scene units]
 };
 
-// How far vertices are off beyond the target.
+// Vertices that are off by too much, and by which part of their error they shall move.
 struct Excess {
     std::vector<i32> frames, vertices;
     std::vector<Position> excess;
 
-    // Add `push` times the excess, as coefficients of functions of time, to values on vertices. functions: (frames, 3,
-    // functions) and values (vertices, functions) on one axis; (frames, functions) and (vertices, functions, 3) on
-    // three.
+    // Add `push` times the excess to the values of functions of time at the vertices: the product of the excess with
+    // each function. axes 1: functions (frames, 3, functions), values (vertices, functions). axes 3: functions (frames,
+    // functions), values (vertices, functions, 3).
     template <class Real>
     void add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const;
 };
 
-// Move vertices that are off by more than `most` bounds to that distance, by at most `farthest` bounds.
+// Vertices that are off by more than `most` bounds shall be off by `most` bounds, but move by at most `farthest`
+// bounds.
 struct Aim {
     double most, farthest;
 };
@@ -45,13 +46,13 @@ struct Errors {
     double largest_square = 0.0, sum_of_squares = 0.0;
 };
 
-// Return residuals. margins: of each frame, see `quantise_residuals`. If given, `excess` and the errors of the float32
-// positions that a decoder returns with the residuals are added to.
+// Return the residuals of a group. margins: of each frame, see `quantise_residuals`. If they are not null, `excess` is
+// appended to, and the errors that a decoder's float32 positions have with these residuals are added to `errors`.
 template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
                                         std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
                                         int threads);
 
-// Return the largest difference, in a coordinate, between two ways to add up the same sums.
+// Return the largest difference of a coordinate between the same model evaluated in two precisions.
 template <class One, class Other>
 double farthest_apart(const GroupModel<One> &one, const GroupModel<Other> &other, int threads);
 

@@ -13,11 +13,12 @@ namespace pdeanim {
 
 namespace {
 
-// Rows of a product that are computed together, and number of products from which threads pay off.
+// Number of rows of a product that are computed together, and number of multiplications from which several threads pay
+// off.
 constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
 
-// To sum squares, the rows are divided into spans, and each pass treats several columns. Within a span, blocks of rows
-// are summed in the type of the rows, and the sums of blocks are added in double.
+// Sums of products over rows: the rows are divided into spans, and each pass handles several columns. Within a span,
+// blocks of rows are summed in the type of the rows, and the sums of blocks are added in double.
 constexpr i64 spans = 4, columns_at_once = 32;
 template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
 
@@ -29,8 +30,8 @@ struct SumSizes {
     i64 count, columns, other_columns;
 };
 
-// Sum the products of each column of `rows` with each column of `others`; if both are the same, only the upper
-// triangle.
+// Sum the products of each column of `rows` with each column of `others`. If both are the same matrix, only the upper
+// triangle is computed.
 template <class Real, class Row, bool is_triangle>
 void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
     const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;
@@ -126,8 +127,8 @@ template void sums_of_products(double *, const double *, const double *, i64, i6
 
 namespace {
 
-// Columns are stored as rows, `length` apart. A column's reflection acts on its numbers from the diagonal on; those
-// before are moved to the triangle, and zeroed.
+// Columns are stored as rows, `length` apart. The reflection of a column acts on its numbers from the diagonal on. The
+// numbers before the diagonal are moved to the triangle, and zeroed.
 template <int bytes>
 PDEANIM_INLINE void reduce(double *columns, double *factors, double *triangle, i64 length, i64 count) {
     for (i64 j = 0; j < count; ++j) {
@@ -140,7 +141,7 @@ PDEANIM_INLINE void reduce(double *columns, double *factors, double *triangle, i
         triangle[j * count + j] = found.image;
         for (i64 k = j + 1; k < count; ++k) {
             double *other = columns + k * length;
-            // Numbers of the other column before the diagonal meet zeros.
+            // From `first` on: this column's numbers before its diagonal are zero.
             add_multiple<bytes>(other + first, -found.factor * dot<bytes>(other + first, own + first, left),
                                 own + first, left);
         }

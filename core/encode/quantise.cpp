@@ -11,7 +11,7 @@ namespace pdeanim {
 
 template <class Real> double take_displacements(std::span<const float> points, std::span<const double> shape,
                                                 double farthest, std::span<Real> rows, int threads) {
-    constexpr i64 block = 64;  // vertices whose rows are written together: each frame's read fills whole cache lines
+    constexpr i64 block = 64;  // vertices whose rows are written together: a frame is read in whole cache lines
     const i64 vertices = static_cast<i64>(shape.size()) / 3;
     const i64 frames = vertices ? static_cast<i64>(points.size() / shape.size()) : 0;
     double largest = 0.0;
@@ -48,7 +48,7 @@ template <class Real> Quantised quantise_sparsely(std::span<const Real> values, 
     std::mutex lock;
     const i64 rows = channels ? static_cast<i64>(values.size()) / channels : 0;
     const double round_up = 1.0 - zone.round_up_at, alone = zone.round_up_alone_at * step;
-    const double surely_zero = 0.999 * zone.round_up_at * step;  // most are recognised without a division
+    const double surely_zero = 0.999 * zone.round_up_at * step;  // recognises most zeros without a division
     const auto size_at = [&](i64 at) { return std::fabs(static_cast<double>(values[at])); };
     const auto magnitude = [&](i64 at) { return std::floor(size_at(at) / step + round_up); };
     const auto is_used = [&](i64 row, i64 channel) {
@@ -87,20 +87,21 @@ namespace {
 
 double to_float32(double value) { return static_cast<double>(static_cast<float>(value)); }
 
-// Return the larger distance of two float32 values from a third; infinite or NaN if one is not finite.
+// Return the larger of the distances of two values, rounded to float32, from a wanted value; infinite or NaN if one is
+// not finite.
 double farthest(double wanted, double low, double high) {
     const double below = std::fabs(wanted - to_float32(low)), above = std::fabs(wanted - to_float32(high));
     return above > below ? above : below;
 }
 
-// Find which vertices of a frame may miss the bound; return whether any may. `squares` is a buffer of 3 numbers per
+// Find which vertices of a frame may miss the bound, and return whether any may. `squares` is a buffer of 3 numbers per
 // vertex.
 bool find_missed(const Position *wanted, const std::array<double, 3> *decoded, double margin, double bound,
                  std::span<double> squares, std::span<u8> is_missed) {
     const float *points = wanted->data();
     const double *base = decoded->data();
-    // Rounding to float32 takes at most half a spacing. Vertices that keep the bound with all of that need no closer
-    // look.
+    // Rounding to float32 moves a coordinate by at most half a spacing. Vertices that keep the bound even with that are
+    // done.
     const double farther = margin * (1.0 + 0x1p-22) + 0x1p-148, enough = bound * bound * (1.0 - 0x1p-40);
     for (std::size_t i = 0; i < squares.size(); ++i) {
         const double off =
@@ -115,7 +116,7 @@ bool find_missed(const Position *wanted, const std::array<double, 3> *decoded, d
         const double off_x = farthest(wanted[vertex][0], x - margin, x + margin);
         const double off_y = farthest(wanted[vertex][1], y - margin, y + margin);
         const double off_z = farthest(wanted[vertex][2], z - margin, z + margin);
-        // Not the other way round: a distance may be NaN.
+        // Written as !(... <= ...) because the distance may be NaN.
         is_missed[vertex] = !((off_x * off_x + off_y * off_y) + off_z * off_z <= bound * bound);
         is_any |= is_missed[vertex];
     }

@@ -9,11 +9,11 @@
 #include "base/parallel.hpp"
 #include "linalg/vectors.hpp"
 
-// Eigenvalues are the zeros of f(x) = 1/weight + sum of z_j^2 / (d_j - x), which increases between two of d. Each is
-// found by approximating f with a function of two poles (Li 1993, "Solving secular equations stably and efficiently"),
-// within an interval that shrinks around it. Eight zeros are searched at once, independently of each other.
-// Eigenvectors are those of Gu and Eisenstat 1994, "A stable and efficient algorithm for the rank-one modification of
-// the symmetric eigenproblem".
+// Eigenvalues are the zeros of f(x) = 1/weight + sum of z_j^2 / (d_j - x), which increases between two neighbouring d.
+// Each is found by approximating f with a function of two poles (Li 1993, "Solving secular equations stably and
+// efficiently"), within an interval that shrinks around the zero. Eight zeros are searched for side by side,
+// independently of each other. Eigenvectors are those of Gu and Eisenstat 1994, "A stable and efficient algorithm for
+// the rank-one modification of the symmetric eigenproblem".
 
 namespace pdeanim {
 
@@ -21,13 +21,13 @@ namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
-// Usual number of steps; after it, every second step halves the interval. The larger number suffices to halve it to its
-// last digit.
+// Number of steps that usually suffices; after it, every second step halves the interval. most_steps is enough to halve
+// it down to the last digit.
 constexpr int usual_steps = 12, most_steps = 400;
 
 using UsualEight = Eight<usual_bytes>;
 
-// Sums over the poles up to a zero's own, over those beyond it, and their derivatives.
+// Sums over the poles up to and including a zero's own, sums over the poles beyond, and the derivatives of both.
 struct Sums {
     UsualEight before{}, beyond{}, slope_before{}, slope_beyond{};
 };
@@ -38,7 +38,7 @@ struct Equation {
     i64 count;
 };
 
-// At the given distances from the origins of eight zeros from `first` on.
+// Return the sums for eight zeros, from number `first` on, at given offsets from their origins.
 Sums sums_at(const Equation &of, i64 first, const double *from, const double *at) {
     const UsualEight origins = UsualEight::at(from), offsets = UsualEight::at(at);
     Sums found;
@@ -68,10 +68,10 @@ Sums sums_at(const Equation &of, i64 first, const double *from, const double *at
     return found;
 }
 
-// The search for one zero, which lies between `low` and `high` from its origin.
+// The search for one zero, which lies between origin + low and origin + high.
 struct Search {
     double low, high, offset;
-    i64 origin, left, right;  // the two poles next to it; for the last zero the last two
+    i64 origin, left, right;  // left, right: the two poles next to the zero; the last two for the last zero
     bool is_last = false, found = false;
 
     void begin(const Equation &of, i64 i, double value_between) {
@@ -124,7 +124,7 @@ struct Search {
         }
         double next = offset + move;
         if (!(next > low && next < high) || (steps > usual_steps && steps % 2 == 0)) next = low + (high - low) / 2.0;
-        // There is no number between the two ends.
+        // No floating-point number lies between the two ends.
         if (!(next > low && next < high)) {
             found = true;
             return;
@@ -168,7 +168,7 @@ void find_eight(const Equation &of, i64 first, i64 *origins, double *offsets) {
     }
 }
 
-// total_j *= (origin + offset - d_j) / (pole - d_j), for j from `first` to `end`.
+// total_j *= (origin + offset - d_j) / (pole - d_j), for j from `first` to `end` - 1.
 void multiply_ratios(double *total, const double *d, i64 first, i64 end, double origin, double offset, double pole) {
     i64 j = first;
     for (; j + abreast <= end; j += abreast) {

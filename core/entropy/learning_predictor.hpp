@@ -1,4 +1,5 @@
-// A prediction: a base plus a sum of changes, with weights that learn by normalised least mean squares, in integers.
+// Predicts a number as a base plus a weighted sum of changes. The weights learn by normalised least mean squares, in
+// integers.
 #pragma once
 
 #include <array>
@@ -21,7 +22,7 @@ public:
         return clamp(total >> fraction_bits, -largest_prediction, largest_prediction);
     }
 
-    // Move the weights so that they would have missed by less.
+    // Move the weights so that the prediction would have missed by less.
     void learn(Changes changes, i64 miss) {
         i64 largest = size_of(miss);
         for (const i64 change : changes) largest = most(largest, size_of(change));
@@ -38,10 +39,11 @@ public:
     }
 
 private:
-    static constexpr i64 largest_weight = 4 << fraction_bits;  // the sum for changes of 2^40 stays within 63 bits
+    static constexpr i64 largest_weight = 4 << fraction_bits;  // with changes up to 2^40 the sum has at most 63 bits
     static constexpr int input_digits = 12;  // changes are shifted to this many digits, so that squares stay small
     static constexpr i64 power_floor = 16;   // added to the sum of squares, so that nothing is learned from noise
-    // Corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) for the same changes; 9 costs 0.5 % of the bytes of fields.
+    // A weight step corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) if the same changes come again. With 9 the bytes
+    // of fields grow by 0.5 %.
     static constexpr int learning_shift = 8;
 
     Changes weights_{};

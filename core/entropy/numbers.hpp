@@ -11,9 +11,9 @@
 
 namespace pdeanim {
 
-// Numbers from 0 to 2^32 - 2 (twice the largest vertex index and its sign fit): the number of binary digits in unary,
-// then the digits. The first three digits below the leading one depend on those before; the others are nearly random
-// and cost a bit each.
+// Numbers from 0 to 2^32 - 2 (enough for twice the largest vertex index and a sign): the number of binary digits in
+// unary, then the digits. The first three digits after the leading one have the digits before them as context. Later
+// digits are nearly random and cost a bit each.
 class NumberModel {
 public:
     template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
@@ -53,8 +53,8 @@ private:
     std::array<NumberModel, 2> magnitude_;
 };
 
-// Classes of numbers in a table where numbers are small, as most are: counting binary digits takes as long as a
-// decision.
+// Table of the classes of small numbers. Most numbers are small, and computing a class from the number of binary digits
+// takes as long as coding a bit.
 template <auto class_of> inline constexpr std::array<u8, 256> small_classes = [] {
     std::array<u8, 256> found{};
     for (std::size_t number = 0; number < found.size(); ++number) {
@@ -63,7 +63,8 @@ template <auto class_of> inline constexpr std::array<u8, 256> small_classes = []
     return found;
 }();
 
-// `class_of` (constexpr) of a number that is not negative; classes are less than 256.
+// Return class_of(number), from the table if the number is small. The number is not negative, `class_of` is constexpr
+// and less than 256.
 template <auto class_of> int looked_up(i64 number) {
     const auto &small = small_classes<class_of>;
     return number < static_cast<i64>(small.size()) ? small[number] : class_of(number);
@@ -82,22 +83,23 @@ public:
     }
 
 private:
-    static constexpr int most_digits = 43;  // a miss is at most 2^42
+    static constexpr int most_digits = 43;  // a prediction misses by at most 2^42
     std::array<BitModel, most_digits> more_;
 };
 
-// A match model: predicts what followed the last time the same numbers occurred.
+// A match model: predicts that the sequence continues as it did after the same numbers before.
 //
-// Meshes made by programs repeat themselves: every row of a grid is numbered as the row before. The model finds the
-// place where the last six numbers occurred before (the long match) and stays there as long as the sequence repeats, so
-// that it also finds the end of a row; and the place where the last three occurred (the short match), looked up anew
-// for every number. Whether one of them is right is coded as a mixed bit; the caller codes a number that neither
-// predicts.
+// Meshes made by programs repeat themselves: every row of a grid is numbered like the row before. The long match is the
+// position after the last occurrence of the last six numbers. It is followed as long as the sequence repeats, so the
+// model also learns where a row ends. The short match is the position after the last occurrence of the last three
+// numbers, and is looked up for every number. Whether a match is right is coded as a mixed bit; the caller codes a
+// number that neither match predicts.
 class MatchModel {
 public:
-    static constexpr int phases = 8;  // largest number of kinds of numbers in one sequence; kinds select contexts
+    static constexpr int phases = 8;  // largest number of kinds of numbers in one sequence; the kind is a context
 
-    // Code whether the next number is one that the model proposes, and if so the number. `add` must follow in any case.
+    // Code whether a match predicts the next number, and return the number if so. The caller must call `add` afterwards
+    // in either case.
     template <Mode mode> std::optional<i64> code(RangeCoder<mode> &coder, int phase, i64 number) {
         look_up(phase);
         const i64 place = long_place_, short_place = short_place_;
@@ -134,7 +136,7 @@ public:
         return std::nullopt;
     }
 
-    // Add the number that came after `code`.
+    // Add the number that was coded after the last call of `code`.
     void add(i64 number) {
         if (long_place_ >= 0) {
             ++long_place_;
@@ -150,8 +152,8 @@ public:
 
 private:
     static constexpr int long_context = 6, short_context = 3;
-    static constexpr int table_bits = 13;      // size of the tables of places, which stay within the processor's cache
-    static constexpr i64 past_size = 1 << 14;  // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr int table_bits = 13;      // tables of 2^13 positions stay in the processor's cache
+    static constexpr i64 past_size = 1 << 14;  // how many numbers are kept: two rows of a grid of a thousand columns
     static constexpr u32 hash_factor = 0x9E3779B1u;        // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
     static constexpr int longest_run = 63, farthest = 63;  // longer runs and larger distances share a context
 
@@ -159,7 +161,7 @@ private:
 
     void look_up(int phase) {
         if (long_place_ >= 0 && run_ >= longest_run) {
-            // All of this repeats: updating the tables would waste time.
+            // The long match keeps being right: updating the tables would waste time.
             long_slot_ = short_slot_ = -1;
             short_place_ = -1;
             return;
@@ -181,7 +183,7 @@ private:
 
     i64 count_ = 0, long_place_ = -1, short_place_ = -1, run_ = 0;
     i32 long_slot_ = -1, short_slot_ = -1;
-    int long_history_ = 0, short_history_ = 0;  // which of the last 8 matches were right, the latest in bit 0
+    int long_history_ = 0, short_history_ = 0;  // which of a match's last 8 predictions were right, the latest in bit 0
     Weights<2> long_weights_, short_weights_;
     std::array<std::array<std::array<BitModel, 3>, phases>, longest_run + 1> of_run_;
     std::array<std::array<BitModel, 3>, 256> long_recent_;
@@ -210,7 +212,7 @@ private:
     NumberModel gaps_;
 };
 
-// A list of numbers coded by their differences, less than 2^32 in size, which often repeat.
+// A list of numbers that are coded by their differences, which are less than 2^32 in magnitude and often repeat.
 class StepModel {
 public:
     template <Mode mode> void code(RangeCoder<mode> &coder, std::span<i64> numbers) {

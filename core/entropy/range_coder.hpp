@@ -1,12 +1,12 @@
 // The adaptive binary range coder: integers only, so that any language can follow it bit by bit.
 //
 // Every model is written once, as a template over the coder's mode: it encodes, it decodes, or it adds up the cost of
-// encoding. `bit` takes a bit and returns it; when decoding, it ignores its argument and returns the bit read from the
-// bytes. A mixed bit weighs several inputs in the logistic domain, with weights that learn too (Mahoney 2005, "Adaptive
-// weighing of context models for lossless data compression").
+// encoding. `bit` takes a bit and returns it; when decoding, it ignores its argument and returns the bit that it
+// decodes. A mixed bit combines several predictions in the logistic domain, with weights that learn too (Mahoney 2005,
+// "Adaptive weighing of context models for lossless data compression").
 //
-// This folder has the coding tools that all sections share (3 of the specification). Begin here: numbers.hpp has models
-// of whole numbers and lists, text_model of texts and other bytes, tables the tables of probabilities.
+// This folder has the coding tools that all sections share (3 of the specification). Begin here. Then: numbers.hpp has
+// models of whole numbers and lists, text_model models of texts and other bytes, tables the tables of probabilities.
 #pragma once
 
 #include <array>
@@ -18,7 +18,8 @@
 
 // Tables (tables.cpp): integers that the specification defines, the same on every machine.
 //
-// Without this attribute every access goes through a table of addresses: -fvisibility does not apply to `extern`.
+// Without the attribute `hidden`, every access would go through a table of addresses: -fvisibility does not apply to
+// `extern`.
 #if defined(__GNUC__)
 #pragma GCC visibility push(hidden)
 #endif
@@ -28,13 +29,13 @@ namespace pdeanim::tables {
 inline constexpr int logistic_limit = 2047;  // largest magnitude of log odds [1/256]
 inline constexpr int rarest = 32;            // smallest probability of either bit [1/65536]
 
-// Logistic domain, from -logistic_limit on, to probability [1/65536], at least the smallest.
+// Maps the logistic domain, from -logistic_limit on, to a probability [1/65536], which is at least the smallest.
 extern const std::array<u16, 2 * logistic_limit + 1> squash;
 
-// Probability [1/4096] to the logistic domain [1/256].
+// Maps a probability [1/4096] to the logistic domain [1/256].
 extern const std::array<i16, 4096> stretch;
 
-// Cost of a bit by its probability [1/4096], in 1/65536 of a bit.
+// Maps the probability [1/4096] of a bit to its cost [1/65536 of a bit].
 extern const std::array<i32, 4096> costs;
 
 }  // namespace pdeanim::tables
@@ -48,28 +49,28 @@ namespace pdeanim {
 enum class Mode { encode, decode, measure };
 
 #if defined(PDEANIM_NOTE_BITS)
-// Sees each decoded bit: core/tests/exactness.cpp compares builds by it.
+// Called with each decoded bit in the build that core/tests/exactness.cpp uses to compare builds.
 void note_bit(i32 probability, bool bit);
 #endif
 
-// An adaptive bit model: 22 bits of the probability of a 1, above 10 bits that count adaptations, so that it learns
-// fast at first and slower later.
+// An adaptive bit model. Its state has 22 bits for the probability of a 1, above 10 bits that count adaptations, so
+// that it learns fast at first and more slowly later.
 class BitModel {
 public:
     static constexpr int probability_bits = 22, count_bits = 10;
-    static constexpr u32 slowest = 255;  // adaptations after which the rate stays: about as many bits as it remembers
+    static constexpr u32 slowest = 255;  // adaptations after which the rate stays: about as many bits are remembered
 
-    // Probability of a 1 [1/65536].
+    // Return the probability of a 1 [1/65536].
     constexpr i32 probability() const { return static_cast<i32>(state_ >> (count_bits + probability_bits - 16)); }
 
-    // Prediction of the next bit in the logistic domain [1/256].
+    // Return the prediction of the next bit in the logistic domain [1/256].
     i32 opinion() const { return tables::stretch[state_ >> (count_bits + probability_bits - 12)]; }
 
     constexpr void adapt(bool bit) {
         const u32 count = state_ & ((1u << count_bits) - 1);
         const i64 before = state_ >> count_bits;
         const i64 target = bit ? (1 << probability_bits) - 1 : 0;
-        // The change of the probability; the mask keeps the count below it.
+        // The change of the probability, masked so that it does not touch the count in the low bits.
         const i64 change = (((target - before) * rates[count]) >> (16 - count_bits)) & -(i64{1} << count_bits);
         state_ += static_cast<u32>(change) + (count < slowest);
     }
@@ -81,7 +82,7 @@ public:
     }
 
 private:
-    // After n adaptations, 1 / (n + 1.5) in 1/65536; a division would take as long as everything else.
+    // 1 / (n + 1.5) in 1/65536 after n adaptations, as a table: a division would take as long as everything else.
     static constexpr std::array<i64, slowest + 1> rates = [] {
         std::array<i64, slowest + 1> found{};
         for (u32 count = 0; count <= slowest; ++count) found[count] = 131072 / (2 * count + 3);
@@ -91,22 +92,22 @@ private:
     u32 state_ = 1u << (probability_bits - 1 + count_bits);
 };
 
-// Weights of the inputs of a mixed bit, in 1/65536. They start equal, with a sum above one: inputs that agree know more
-// together than each alone.
+// Weights of the predictions of a mixed bit, in 1/65536. They start equal, with a sum above one: predictions that agree
+// are surer together than each alone.
 template <std::size_t inputs> struct Weights : std::array<i32, inputs> {
     constexpr Weights() { this->fill(static_cast<i32>(6 * 65536 / (5 * inputs))); }
 };
 
 template <Mode mode> class RangeCoder {
 public:
-    static constexpr int first_bytes = 8;  // bytes that a reader holds
+    static constexpr int first_bytes = 8;  // bytes of the stream that a decoder has ahead
     static constexpr int cost_bits = 16;
 
     RangeCoder()
         requires(mode != Mode::decode)
     = default;
 
-    // Decode these bytes, as if zeros followed; they must outlive the coder.
+    // Decode bytes, which must outlive the coder, as if zeros followed them.
     explicit RangeCoder(std::span<const u8> data)
         requires(mode == Mode::decode)
         : data_(data) {
@@ -114,7 +115,8 @@ public:
         refill();
     }
 
-    // Code a bit whose probability of being 1 is `probability` / 65536, at least the smallest from either end.
+    // Code a bit whose probability of being 1 is `probability` / 65536. The probability is at least the smallest one,
+    // and as far from 1.
     bool with(i32 probability, bool bit) {
         if constexpr (mode == Mode::measure) {
             cost_ += tables::costs[(bit ? probability : 65536 - probability) >> 4];
@@ -139,13 +141,13 @@ public:
         }
     }
 
-    // A bypass bit: both values are equally likely.
+    // Code a bypass bit: both values are equally likely.
     bool bypass(bool bit) {
         constexpr i32 even = 1 << 15;
         if constexpr (mode != Mode::decode) {
             return with(even, bit);
         } else {
-            // Without a branch: no processor could predict it.
+            // Computed without a branch, because no processor could predict it.
             const u64 split = (range_ >> 16) * even;
             const u64 where_zero = code_ < split ? 0 : ~u64{0};
             code_ -= split & where_zero;
@@ -159,7 +161,7 @@ public:
         }
     }
 
-    // Code a bit with an adaptive bit model, which learns.
+    // Code a bit with an adaptive bit model, and let the model learn.
     bool bit(BitModel &model, bool bit) {
         bit = with(clamp(model.probability(), tables::rarest, 65536 - tables::rarest), bit);
         model.adapt(bit);
@@ -168,7 +170,7 @@ public:
 
     static constexpr int learning_shift = 14;  // learning rate of the weights, as a power of two
 
-    // Code a bit with the mixed predictions of several distinct inputs; inputs and weights learn.
+    // Code a bit with the mixed predictions of several distinct models, and let the models and weights learn.
     template <std::size_t inputs>
     bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit, int shift = learning_shift) {
         std::array<i32, inputs> opinions;
@@ -187,16 +189,15 @@ public:
             }
             return found;
         };
-        // A branch, which the processor predicts: it continues before it has the bit.
+        // A branch, because processors predict it and go on before they have the bit.
         return with(probability, bit) ? learn(true) : learn(false);
     }
 
-    // Finish encoding: return the shortest bytes that, followed by zeros, lie in the interval.
+    // Finish encoding: return the shortest bytes that lie in the interval if zeros follow them.
     std::vector<u8> finish()
         requires(mode == Mode::encode)
     {
-        // The first number from `low_` on whose trailing bytes are zeros, with as many zero bytes as the interval
-        // allows.
+        // Find the first number from `low_` on that ends in as many zero bytes as the interval allows.
         int kept = 0;
         const auto beyond_low = [&] { return (0 - low_) & (kept == 0 ? ~u64{0} : ~u64{0} >> 8 * kept); };
         while (kept < first_bytes && beyond_low() >= range_) ++kept;
@@ -209,29 +210,31 @@ public:
         return std::move(written_);
     }
 
-    // Return whether a decoder has reached the end of its bytes and needed every one of them.
+    // Return whether a decoder has reached the end of its bytes and needed all of them.
     //
-    // An encoder writes four bytes each time the interval is widened, and `finish` up to eight more, only as many as it
-    // takes to be in the interval: it would have written no other bytes.
+    // An encoder writes four bytes each time the interval is widened. `finish` then writes only as many bytes, up to
+    // eight, as it takes to be in the interval. So an encoder writes no other bytes than those for which this returns
+    // true.
     bool is_finished() const
         requires(mode == Mode::decode)
     {
         const std::size_t size = data_.size();
         if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
-        // A number with that many trailing zeros is the first one in the interval, and none in it has more.
+        // The final number must be the first one in the interval with that many trailing zeros, and none in the
+        // interval has more.
         const int zeros = 8 * static_cast<int>(position_ - size);
         const u64 last = static_cast<u64>(data_[size - 1]) << zeros;
         return code_ >> zeros == 0 && ((code_ - last) & ~u64{0} >> (56 - zeros)) >= range_;
     }
 
-    // Position of damage: the decoder has used the bytes up to this one.
+    // Return the position up to which the decoder has used the bytes: that of damage, if it finds any.
     std::size_t byte() const
         requires(mode == Mode::decode)
     {
         return least(position_, data_.size());
     }
 
-    // Number of bytes taken beyond the end; a sound stream takes at most eight.
+    // Return the number of bytes taken beyond the end; at most eight in an undamaged stream.
     std::size_t beyond() const
         requires(mode == Mode::decode)
     {
@@ -245,7 +248,7 @@ public:
         }
     }
 
-    // Count the cost of some work multiplied by a factor.
+    // Count the cost of some work several times.
     template <class Work> void count_more(double times, const Work &work)
         requires(mode == Mode::measure)
     {
@@ -254,7 +257,7 @@ public:
         cost_ = before + static_cast<i64>(times * static_cast<double>(cost_ - before));
     }
 
-    // Cost of the encoding so far [bits].
+    // Return the cost of the encoding so far [bits].
     double bits() const
         requires(mode == Mode::measure)
     {
@@ -262,7 +265,7 @@ public:
     }
 
 private:
-    // A narrow interval is widened by whole words: rarely, so that a processor predicts the branch.
+    // A narrow interval is widened by whole words: so rarely that processors predict the branch.
     static constexpr int word_bytes = 4, word_bits = 8 * word_bytes;
 
     void widen() {
@@ -278,7 +281,7 @@ private:
         range_ <<= word_bits;
     }
 
-    // Read the next word, the most significant byte first; zeros follow the end.
+    // Read the next word, most significant byte first; zeros follow the last byte.
     void refill() {
         u32 word = 0;
         if (position_ + word_bytes <= data_.size()) {
@@ -292,7 +295,7 @@ private:
         code_ = code_ << word_bits | word;
     }
 
-    // Add one to the number formed by the bytes written so far.
+    // Add one to the number that the bytes written so far form.
     void carry() {
         for (std::size_t at = written_.size(); at-- > 0;) {
             if (++written_[at] != 0) return;

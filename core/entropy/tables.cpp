@@ -1,7 +1,7 @@
 #include "entropy/range_coder.hpp"
 
 // The compiler evaluates the functions below. No value is within 1e-5 of a tie before rounding, and the functions are
-// off by less than 1e-7, so floating-point rounding changes no entry; the digests at the end prove it.
+// off by less than 1e-7, so errors of floating point change no entry; the digests at the end prove it.
 
 namespace pdeanim::tables {
 

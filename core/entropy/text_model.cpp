@@ -6,7 +6,7 @@ namespace {
 
 constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
 
-// Words that the model of texts reads before it codes; 255 ends a word.
+// Words that a model of texts is trained on before it codes; 255 ends a word.
 constexpr std::string_view words =
     "uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xff"
     "color\xff"

@@ -1,7 +1,7 @@
-// Texts and other bytes.
+// Models of texts and other bytes.
 //
 // Each bit of a byte is predicted from the last byte, the last two, the last three, and from what followed the same
-// four bytes before. A model of texts has read a few words that most files contain.
+// four bytes before. A model of texts is first trained on a few words that most files contain.
 #pragma once
 
 #include <functional>
@@ -14,15 +14,15 @@
 
 namespace pdeanim {
 
-// Called with a number of bytes before they are allocated; throws if there is no memory.
+// Called with a number of bytes before they are allocated; throws if the memory limit does not allow them.
 using TakeMemory = std::function<void(i64)>;
 
 class TextModel {
 public:
-    // A model that has learned nothing, or the words.
+    // Start with a model that has learned nothing, or with one that has been trained on the words.
     explicit TextModel(bool has_read_words);
 
-    // Code all these bytes: read when encoding, written when decoding.
+    // Code bytes: `values` are read when encoding, written when decoding.
     template <Mode mode> void code_bytes(RangeCoder<mode> &coder, std::span<u8> values);
 
     // Code a text; when decoding, CorruptError if it is not UTF-8.
@@ -37,19 +37,19 @@ private:
     static constexpr i64 past_size = 1 << 16;
     static constexpr int longest_run = 15, decisions = 5;
 
-    // Contexts: the last one, two or three bytes, and the digits of this byte so far.
+    // Contexts: the last one, two or three bytes, each with the digits of the current byte so far.
     std::vector<BitModel> one_, two_, three_;
     // Contexts: how long the match has held, and the digit that it predicts.
     std::array<std::array<BitModel, 2>, longest_run + 1> match_;
     BitModel no_match_;
     std::array<Weights<4>, decisions> weights_;
-    i64 count_ = 0, place_ = -1, run_ = 0;  // bytes so far; where the match goes on, or -1; how long it has held
+    i64 count_ = 0, place_ = -1, run_ = 0;  // bytes so far; where the match continues, or -1; how long it has held
     u32 last_ = 0;                          // the last four bytes
-    std::vector<i64> places_;  // for each hash of four bytes, 1 + the position in the past that followed them
+    std::vector<i64> places_;  // for each hash of four bytes, 1 + the position of the byte that followed them last
     std::vector<u8> past_;
 };
 
-// Whether bytes are standard UTF-8: the shortest form of each character, and no surrogates.
+// Return whether bytes are standard UTF-8: the shortest form of each character, and no surrogates.
 bool is_utf8(std::string_view text);
 
 }  // namespace pdeanim

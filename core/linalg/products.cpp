@@ -7,20 +7,21 @@
 #include "base/lanes.hpp"
 #include "linalg/vectors.hpp"
 
-// A block of the right matrix is stored as panels, each as wide as the registers of a tile, and stays in the second
-// cache. A few rows of the left matrix are stored in the nearest cache and meet all panels. The sums of a tile stay in
-// registers. After a block they go to `out`, where the next block continues: nothing is rounded in between.
+// A block of the right matrix is stored as panels, each as wide as the registers of a tile, which stay in the
+// second-level cache. A few rows of the left matrix are kept in the first-level cache and multiplied with all panels.
+// The sums of a tile stay in registers. After a block they go to `out`, where the next block continues: nothing is
+// rounded in between.
 
 namespace pdeanim {
 
 namespace {
 
 constexpr i64 block_depth = 256,
-              block_bytes = 2048;  // depth of a block of the right matrix, and length of one of its rows
+              block_bytes = 2048;  // depth of a block of the right matrix; length of its rows [bytes]
 
-constexpr int few_rows = 4;  // rows of tiles for the remaining rows
+constexpr int few_rows = 4;  // number of rows of tiles for the last rows of a matrix
 
-// Vectors of `of_lanes` numbers; a tile of sums has `of_rows` rows of `of_columns` vectors.
+// A tile of sums: `of_rows` rows of `of_columns` vectors, each of `of_lanes` numbers.
 template <int of_lanes, int of_rows, int of_columns> struct Tile {
     static constexpr int lanes = of_lanes, rows = of_rows, columns = of_columns, width = of_lanes * of_columns;
 };
@@ -44,7 +45,7 @@ PDEANIM_INLINE void add_tile(Real *out, i64 stride, const Real *left, const Real
     }
 }
 
-// Multiply one row of a tile that extends beyond the matrix, through a buffer.
+// Multiply one row of a tile that extends beyond the edge of the matrix, through a buffer.
 template <class Shape, class Real>
 PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Real *left, const Real *panel, i64 depth) {
     Real sums[Shape::rows * Shape::width] = {};
@@ -53,7 +54,7 @@ PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Rea
     for (int i = 0; i < Shape::rows; ++i) std::copy_n(sums + i * Shape::width, width, out + i * stride);
 }
 
-// Multiply rows of the left matrix from `first` on with all panels of a block.
+// Multiply rows of the left matrix, from `first` on, with all panels of a block.
 template <class Shape, class Real> PDEANIM_INLINE void add_rows(Real *out, i64 out_stride, const Strided<Real> &left,
                                                                 i64 &first, const Real *panels,
                                                                 const ProductSizes &sizes) {
@@ -171,7 +172,7 @@ void add_multiples(double *total, i64 width, const double *const *rows, const do
 }
 
 double sum_of_products(const double *a, const double *b, i64 count) {
-    constexpr i64 block = 4096;  // numbers that are summed separately: rounding grows with their count
+    constexpr i64 block = 4096;  // numbers per sum that joins the total: rounding errors grow with it
     const i64 whole = count / abreast * abreast;
     double total = 0.0;
     for (i64 i = 0; i < whole; i += block) total += dot<usual_bytes>(a + i, b + i, least(block, whole - i));
@@ -181,13 +182,13 @@ double sum_of_products(const double *a, const double *b, i64 count) {
 
 namespace {
 
-// Several sums at a time depend less on each other, and share what is read.
+// Number of rows whose sums are computed together: the sums do not wait for each other, and share what is loaded.
 constexpr int rows_at_once = 4;
 
-// Number of columns whose sums stay in registers: of the widest kind there are 32, of others 16.
+// Number of columns whose sums stay in registers: there are 32 of the widest registers, and 16 of others.
 template <int bytes> constexpr int columns_at_once = bytes == 64 ? 4 : 2;
 
-// The products of columns with rows. Groups of eight numbers that are longer than registers are summed one after the
+// Compute the products of columns with rows. If eight numbers take several registers, these are summed one after the
 // other; for a single column two at a time, so that sums do not wait for each other.
 template <int columns, int rows, int bytes>
 PDEANIM_INLINE void multiply(double (&products)[columns][rows], double *const *column, const double *first, i64 width) {
@@ -238,7 +239,7 @@ PDEANIM_INLINE void take_away_all(double *const *column, const double *rows, i64
     i64 k = 0;
     for (; k + rows_at_once <= count; k += rows_at_once)
         take_away<columns, rows_at_once, bytes>(column, rows + k * width, width);
-    // The few remaining ones are subtracted column by column, which is less code.
+    // The last few rows are subtracted column by column, which takes less code.
     for (; k < count; ++k) {
         for (int c = 0; c < columns; ++c) take_away<1, 1, bytes>(column + c, rows + k * width, width);
     }
@@ -264,12 +265,12 @@ void take_away_parts(std::span<double *const> columns, const double *rows, i64 c
 
 namespace {
 
-// The number is 2^k m with m between the roots of 1/2 and 2, and log m = 2 (s + s^3 / 3 + s^5 / 5 + ...) with
-// s = (m - 1) / (m + 1), which is below 0.172.
+// The number is 2^k m with m between the square roots of 1/2 and 2, and log m = 2 (s + s^3 / 3 + s^5 / 5 + ...) with s
+// = (m - 1) / (m + 1), which is below 0.172.
 double binary_logarithm(double value) {
     constexpr u64 one = u64{0x3ff} << 52, root_of_half = 0x3fe6a09e667f3bcd, exponents = u64{0xfff} << 52;
     constexpr double whole =
-        4503599627370496.0;  // 2^52: added to a smaller number, it leaves that number in the last digits
+        4503599627370496.0;  // 2^52: added to a smaller integer, it leaves that integer in the last digits
     const u64 bits = std::bit_cast<u64>(value), above = bits - root_of_half + one;
     const double k = std::bit_cast<double>((above >> 52) | std::bit_cast<u64>(whole)) - (whole + 1023.0);
     const double m = std::bit_cast<double>(bits - (above & exponents) + one);

@@ -1,6 +1,7 @@
 // Linear algebra with the same bits on every machine: matrix products, which take most of the time, and sums over rows.
 //
-// Begin here. linalg/vectors.hpp has the building blocks of the loops, encode/matrices.hpp what only the encoder needs.
+// Begin here. linalg/vectors.hpp has the building blocks of the loops, encode/matrices.hpp the functions that only the
+// encoder needs.
 #pragma once
 
 #include <algorithm>
@@ -22,17 +23,18 @@ struct ProductSizes {
     i64 rows, depth, columns;
 };
 
-// out += left * right, of (rows x depth) and (depth x columns); rows of `right` and of `out` are strides apart.
+// out += left * right, for matrices of (rows x depth) and (depth x columns). Rows of `right` and of `out` are strides
+// apart.
 //
-// Each number is one sum: the old value, then product after product in order of depth, multiplied, then added. So its
-// bits depend neither on the width of vector registers nor on how rows and columns are divided among threads.
+// Each number of `out` is one sum: the old value, then product after product in order of depth, multiplied, then added.
+// So its bits depend neither on the width of vector registers nor on how rows and columns are divided among threads.
 template <class Real> void add_product(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right,
                                        i64 right_stride, const ProductSizes &sizes);
 
-// Numbers converted to another precision, or unchanged.
+// Gives numbers in another precision: converted, or unchanged if they have it already.
 template <class Real> class InPrecision {
 public:
-    // Valid until the next call.
+    // Return the numbers in that precision; valid until the next call.
     template <class Given> const Real *of(const Given *given, i64 count) {
         if constexpr (std::is_same_v<Given, Real>) {
             return given;
@@ -50,18 +52,18 @@ private:
 // total += multiples[0] * rows[0] + multiples[1] * rows[1] + ..., added in this order, for `width` numbers side by side.
 void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count);
 
-// The sum of products of two long rows of numbers.
+// Return the sum of products of two long rows of numbers.
 double sum_of_products(const double *a, const double *b, i64 count);
 
-// Width of a row of `numbers` numbers for `take_away_parts`, padded with zeros.
+// Return the length of a row of `numbers` numbers, padded with zeros for `take_away_parts`.
 i64 row_width(i64 numbers);
 
 // One pass of the Gram-Schmidt process: subtract from each column its part along `count` orthonormal rows of the same
 // width.
 void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width);
 
-// Logarithms to base 2 of finite numbers of at least 2^-1022, within 2^-50 of the larger of 1 and the result. (Those of
-// libraries differ in their last bits from machine to machine.)
+// Compute logarithms to base 2 of finite numbers of at least 2^-1022. The error is at most 2^-50 times the larger of 1
+// and the result. (The logarithms of libraries differ in their last bits from machine to machine.)
 void binary_logarithms(double *out, const double *values, i64 count);
 
 }  // namespace pdeanim

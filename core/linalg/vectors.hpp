@@ -1,5 +1,5 @@
-// Vectors as rows of numbers, padded to a multiple of eight and processed eight at a time with any registers: sums,
-// reflections.
+// Vectors as rows of numbers, padded to a multiple of eight. They are processed eight at a time whatever the registers:
+// sums, reflections.
 #pragma once
 
 #include <algorithm>
@@ -35,10 +35,12 @@ template <int bytes> PDEANIM_INLINE void add_multiple(double *total, double mult
     for (i64 i = 0; i < count; i += abreast) (Eight::at(total + i) + multiple * Eight::at(row + i)).put(total + i);
 }
 
-// Smaller lengths count as zero, for numbers of at most about one: their squares are still normal numbers.
+// Smaller lengths count as zero, for numbers of at most about one: the squares of larger lengths are still normal
+// numbers.
 constexpr double no_length = 1e-140;
 
-// The power of two that scales the largest of some numbers to about one, so that no square overflows or underflows.
+// Return the power of two that scales the largest of some numbers to about one, so that no square overflows or
+// underflows.
 inline double scale_of(const double *numbers, i64 count) {
     double largest = 0.0;
     for (i64 i = 0; i < count; ++i) largest = std::max(largest, std::abs(numbers[i]));
@@ -49,11 +51,12 @@ inline double scale_of(const double *numbers, i64 count) {
 
 // A Householder reflection, I - factor v v^T.
 struct Reflection {
-    double factor, image;  // the multiplier of v v^T, and the one number of the image that is not zero
+    double factor, image;  // factor of v v^T; the one number of the image of the reflected row that is not zero
 };
 
-// Return the reflection that maps a row, padded to eights, to a multiple of the unit vector at `place`; the row becomes
-// v. A row of zeros or nearly zeros is left unchanged with factor 0. Numbers are at most about one.
+// Return the reflection that maps a row, padded to a multiple of eight, to a multiple of the unit vector at `place`;
+// the row becomes v. A row of zeros, or nearly so, is left unchanged, and its factor is 0. Numbers are at most about
+// one.
 template <int bytes> PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
     const double length = std::sqrt(dot<bytes>(row, row, count));
     if (!(length > no_length)) return {0.0, 0.0};

@@ -10,9 +10,10 @@ namespace pdeanim {
 
 namespace {
 
-// Edges between vertices at the same place: from each vertex of a place to the next one there.
+// Return edges that chain the vertices at each grid point: from each vertex to the next one at the same point.
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
-    // Equal places share a bucket with few others. If many collide, the bucket is sorted: no mesh makes it slow.
+    // Vertices at one grid point share a bucket with few others. If many points collide, the bucket is sorted: no mesh
+    // makes this slow.
     constexpr u64 factor = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio (Knuth, volume 3, section 6.4)
     const int shift = 64 - bit_length(static_cast<i64>(grid.size()));
     std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << (64 - shift)) + 1), order(grid.size());
@@ -28,7 +29,7 @@ std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
     for (std::size_t bucket = 0; bucket + 1 < starts.size(); ++bucket) {
         const auto begin = order.begin() + starts[bucket], end = order.begin() + starts[bucket + 1];
         if (end - begin < 2) continue;
-        // All of it, by a heap, because that is little code.
+        // Sorts the whole range by a heap, because that is little code.
         std::partial_sort(begin, end, end, [&](i32 a, i32 b) {
             for (int axis = 0; axis < 3; ++axis) {
                 if (grid[a][axis] != grid[b][axis]) return grid[a][axis] < grid[b][axis];
@@ -49,7 +50,7 @@ public:
           visited_(order_.size() + 1), members_(order_.size()) {}
 
     Patches halve(i64 points, std::vector<Tie> tied = {}) {
-        // A half is halved further before the other one: it is in the processor's caches.
+        // Continue with a half that has just been made: it is still in the processor's caches.
         std::vector<Set> sets = {{.begin = 0, .end = static_cast<i64>(order_.size())}};
         std::vector<i64> waiting = {0};
         while (!waiting.empty()) {
@@ -65,7 +66,7 @@ public:
         }
         // Nodes are numbered breadth first.
         Patches found;
-        std::vector<i64> numbered(sets.size());  // the root is the first set
+        std::vector<i64> numbered(sets.size());  // set of each node; the root is the first set
         i64 next = 1;
         for (i64 node = 0; node < next; ++node) {
             const Set &own = sets[numbered[node]];
@@ -91,12 +92,13 @@ public:
 private:
     struct Set {
         i64 begin, end;     // vertices order_[begin] to order_[end - 1]
-        i64 halves = -1;    // the first of its halves, which the second follows; -1 for a patch
-        i32 farthest = -1;  // the vertex farthest from the first one, if known
+        i64 halves = -1;    // index of its first half, which the second follows; -1 for a patch
+        i32 farthest = -1;  // the vertex farthest from order_[begin], or -1 if not known
     };
 
-    // Visit all members of one set breadth first, component after component, from `first`; each other component begins
-    // with its first member in the order of `members`. Vertices outside have distances that are not negative.
+    // Visit all members of a set breadth first, one component after another. The first component begins with `first`,
+    // each other one with its first member in the order of `members`. Vertices that are not members must have distances
+    // of 0 or more.
     void visit(i32 first, std::span<const i32> members, std::vector<i32> &distance) {
         for (const i32 member : members) distance[member] = -1;
         components_.clear();
@@ -116,7 +118,7 @@ private:
                 const i32 farther = distance[vertex] + 1;
                 for (const i32 other : graph_.of(vertex)) {
                     const i32 known = distance[other];
-                    // Without a branch: processors predict worst which neighbours are new.
+                    // Without a branch: whether a neighbour is new is hard for processors to predict.
                     visited_[tail] = other;
                     tail += known < 0;
                     distance[other] = known < 0 ? farther : known;
@@ -125,8 +127,8 @@ private:
         }
     }
 
-    // Reorder the vertices of one set, and return the size of its first half. `farthest`: the vertex farthest from its
-    // first vertex, or -1; on return that of its first half.
+    // Reorder the vertices of a set, and return the size of its first half. `farthest` is the vertex farthest from the
+    // set's first vertex, or -1 if not known; it becomes the same for the first half.
     i64 cut(i64 begin, i64 size, i32 &farthest) {
         const std::span<i32> members(members_.data(), static_cast<std::size_t>(size));
         const auto own = order_.begin() + begin;
@@ -148,13 +150,13 @@ private:
         const i32 end_b = visited_[size - 1], span = near_[end_b];
         std::copy_n(visited_.begin(), size, members.begin());
         visit(end_b, members, far_);
-        // A counting sort by near - far, from -span to span; `members` holds the order of the visit from a.
+        // A counting sort by near - far, which is between -span and span; `members` has the order of the visit from a.
         places_.assign(2 * static_cast<std::size_t>(span) + 2, 0);
         for (const i32 member : members) ++places_[near_[member] - far_[member] + span + 1];
         std::partial_sum(places_.begin(), places_.end(), places_.begin());
         // The first half begins with a. It contains the shortest paths from a to its vertices: no vertex on such a path
-        // is closer to b, or visited later. So a visit of the half from a takes it in the same order, as one component,
-        // and ends with its last vertex.
+        // is closer to b, or visited later. So a visit of this half from a takes its vertices in the same order, as one
+        // component, and ends with its last vertex.
         const i64 half = size / 2;
         for (const i32 member : members) {
             const i64 place = places_[near_[member] - far_[member] + span]++;
@@ -166,10 +168,10 @@ private:
 
     const Graph &graph_;
     std::vector<i32> order_;
-    std::vector<i32> near_, far_;  // edges from a and from b
-    std::vector<i32> visited_;     // in the order of the visit; entries after its end may be overwritten
+    std::vector<i32> near_, far_;  // distances from a and from b [edges]
+    std::vector<i32> visited_;     // in the order of the visit; entries beyond the end may be overwritten
     std::vector<i32> members_;
-    std::vector<i64> components_;  // index of each component's first visited vertex
+    std::vector<i64> components_;  // for each component, the position of its first vertex in the visit
     std::vector<i64> places_;
 };
 
@@ -269,7 +271,7 @@ Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, 
     found.starts.push_back(static_cast<i64>(order.size()));
     found.order = std::move(order);
     found.node_of.resize(count);
-    // The tree halves the pieces by their number.
+    // The partition tree halves the list of pieces by their number.
     std::vector<i64> begins(2 * count - 1), ends(2 * count - 1);
     ends[0] = count;
     i64 next = 1;

@@ -1,6 +1,6 @@
-// Divide vertices into elements, patches of the mesh or pieces of its curves, under a tree of halves.
+// Divides vertices into elements, which are patches of the mesh or pieces of its curves, under a partition tree.
 //
-// Everything is integer arithmetic, and the same everywhere.
+// Everything is integer arithmetic, so it is the same everywhere.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@
 
 namespace pdeanim {
 
-// A vertex that has the position of another one in every frame, of a set the first one.
+// A vertex that coincides with another one in every frame, and the first vertex of all that coincide there.
 struct Tie {
     i32 vertex, first;
 };
@@ -35,12 +35,12 @@ struct Patches {
         for (const Tie &tie : tied) rows[tie.vertex] = rows[tie.first];
     }
 
-    std::vector<i32> order;     // vertices of the mesh, patch after patch, but for those that are tied to others
-    std::vector<Tie> tied;      // the other vertices
+    std::vector<i32> order;     // vertices of the mesh, patch after patch, without those that are tied to others
+    std::vector<Tie> tied;      // vertices that are tied to others
     std::vector<i64> starts;    // patch p holds order[starts[p]] to order[starts[p + 1] - 1]
-    std::vector<i64> begins;    // start of each node of the partition tree in `order`
-    std::vector<i64> children;  // first of the two halves of each node, followed by the second; -1 for a patch
-    std::vector<i64> node_of;   // the node of each patch
+    std::vector<i64> begins;    // where each node of the partition tree starts in `order`
+    std::vector<i64> children;  // for each node, its first half, which the second half follows; -1 for a patch
+    std::vector<i64> node_of;   // the node of the tree that is each patch
     // The vertices of each patch in ascending order, the order in which they are written to memory, and the place of
     // each of them in the patch: ascending[starts[p] + k] is order[starts[p] + ascending_places[starts[p] + k]].
     std::vector<i32> ascending, ascending_places;
@@ -48,21 +48,21 @@ struct Patches {
 
 // Make patches of at most `points` vertices: the vertices of all objects, halved along faces and lines.
 //
-// A set of several components is cut between two of them, nearest to its middle. A connected set is cut across: b is
-// the vertex farthest from a, and a the vertex farthest from the set's first vertex. Vertices are sorted by how much
-// closer they are to a than to b, and the closer half goes first. This runs before the reference frame is known; null
-// if a vertex has no neighbour.
+// A set of several components is cut between the two components that are nearest to its middle. A connected set is cut
+// across: b is the vertex farthest from a, and a the vertex farthest from the set's first vertex. Vertices are sorted
+// by how much closer they are to a than to b, and the closer half goes first. This runs before the reference frame is
+// known; null if a vertex has no neighbour.
 std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points);
 
-// Make patches of a mesh in which vertices at the same grid place are neighbours, too. Vertices without neighbours come
-// last, in Z-order. ties: of each vertex the first one that it is tied to, empty without ties; `early`: the result of
-// `early_patches`, returned unless vertices coincide.
+// Make patches of a mesh in which vertices at the same grid point are neighbours, too. Vertices without neighbours come
+// last, in Z-order. ties: for each vertex the first vertex that it is tied to, empty without ties. early: the result of
+// `early_patches`, which is returned if no vertices coincide.
 std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
                                        i64 points, std::span<const i32> ties = {},
                                        std::shared_ptr<Patches> early = nullptr);
 
-// Cut curves that stand one after the other in `order`, from each of `starts` on, into pieces of about `points`
-// vertices, after tied vertices have been taken out.
+// Cut curves into pieces of about `points` vertices, without tied vertices. The curves follow each other in `order`;
+// each begins at one of `starts`.
 Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties = {});
 
 }  // namespace pdeanim

@@ -28,7 +28,8 @@ CornerTable::CornerTable(Polygons mesh) : polygons(std::move(mesh)) {
     fan.resize(corners);
     for (i32 corner = 0; corner < corners; ++corner) fan[fill[vertex(corner)]++] = corner;
 
-    // Edges of faces, listed at their smaller end: the first and the latest corner on the edge to each other end.
+    // Find the corners on each edge at the edge's smaller end. `first_seen` and `last_seen` are the first and the
+    // latest corner on the edge to another vertex.
     opposite.assign(corners, -1);
     std::vector<i32> seen_from(vertex_count, -1), first_seen(vertex_count), last_seen(vertex_count);
     const i64 face_corners = starts[polygons.faces];
@@ -75,7 +76,7 @@ Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner) {
         return found;
     }
     found.before = corners.vertex(before);
-    // Otherwise the vertex before is the vertex after of the corner at the same vertex in the neighbouring polygon.
+    // Inside a surface, this vertex is already the vertex after of another corner: that of the neighbouring polygon.
     found.before_counts = opposite[before] < 0 || corners.vertex(opposite[before]) == corners.vertex(before);
     if (size[corner] == 3) {
         found.is_triangle = true;
@@ -96,9 +97,9 @@ Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner) {
 
 namespace {
 
-constexpr int last_rank = 63;  // highest rank that is distinguished: 12 faces that lack only the vertex
+constexpr int last_rank = 63;  // highest rank that is distinguished: about 12 faces that lack only this vertex
 
-// For each rank, the vertices that have it, in the order in which they reached it.
+// For each rank, a queue of the vertices that have it, in the order in which they reached it.
 class RankQueues {
 public:
     explicit RankQueues(i64 vertices) : rank_(vertices), links_(vertices) {
@@ -117,12 +118,12 @@ public:
         best_ = most(best_, rank);
     }
 
-    // Remove a vertex that will not be raised again.
+    // Remove a vertex whose rank will not be raised again.
     void remove(i32 vertex) {
         if (rank_[vertex] > 0) unlink(vertex);
     }
 
-    // The first vertex of the highest rank, -1 if none has one.
+    // Return the first vertex of the highest rank; -1 if no vertex has a rank.
     i32 best() {
         while (best_ > 0 && first_[best_] < 0) --best_;
         return best_ > 0 ? first_[best_] : -1;
@@ -148,8 +149,8 @@ private:
 }  // namespace
 
 std::vector<i32> prediction_order(const CornerTable &corners) {
-    // Increase of a rank by a face that lacks only this vertex, which predicts best, and by each edge of a face to a
-    // known vertex.
+    // How much a rank increases: for each face that lacks only this vertex, which predicts best, and for each edge of a
+    // face to a known vertex.
     constexpr int face_lacks_one = 4, beside_known = 1;
     const std::vector<i64> &starts = corners.polygons.starts;
     const i64 vertex_count = corners.vertices();

@@ -1,7 +1,8 @@
 // Adjacency of the corners of a mesh's polygons, and the order in which vertices are best predicted.
 //
-// A mesh is a list of polygons, with lines cut into polygons of two corners; a corner is a place in that list.
-// Everything takes time proportional to the corners, whatever the mesh, and nothing looks at positions.
+// A mesh is a list of polygons, with lines cut into polygons of two corners; a corner is a position in that list.
+// Everything takes time proportional to the number of corners, whatever the mesh, and nothing depends on the positions
+// of vertices.
 #pragma once
 
 #include <span>
@@ -23,7 +24,7 @@ struct ConnectivityView {
     std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
 };
 
-// Faces of all objects, then lines as pieces of two corners; vertices of all objects numbered in one row.
+// Faces of all objects, then lines as pieces of two corners. The vertices of all objects are numbered in one row.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1
     std::vector<i32> vertex;        // vertex of each corner
@@ -39,33 +40,32 @@ struct CornerTable {
     Polygons polygons;
     std::vector<i32> polygon, size;   // polygon of each corner, and the polygon's number of corners
     std::vector<i32> next, previous;  // corner of the same polygon
-    // A corner's edge goes to the next corner of its face. For each corner, the corner of another face that has the
-    // same edge; -1 if there is none.
-    // Corners of faces on one edge form a ring, in the order in which the edge's smaller vertex meets them: corner by
-    // corner, first the edge from it, then the edge to it. In a piece of a line, it is the corner of the other piece at
-    // the same vertex, if exactly two pieces meet there.
+    // The edge of a corner goes to the next corner of its face. For each corner, this is the corner of another face
+    // that has the same edge; -1 if there is none. The corners of all faces on one edge form a ring, in the order in
+    // which the edge's smaller vertex meets them: corner by corner, first the edge from it, then the edge to it. For a
+    // piece of a line, it is the corner of the other piece at the same vertex, if exactly two pieces meet there.
     std::vector<i32> opposite;
     std::vector<i64>
         fan_starts;  // the corners at vertex v are fan[fan_starts[v]] to fan[fan_starts[v + 1] - 1], ascending
     std::vector<i32> fan;
 };
 
-// The vertices that can predict a vertex at one of its corners; vertices or -1.
+// The vertices that can predict a vertex at one of its corners; -1 for those that do not exist.
 struct Neighbourhood {
     i32 after = -1, before = -1;
-    i32 opposite = -1;  // in a quad its diagonal corner, in a triangle the far corner of the neighbouring triangle
-    i32 straight_after = -1, straight_before = -1;  // straight on, beyond the vertex after and beyond the one before
+    i32 opposite = -1;  // in a quad, the diagonally opposite corner; in a triangle, the far corner across the edge
+    i32 straight_after = -1, straight_before = -1;  // straight on beyond the vertex after, and before
     bool is_triangle = false;
-    // Whether the vertex before counts as a neighbour here: inside a surface it already counts as the vertex after of
-    // another corner.
+    // Whether the vertex before counts as a neighbour here. Inside a surface it does not: it is the vertex after of
+    // another corner, and counts there.
     bool before_counts = false;
 };
 
 Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner);
 
-// Return an order of the vertices in which each has as many complete faces around it as possible.
-// The next vertex is the one of highest rank; of several, the first to reach that rank. If no vertex has a rank, it is
-// the next vertex of any polygon; vertices without polygons come last.
+// Return an order of the vertices in which as many faces as possible are complete but for the next vertex. The next
+// vertex is the one of highest rank; of several, the first to reach that rank. If no vertex has a rank, it is the next
+// vertex of any polygon. Vertices without polygons come last.
 std::vector<i32> prediction_order(const CornerTable &corners);
 
 }  // namespace pdeanim

@@ -15,7 +15,8 @@ namespace {
 
 // Edge loops: edges that go straight on through vertices where four quads meet.
 //
-// An edge is named by the smaller of its corners. Pairs of triangles count as quads, and their diagonals are no edges.
+// An edge is identified by the smaller of its corners. Pairs of triangles count as quads, and their diagonals are no
+// edges.
 class EdgeLoops {
 public:
     // corners: of faces only; twin: from `twins`; diagonal: from `pair_triangles`.
@@ -23,12 +24,12 @@ public:
 
     i32 count() const { return static_cast<i32>(edge_starts_.size()) - 1; }
 
-    // The vertices of a loop from end to end; a closed loop does not repeat its first.
+    // Return the vertices of a loop from end to end; a closed loop does not repeat its first vertex.
     std::span<const i32> path(i32 loop) const {
         return {path_.data() + path_starts_[loop], path_.data() + path_starts_[loop + 1]};
     }
 
-    // Call `visit` with each loop on the opposite side of a quad from an edge of this loop, once per such edge.
+    // Call visit(other loop) for each edge that lies across a quad from an edge of this loop.
     template <class Visit> void for_each_beside(i32 loop, Visit visit) const {
         for (i64 k = edge_starts_[loop]; k < edge_starts_[loop + 1]; ++k) {
             for (const i32 side : {edges_[k], twin_[edges_[k]]}) {
@@ -50,7 +51,7 @@ private:
     std::span<const i32> twin_, diagonal_;
     std::vector<i64> edge_starts_ = {0}, path_starts_ = {0};
     std::vector<i32> edges_, path_;  // edges of all loops, and vertices of their paths
-    std::vector<i32> loop_of_;       // loop of each edge, or -1
+    std::vector<i32> loop_of_;       // the loop of each edge, or -1
 };
 
 EdgeLoops::EdgeLoops(const CornerTable &corners, std::span<const i32> twin, std::span<const i32> diagonal)
@@ -64,7 +65,7 @@ EdgeLoops::EdgeLoops(const CornerTable &corners, std::span<const i32> twin, std:
 }
 
 void EdgeLoops::walk_from(i32 first) {
-    // Back to one end, or all the way round.
+    // Go back to one end of the loop, or all the way round.
     i32 edge = first, vertex = mesh_.vertex(first);
     while (true) {
         const i32 onward = straight_on(edge, vertex);
@@ -72,7 +73,7 @@ void EdgeLoops::walk_from(i32 first) {
         edge = onward;
         vertex = other_end(edge, vertex);
     }
-    // Forward from there.
+    // Go forward from there.
     const i32 begin = edge;
     path_.push_back(vertex);
     while (true) {
@@ -93,7 +94,7 @@ i32 EdgeLoops::other_end(i32 edge, i32 vertex) const {
     return tail != vertex ? tail : mesh_.vertex(mesh_.next[edge]);
 }
 
-// The corner of the other edge at a vertex of the corner's face; a pair of triangles is one face.
+// Return the corner of the face's other edge at a vertex; a pair of triangles counts as one face.
 i32 EdgeLoops::turn(i32 corner, i32 vertex) const {
     for (int step = 0; step < 2; ++step) {
         corner = mesh_.vertex(corner) == vertex ? mesh_.previous[corner] : mesh_.next[corner];
@@ -103,7 +104,8 @@ i32 EdgeLoops::turn(i32 corner, i32 vertex) const {
     return corner;
 }
 
-// The edge straight on beyond a vertex: two faces away on either side, or along the border; -1 for none.
+// Return the edge straight on beyond a vertex: the one with two faces between on either side, or along the border; -1
+// if there is none.
 i32 EdgeLoops::straight_on(i32 corner, i32 vertex) const {
     i32 here = turn(corner, vertex);
     if (twin_[here] < 0) return -1;
@@ -120,7 +122,7 @@ i32 EdgeLoops::straight_on(i32 corner, i32 vertex) const {
     return twin_[here] == there && edge != edge_of(corner) ? edge : -1;
 }
 
-// The edge opposite a corner's edge in its quad; -1 in other faces.
+// Return the edge opposite a corner's edge in its quad; -1 for other faces.
 i32 EdgeLoops::opposite_edge(i32 corner) const {
     if (mesh_.size[corner] == 4) return edge_of(mesh_.next[mesh_.next[corner]]);
     const i32 across = diagonal_[mesh_.polygon[corner]];
@@ -132,8 +134,8 @@ i32 EdgeLoops::opposite_edge(i32 corner) const {
     return edge_of(is_there ? mesh_.previous[twin_[across]] : other);
 }
 
-// Free runs of an edge loop shorter than 2 to this power are left to the path cover, which makes longer curves of them;
-// and the same limit for an object without longer loops.
+// Runs of free vertices along an edge loop that are shorter than 2 to this power are left to the path cover, which
+// makes longer curves of them. The second is the limit for an object without longer loops.
 constexpr int least_bits_of_run = 3, least_bits_of_loop = 2;
 
 void add_polylines(const ConnectivityView &object, CurveCover &cover) {
@@ -144,8 +146,8 @@ void add_polylines(const ConnectivityView &object, CurveCover &cover) {
     }
 }
 
-// Take edge loops with free runs of some length: the longest first, then its neighbours, side by side, then the next
-// longest.
+// Make curves of the edge loops that have long enough runs of free vertices: the longest loop first, then the loops
+// next to it, side by side, then the next longest.
 void sweep_loops(const EdgeLoops &loops, const std::vector<i32> &by_length, i64 shortest, CurveCover &cover) {
     std::vector<bool> is_queued(loops.count());
     std::vector<i32> queue;

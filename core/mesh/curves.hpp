@@ -33,14 +33,14 @@ Curves extract_curves(std::span<const ConnectivityView> objects, std::span<const
 
 // The grid in a triangulated grid: pairs of triangles that form its quads.
 //
-// Inside a grid of quads four quads meet at a vertex, at its border two. For a vertex with triangles this gives the
-// number of pairs: if as many triangles are left as pairs are lacking, each belongs to another pair; if twice as many
-// are left, they pair with each other. Most pairs follow from a few, whatever the direction of the diagonals. Where
-// nothing follows, as in a grid whose diagonals all have one direction, a neighbouring pair is copied, and positions
+// Inside a grid of quads four quads meet at a vertex, at its border two. This gives the number of pairs that a vertex
+// with triangles lacks. If the vertex has as many unpaired triangles as it lacks pairs, no two of them pair with each
+// other; if it has twice as many, they all do. Most pairs follow from a few, whatever the direction of the diagonals.
+// If nothing follows, as in a grid whose diagonals all have one direction, a neighbouring pair is copied, and positions
 // decide between directions that connectivity cannot distinguish: the two diagonals of a rectangle are equally long.
 //
-// Return, for each corner of a mesh of faces, the corner of another face on the same edge; -1 unless exactly two faces
-// have it.
+// `twins` returns, for each corner of a mesh of faces, the corner of another face on the same edge; -1 unless exactly
+// two faces have the edge.
 std::vector<i32> twins(const CornerTable &corners);
 
 // Return, for each face of a pair, the corner whose edge is the pair's diagonal; -1 for other faces. cells: of each

@@ -16,7 +16,8 @@ Graph::Graph(std::span<const Edge> edges, i64 vertices) : starts(vertices + 1), 
         listed[fill[edge.tail]++] = edge.head;
         listed[fill[edge.head]++] = edge.tail;
     }
-    // The vertex that listed another last: a second entry is skipped, whatever the number of neighbours.
+    // For each vertex, the last vertex that has listed it as a neighbour: an edge that occurs again is skipped, however
+    // many neighbours there are.
     std::vector<i32> seen(vertices, -1);
     i64 used = 0;
     for (i32 v = 0; v < vertices; ++v) {
@@ -58,8 +59,8 @@ std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
 
 namespace {
 
-constexpr i64 look_back = 16;  // vertices at the end of a path next to which the next path may begin
-// Number of neighbours that are compared; a vertex with more is the least straight continuation.
+constexpr i64 look_back = 16;  // number of vertices at the end of a path whose neighbours may begin the next path
+// Number of neighbours that are compared. A vertex with more neighbours counts as the least straight continuation.
 constexpr i64 few_neighbours = 16;
 
 class PathCover {
@@ -81,14 +82,14 @@ public:
 
 private:
     struct Vertex {
-        i32 free = 0;    // neighbours that are in no curve
-        i32 beside = 0;  // neighbours on the path of this number:
+        i32 free = 0;    // number of neighbours that are in no curve
+        i32 beside = 0;  // number of neighbours on the path with the number `path`
         i64 path = -1;
-        i64 near_end = -1;     // the latest step at which it was a neighbour of the path's other end,
-        i64 near_before = -1;  // and of the vertex before the last
+        i64 near_end = -1;     // the latest step at which it was a neighbour of the path's other end
+        i64 near_before = -1;  // the same for the vertex before the path's last
     };
 
-    // The next vertex of a path, or -1, and whether it closes the path.
+    // The next vertex of a path, or -1; and whether it closes the path.
     struct Step {
         i32 vertex = -1;
         bool closes = false;
@@ -122,8 +123,8 @@ private:
         ++path_;
     }
 
-    // Append vertices to a path in one direction: `before` is the vertex before its last, `end` its other end. Return
-    // whether the path is then closed.
+    // Append vertices to one end of a path, and return whether they close it. `before` is the vertex before the last
+    // one at this end, `end` the vertex at the path's other end.
     bool grow(std::vector<i32> &side, i32 before, i32 end) {
         const i64 end_mark = ++steps_;
         for (const i32 other : graph_.of(end)) vertices_[other].near_end = end_mark;
@@ -165,7 +166,7 @@ private:
         return best;
     }
 
-    // A free neighbour of the latest vertices of the last path, or -1.
+    // Return a free neighbour of the last vertices of the latest path, or -1.
     i32 seed_beside() const {
         const i64 end = cover_.starts.back(), begin = most(end - look_back, cover_.starts[cover_.starts.size() - 2]);
         i32 found = -1;

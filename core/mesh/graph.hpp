@@ -14,8 +14,8 @@ struct Edge {
 
 // Neighbours of the vertices of a mesh.
 struct Graph {
-    // Neighbours along undirected edges, each once, in the order of the edges. An edge may occur several times; edges
-    // from a vertex to itself are left out.
+    // Collect the neighbours of each vertex along undirected edges, each once, in the order of the edges. An edge may
+    // occur several times; edges from a vertex to itself are left out.
     Graph(std::span<const Edge> edges, i64 vertices);
 
     i64 vertices() const { return static_cast<i64>(starts.size()) - 1; }
@@ -28,15 +28,16 @@ struct Graph {
     std::vector<i32> listed;
 };
 
-// Edges of all objects, with vertices numbered in one row: of faces, corner by corner, then of lines.
+// Return the edges of all objects, with vertices numbered in one row: those of faces, corner by corner, then those of
+// lines.
 std::vector<Edge> edges_of(std::span<const ConnectivityView> objects);
 
-// Vertex-disjoint curves found so far, and the vertices in them: pieces of given paths, and straight paths through a
-// graph.
+// The vertex-disjoint curves found so far, and which vertices are in them. Curves are pieces of given paths, and
+// straight paths through a graph.
 struct CurveCover {
     explicit CurveCover(i64 vertices) : is_taken(vertices) { order.reserve(vertices); }
 
-    // Make curves of the maximal runs of free vertices along a path, each of at least `shortest` vertices. Return
+    // Make curves of the longest runs of free vertices along a path, if they have at least `shortest` vertices. Return
     // whether there were any.
     bool add_free_runs(std::span<const i32> path, i64 shortest);
 

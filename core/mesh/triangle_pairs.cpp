@@ -8,13 +8,13 @@ namespace pdeanim {
 namespace {
 
 constexpr i32 inner_quads = 4, border_quads = 2;  // quads at a vertex of a grid, inside and at the border
-constexpr i32 most_faces = 2 * inner_quads;       // faces at a vertex of a triangulated grid
-constexpr i32 flat_inside = 6, flat_border = 3;   // triangles at a vertex where all diagonals go one way
-// Lacking pairs of a vertex without a rule; no number of triangles equals it.
+constexpr i32 most_faces = 2 * inner_quads;       // largest number of faces at a vertex of a triangulated grid
+constexpr i32 flat_inside = 6, flat_border = 3;   // triangles at a vertex if all diagonals go one way
+// Value of `lacking` for a vertex without a rule; no number of triangles equals it.
 constexpr i32 no_rule = -(1 << 24);
-constexpr std::size_t trial_pairs = 64;  // pairs by which one of several possibilities is judged
+constexpr std::size_t trial_pairs = 64;  // number of pairs that are tried to judge a possibility
 constexpr i64 clearer = 2;  // how many times less skew pairs must be to be preferred to copies of their neighbours
-// Fraction of a component's vertices that must belong to a grid; otherwise its triangles stay triangles.
+// Fraction (7 / 8) of a component's vertices that must belong to a grid; otherwise its triangles stay triangles.
 constexpr i64 least_regular = 7, of_all = 8;
 
 // Diagonals of pairs in the order in which they are made, and the limit on their number.
@@ -26,7 +26,8 @@ struct Log {
     std::size_t room;
 };
 
-// Number of contradictions to the rules of vertices, skew of the diagonals, and number of pairs.
+// How badly trial pairs fit: number of contradictions to the rules of vertices, skew of the diagonals, and number of
+// pairs.
 struct Judgement {
     i64 faults = 0, skew = 0, count = 0;
 };
@@ -47,8 +48,8 @@ public:
 
 private:
     struct Vertex {
-        i32 lacking = 0;        // number of quads that it lacks, or about no_rule
-        i32 left = 0;           // number of its triangles in no pair
+        i32 lacking = 0;        // number of quads that the vertex lacks; near no_rule if it has no rule
+        i32 left = 0;           // number of its triangles that are in no pair
         bool is_flat = false;   // whether it could be in a grid whose diagonals all have one direction
         bool has_rule = false;  // whether it must have as many quads as in a grid
     };
@@ -90,7 +91,7 @@ private:
     }
 
     void find_pairs() {
-        // A triangle at a corner of the border has one possible partner, a triangle along the border two.
+        // Begin at the border: a triangle at its corner has one possible partner, a triangle along it has two.
         for (int borders = 2; borders >= 0; --borders) {
             for (i64 face = 0; face < faces_; ++face) {
                 if (!is_triangle_[face] || diagonal_[face] >= 0) continue;
@@ -104,28 +105,28 @@ private:
         }
     }
 
-    // The two ends of the diagonal of a pair, then the two other vertices.
+    // Return the two ends of the diagonal of a pair, then the two other vertices.
     std::array<i32, 4> corners_of_pair(i32 diagonal) const {
         return {mesh_.vertex(diagonal), mesh_.vertex(mesh_.next[diagonal]), mesh_.vertex(mesh_.previous[diagonal]),
                 mesh_.vertex(mesh_.previous[twin_[diagonal]])};
     }
 
-    // Whether the edge of this corner of an unpaired triangle can be the diagonal of a pair.
+    // Return whether the edge of this corner of an unpaired triangle can be the diagonal of a pair.
     bool may_pair(i32 corner) const {
         const i32 other = twin_[corner];
         if (other < 0 || !is_triangle_[mesh_.polygon[other]] || diagonal_[mesh_.polygon[other]] >= 0) return false;
         const auto [one, two, tip, far] = corners_of_pair(corner);
         if (tip == far) return false;
-        for (const i32 end : {one, two}) {  // no two triangles there may have to be partners
+        for (const i32 end : {one, two}) {  // not if the triangles at that vertex must all be in different pairs
             if (vertices_[end].left == vertices_[end].lacking) return false;
         }
-        for (const i32 end : {tip, far}) {  // every triangle there may have to have its partner there
+        for (const i32 end : {tip, far}) {  // not if every triangle at that vertex has its partner there too
             if (vertices_[end].left == i64{2} * vertices_[end].lacking) return false;
         }
         return true;
     }
 
-    // Make a pair with the edge of a corner as its diagonal (1), or undo it (-1).
+    // Make a pair with the edge of a corner as its diagonal (sign 1), or undo it (-1).
     void pair(i32 corner, i32 sign) {
         const i32 other = twin_[corner];
         diagonal_[mesh_.polygon[corner]] = sign > 0 ? corner : -1;
@@ -155,7 +156,7 @@ private:
         return face;
     }
 
-    // Make a pair and all that follow from it, as long as the log has room.
+    // Make a pair, and all pairs that follow from it, as long as the log has room.
     void settle(i32 seed, Log &log) {
         i32 corner = seed;
         while (true) {
@@ -181,7 +182,7 @@ private:
         while (waiting_ > 0) dequeue();
     }
 
-    // The corner of a triangle whose edge is the only possible diagonal; -1 if there are several, or none.
+    // Return the corner of a triangle whose edge is the only possible diagonal; -1 if there are several or none.
     i32 only_diagonal(i32 face) const {
         if (diagonal_[face] >= 0) return -1;
         i32 found = -1;
@@ -193,7 +194,7 @@ private:
         return found;
     }
 
-    // Make a pair, all that follow, and copies of them next to them, while the log has room.
+    // Make a pair, all that follow, and copies of them next to them, as long as the log has room.
     void grow(i32 seed, Log &log, bool is_careful) {
         settle(seed, log);
         for (std::size_t done = 0; done < log.diagonals.size() && !log.is_full(); ++done) {
@@ -209,7 +210,8 @@ private:
         }
     }
 
-    // Diagonals of the pair next to a side of a pair: one parallel to that pair's, and the other; -1 for none.
+    // Return two possible diagonals of the pair next to a side of a pair: the one parallel to that pair's diagonal, and
+    // the other one; -1 for none.
     std::pair<i32, i32> copies(i32 side) const {
         const i32 beside = twin_[side];
         if (beside < 0) return {-1, -1};
@@ -251,7 +253,7 @@ private:
         return found;
     }
 
-    // Whether the pairs that follow from one diagonal form a grid more clearly than those from another.
+    // Return whether the pairs that follow from one diagonal form a grid more clearly than those from another.
     bool is_clearer(i32 corner, i32 other) {
         settle(corner, trial_);
         const Judgement one = judge_trial();
@@ -260,7 +262,8 @@ private:
         return one.faults <= two.faults && clearer * one.skew * two.count < two.skew * one.count;
     }
 
-    // The diagonal of a triangle, given by its first corner, that grows best; -1 if there is none.
+    // Return the diagonal of a triangle from which the best pairs grow; -1 if there is none. first: the first corner of
+    // the triangle.
     i32 best_seed(i32 first) {
         std::array<i32, 3> ways;
         int count = 0;
@@ -319,13 +322,13 @@ private:
     std::span<const i32> twin_;
     std::span<const GridPoint> cells_;
     i64 faces_;
-    std::vector<bool> is_triangle_;  // three corners at three vertices
+    std::vector<bool> is_triangle_;  // whether a face has three corners at three different vertices
     std::vector<bool> waits_;        // whether a triangle is in the queue
     std::vector<i32> diagonal_;      // diagonals of the pairs found so far
-    std::vector<i32> queue_;         // triangles to look at again, in a ring
+    std::vector<i32> queue_;         // triangles to check again, in a ring buffer
     std::size_t head_ = 0, tail_ = 0, waiting_ = 0;
     std::vector<Vertex> vertices_;
-    Log log_, trial_;  // pairs that are made, and trial pairs
+    Log log_, trial_;  // pairs that are made for good, and trial pairs
 };
 
 }  // namespace

@@ -13,10 +13,10 @@ namespace pdeanim {
 
 using GridPoint = std::array<i64, 3>;
 
-// Bits per axis of a cell: three axes fit in 64 bits, and so do sums of some squared lengths.
+// Bits per axis of a cell: three axes fit in 64 bits, and so does a sum of some squared lengths.
 constexpr int cell_bits = 20;
 
-// Points minus the smallest of them on each axis, without the low bits that exceed `cell_bits`.
+// Return points relative to the smallest coordinate on each axis, without the low bits that exceed `cell_bits`.
 inline std::vector<GridPoint> cells_in_box(std::span<const GridPoint> points) {
     std::vector<GridPoint> cells(points.begin(), points.end());
     if (cells.empty()) return cells;
@@ -38,7 +38,7 @@ inline std::vector<GridPoint> cells_in_box(std::span<const GridPoint> points) {
     return cells;
 }
 
-// The order of points along the Z-order curve through their bounding box; points in one cell keep their order.
+// Return the order of points along the Z-order curve through their bounding box; points in one cell keep their order.
 inline std::vector<i32> z_order(std::span<const GridPoint> points) {
     std::vector<std::pair<i64, i32>> places;
     places.reserve(points.size());

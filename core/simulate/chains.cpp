@@ -7,15 +7,17 @@ namespace pdeanim::xpbd {
 
 namespace {
 
-// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain.
+// One link of each of a slot's chains: its equation, in a matrix that is eliminated from both ends of the chain.
 struct Link {
     StoredSlot direction[3];
     // coupling: during elimination, the entry that couples this link to the next one towards the meeting point, divided
-    // by the pivot; afterwards the change of Eq. 6. right: the right-hand side of the equation so far.
-    StoredSlot coupling, right, mass;  // mass: the inverse one of its first point
+    // by the pivot; after substitution, the change of the multiplier (Eq. 6). right: right-hand side of the equation so
+    // far.
+    StoredSlot coupling, right, mass;  // mass: inverse mass of its first point
 };
 
-// The last eliminated link, and the inverse pivot of the next one, which the other end has reached.
+// Where elimination from both ends meets: the diagonal of the last link that the first end has eliminated, before and
+// after, and the inverse pivot of the link beyond it, which the other end has reached.
 struct Meeting {
     StoredSlot full, diagonal, beyond;
 };
@@ -24,13 +26,13 @@ template <class Slot> PDEANIM_INLINE Vectors<Slot> direction_of(const Link &link
     return {link.direction[0], link.direction[1], link.direction[2]};
 }
 
-// The same point of each chain of a slot.
+// Position, previous position and inverse mass of one point in each of a slot's chains.
 template <class Slot> struct Looked {
     Vectors<Slot> now, before;
     Slot mass;
 };
 
-// Chains of a slot, or the part of them in one half: links, and one point more.
+// The chains of a slot, or the part of them in one half: a number of links, and one point more.
 struct ChainSlot {
     const i32 *points;
     const double *lengths;
@@ -38,8 +40,8 @@ struct ChainSlot {
     std::size_t links;
 };
 
-// Fraction of the diagonal below which a pivot is rounding: a straight rigid chain held at both ends has one link too
-// many, and that link is left unchanged.
+// A pivot below this fraction of the diagonal is only rounding error. A straight rigid chain that is held at both ends
+// has one link too many; that link is left unchanged.
 constexpr double smallest_pivot = 1e-12;
 
 template <class Slot> PDEANIM_INLINE Slot inverse_pivot(const Slot &diagonal, const Slot &full) {
@@ -51,7 +53,7 @@ template <class Slot> PDEANIM_INLINE Looked<Slot> look(const Places &places, con
             masses<Slot>(places, points)};
 }
 
-// A link at the start of its equation; `full` is its diagonal.
+// The equation of a link before elimination; `full` is its diagonal.
 template <class Slot> struct Measured {
     Vectors<Slot> direction;
     Slot right, mass, full;
@@ -81,13 +83,13 @@ template <class Slot> PDEANIM_INLINE void store(Link &link, const Measured<Slot>
     link.mass = own.mass;
 }
 
-// Matrix entry of two consecutive links; `mass` is that of the point between them.
+// Return the matrix entry of two consecutive links; `mass` is the inverse mass of the point between them.
 template <class Slot> PDEANIM_INLINE Slot coupling_of(const Vectors<Slot> &direction, const Vectors<Slot> &next,
                                                       const Slot &mass, const Scaling &scaling) {
     return -(1.0 + scaling.damping) * mass * dot(direction, next);
 }
 
-// From the first link to the last, whose pivot waits for the other end.
+// Eliminate from the first link to the last, whose pivot waits for the elimination from the other end.
 template <class Slot> PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain,
                                                              const Scaling &scaling, Link *row, Meeting &meeting) {
     Slot pivot{};
@@ -117,7 +119,7 @@ template <class Slot> PDEANIM_INLINE void eliminate_forwards(const Places &place
     }
 }
 
-// From the last link to the first.
+// Eliminate from the last link to the first.
 template <class Slot> PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain,
                                                               const Scaling &scaling, Link *row, Meeting &meeting) {
     Slot pivot{};
@@ -144,10 +146,11 @@ template <class Slot> PDEANIM_INLINE void eliminate_backwards(const Places &plac
 }
 
 template <class Slot> struct Met {
-    Slot change, coupling;  // change of the last link, and its coupling to the link beyond it
+    Slot change, coupling;  // change of the last link's multiplier, and the coupling of that link to the link beyond it
 };
 
-// `beyond`: the link after `link`, which the other end has reached; null if there is none.
+// Solve for the link where elimination from both ends meets. beyond: the link after `link`, which the other end has
+// reached; null if there is none.
 template <class Slot>
 PDEANIM_INLINE Met<Slot> meet(const Link &link, const Link *beyond, const Scaling &scaling, const Meeting &meeting) {
     Slot diagonal = meeting.diagonal, right = link.right, share{};
@@ -161,8 +164,8 @@ PDEANIM_INLINE Met<Slot> meet(const Link &link, const Link *beyond, const Scalin
     return {right * inverse_pivot<Slot>(diagonal, meeting.full), share};
 }
 
-// Eq. 7 for the points before `end`, each by the link before it; Eq. 6 for the links that begin at them. `step` is that
-// of the link before the first point.
+// Move the points before `end` (Eq. 7), each by the links before and after it, and change the multipliers of the links
+// after them (Eq. 6). step: the motion that the link before the first point causes.
 template <class Slot> PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t end,
                                                       const Link *row, Vectors<Slot> step) {
     for (std::size_t i = 0; i < end; ++i) {
@@ -187,7 +190,7 @@ template <class Slot> PDEANIM_INLINE void move_points(const Places &places, cons
     }
 }
 
-// Changes of links from the last to the first, and the motion that they cause at the points before `end`.
+// Compute the changes of links from the last to the first, and move the points before `end`.
 template <class Slot> PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain,
                                                                std::size_t end, Link *row, const Met<Slot> &met) {
     Slot change = met.change;
@@ -199,7 +202,8 @@ template <class Slot> PDEANIM_INLINE void substitute_backwards(const Places &pla
     move_points<Slot>(places, chain, end, row, {});
 }
 
-// Changes of links behind `link`, and the motion that they and `link` cause. What the other half reads stays unchanged.
+// Compute the changes of the links after `link`, and move the points after it. Data that the other half reads stay
+// unchanged.
 template <class Slot> PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain,
                                                               const Link &link, Link *row, const Met<Slot> &met) {
     Slot change = met.change;
@@ -213,7 +217,8 @@ template <class Slot> PDEANIM_INLINE void substitute_forwards(const Places &plac
     move_points(places, chain, chain.links + 1, row, step);
 }
 
-// Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
+// Apply Eqs. 6 and 7 to all links of a chain at once, for one slot of chains after another. Elimination needs no
+// pivoting: the matrix is positive definite.
 void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links, std::size_t count,
                   const Scaling &scaling, Link *row) {
     in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
@@ -230,8 +235,8 @@ void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t 
     });
 }
 
-// Chains in both halves: `last` is the link across the middle, which belongs to the first half. Written data are
-// separated by half, because processors prefetch neighbouring memory and would take it from each other.
+// Chains that lie in both halves; `last` is the link across the middle, which belongs to the first half. Data that are
+// written are separated by half: processors prefetch neighbouring memory, and would take it away from each other.
 struct Divided {
     struct Half {
         std::size_t links;
@@ -247,7 +252,7 @@ struct Divided {
         }
     }
 
-    // Position of a link's multiplier for a slot's first chain.
+    // Return the multiplier of a link of the slot's first chain; those of the other chains follow it.
     double &multiplier(std::size_t slot, std::size_t link) {
         Half &half = halves[link > last ? 1 : 0];
         return half.multipliers[(slot * half.links + (link > last ? link - last - 1 : link)) * slot_size];
@@ -266,7 +271,7 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
             own.multipliers.data() + slot * own.links * slot_size, own.links};
 }
 
-// Of chains in both halves, the part of one half: first this, ...
+// Eliminate one half of the chains that lie in both halves.
 void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                     int half) {
     in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
@@ -284,7 +289,7 @@ void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &d
     });
 }
 
-// ... and this once both halves have done that.
+// Substitute in one half, once `eliminate_half` is done for both halves.
 void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                      int half) {
     in_wide([&](auto bytes) PDEANIM_INLINE_LAMBDA {
@@ -304,7 +309,7 @@ void substitute_half(const Places &places, const DistanceSlots &slots, Divided &
     });
 }
 
-// The link at which all chains in both halves cross the middle, from the first half.
+// Return the link at which all chains that lie in both halves cross from the first half to the second.
 std::size_t crossing(std::span<const i32> chains, std::size_t points, const Halves &halves) {
     std::size_t found = 0;
     for (std::size_t start = 0; start < chains.size(); start += points) {
@@ -367,7 +372,8 @@ private:
         return {members_.data() + first_of(group, links_ + 1), lengths_.data() + first_of(group, links_),
                 multipliers_of(group)};
     }
-    // Visit each multiplier of chains in both halves with its index among those of all chains.
+    // Call give(multiplier, index of this multiplier among those of all chains) for each link of the chains in both
+    // halves.
     void exchange(const auto &give) {
         double *common = slots_of(between).multipliers;
         for (std::size_t slot = 0; slot < count(between); ++slot) {

@@ -34,7 +34,7 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
         const Slot inverse = 1.0 / length;
         Slot right = Slot::at(slots.lengths + slot * slot_size) - length - compliance * multipliers;
         if constexpr (is_damped) right -= damping * dot(way, vectors<Slot>(steps)) * inverse;
-        // Two held particles cannot move; two at the same place have no direction to separate in.
+        // Two held particles cannot move; two particles at the same point have no direction to separate in.
         Slot change = right / ((1.0 + damping) * weight + compliance);  // Eq. 6
         change = where_positive(weight, where_positive(length, change));
         (multipliers + change).put(slots.multipliers + slot * slot_size);
@@ -97,7 +97,8 @@ struct BendingSlots {
     double *multipliers;
 };
 
-// One constraint after another, with the axes side by side; the lanes of a slot only keep the processor busy.
+// Solve one constraint after another, with the three axes side by side. The constraints of a slot are independent, so
+// the processor can overlap them.
 template <bool is_damped>
 PDEANIM_INLINE void solve_bending(Places places, BendingSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;

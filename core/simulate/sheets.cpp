@@ -10,7 +10,7 @@ namespace pdeanim::xpbd {
 
 namespace {
 
-// Slots that fill up.
+// Fills slots of constraints: each constraint gets the first free place that is not too early.
 class Timetable {
 public:
     // Return the first place in slot `earliest` or later that is still free.
@@ -35,7 +35,7 @@ private:
         }
     }
 
-    std::vector<i32> next_, taken_;  // next_: the slot itself, or a later one if it is full
+    std::vector<i32> next_, taken_;  // next_: for each slot, itself if it has free places, else a later slot
 };
 
 Group group_of(std::span<const i32> particles, const Halves &halves) {
@@ -45,7 +45,7 @@ Group group_of(std::span<const i32> particles, const Halves &halves) {
     return is_within ? within(half) : between;
 }
 
-// Divide constraints into rounds; within a round they share no particle.
+// Order constraints in rounds: within a round no two constraints share a particle.
 std::vector<std::size_t> in_rounds(std::vector<std::size_t> left, std::span<const i32> members, std::size_t each,
                                    const Halves &halves) {
     std::vector<std::size_t> order, later;
@@ -71,11 +71,12 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
     for (std::size_t i = 0; i < members.size() / each; ++i) {
         groups[group_of(members.subspan(i * each, each), halves)].push_back(i);
     }
-    // These are few and close together: in their order, hardly two could be solved at once.
+    // Constraints across the middle are few and close together: in their given order, hardly two could be solved side
+    // by side.
     groups[between] = in_rounds(std::move(groups[between]), members, each, halves);
     Slots slots;
     std::vector<i32> free(static_cast<std::size_t>(halves.particles),
-                          0);  // for each particle, the first slot after its earlier constraints
+                          0);  // for each particle, the first slot after its constraints so far
     for (const Group group : {within_first, within_second, between}) {
         if (group == between) std::fill(free.begin(), free.end(), 0);
         Timetable table;
@@ -98,7 +99,7 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
 
 namespace {
 
-// Eq. 4 with the velocities that the last substep left: x^n - x^(n-1) over its length.
+// Apply Eq. 4 with the velocities that the last substep left: x^n - x^(n-1) over the substep.
 void predict_again(Place *positions, Place *previous, const Point *accelerations, std::size_t count, double substep,
                    double keep) {
     in_wide([&](auto) PDEANIM_INLINE_LAMBDA {
@@ -117,11 +118,12 @@ void predict_again(Place *positions, Place *previous, const Point *accelerations
     });
 }
 
-// A barrier that two threads meet at again and again: stages are short, so they spin for a while before they sleep.
+// A barrier at which two threads meet repeatedly. Stages are short, so threads spin for a while before they sleep.
 class Rendezvous {
 public:
     void wait() {
-        // Spins of some hundred microseconds: longer than stages of two threads differ, and than it takes to wake up.
+        // Number of spins, some hundred microseconds: longer than one thread waits for the other, and than waking up
+        // takes.
         constexpr int looks = 300'000;
         const int round = round_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) == 1) {
@@ -170,7 +172,7 @@ void Sheets::advance(std::span<Point> positions, std::span<Point> previous, std:
                      int threads) {
     predict(positions, previous, inverse_masses_, velocities, accelerations, substep, keep);  // line 1
     take(positions, previous);
-    // Work for the halves from `first` to `last`; after `meet`, all work before it is done.
+    // Do the work of the halves `first` to `last`. After `meet` returns, all work before it is done in both halves.
     const auto go_on = [&](int first, int last, const auto &meet) {
         for (i64 done = 0; done < substeps; ++done) {
             for (int half = first; half <= last; ++half) {

@@ -1,9 +1,10 @@
 // Batches of constraints of sheets and ropes, swept with several constraints side by side.
 //
-// The result equals that of one constraint after another, to the last bit (see `Slots`), in the given order; but for a
-// sheet in two halves, each batch takes the constraints within the halves first, and then those across its middle. So
-// two threads can take a half each, whose particles stay in their caches, and meet only at the constraints in between.
-// The order depends on the halves, not on the threads: a single thread gives the same bits.
+// The result equals that of one constraint after another in the given order, to the last bit (see `Slots`). Only a
+// sheet in two halves has another order: each batch takes the constraints within the halves first, and then those
+// across the middle. So two threads can take one half each, whose particles stay in their caches, and meet only at the
+// constraints across the middle. The order depends on the halves, not on the threads: a single thread gives the same
+// bits.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +18,7 @@
 
 namespace pdeanim::xpbd {
 
-// A point in a vector register. The fourth number of a present position is unused; that of a previous one is the
+// A point in a vector register. In a present position the fourth number is unused; in a previous position it is the
 // particle's inverse mass.
 struct alignas(32) Place {
     double at[4];
@@ -30,13 +31,13 @@ struct Places {
     const Place *previous;
 };
 
-// Assignment of particles to halves: those before the middle to the first, 0, the others to the second. An undivided
-// system has its middle at its end.
+// Assigns particles to halves: those before `middle` to half 0, the others to half 1. In an undivided system, `middle`
+// is the number of particles.
 struct Halves {
     i32 particles, middle;
 
     int of(i32 particle) const { return particle >= middle ? 1 : 0; }
-    // For each half, a particle after the last one that cannot move, in a cache line of its own.
+    // Return a particle that cannot move and that pads slots. Each half has its own, in a cache line of its own.
     i32 filler(int half) const { return particles + 2 * half; }
     std::array<std::size_t, 2> range(int half) const {
         const auto start = static_cast<std::size_t>(half == 0 ? 0 : middle);
@@ -48,11 +49,11 @@ struct Halves {
 class Batch {
 public:
     virtual ~Batch() = default;
-    // A batch is solved in stages. Within a stage both halves may run at the same time; a stage begins when both have
-    // finished the one before.
+    // Return the number of stages in which the batch is solved. Within a stage both halves may run at the same time; a
+    // stage begins when both halves have finished the stage before.
     virtual int stages() const = 0;
     virtual void solve(const Places &places, int stage, int half) = 0;
-    // Multipliers start with the values of the caller's array; they are set to 0, or written back there.
+    // Set the multipliers of a half to 0; at first they have the values of the caller's array.
     virtual void clear(int half) = 0;
     virtual void store() = 0;
 };
@@ -61,8 +62,9 @@ std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &
                                       std::span<double> multipliers, std::span<const double> inverse_masses,
                                       const Scaling &scaling);
 
-// Chains of `links` links each, all links of one chain at once; relaxation is not used. Chains in both halves must
-// cross the middle once, from the first half, all at the same link; else std::invalid_argument.
+// Make a batch of chains of `links` links each, in which all links of a chain are solved at once. Relaxation is not
+// used. Chains in both halves must cross the middle once, from the first half to the second, all at the same link; else
+// std::invalid_argument.
 std::unique_ptr<Batch> make_chains(std::size_t links, std::span<const i32> chains, const Halves &halves,
                                    std::span<const double> lengths, std::span<double> multipliers,
                                    const Scaling &scaling);
@@ -74,7 +76,7 @@ std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, const Halves 
 // Batches that are solved in order.
 class Sheets {
 public:
-    // `middle`: the first particle of the second half.
+    // middle: index of the first particle of the second half.
     Sheets(std::span<const double> inverse_masses, i32 middle);
     Sheets(const Sheets &) = delete;  // batches have one owner
 
@@ -83,13 +85,13 @@ public:
     std::span<const double> inverse_masses() const { return inverse_masses_; }
     void add(std::unique_ptr<Batch> batch) { batches_.push_back(std::move(batch)); }
 
-    // Do one iteration over all batches; with `is_first`, multipliers start from 0.
+    // Do one iteration over all batches. If `is_first`, multipliers start at 0.
     void solve(std::span<Point> positions, std::span<const Point> previous, bool is_first);
     // Do one or more substeps of Algorithm 1, with the fraction `keep` of the velocities in Eq. 4.
     void advance(std::span<Point> positions, std::span<Point> previous, std::span<Point> velocities,
                  std::span<const Point> accelerations, double substep, double keep, i64 substeps, i64 iterations,
                  int threads);
-    // Write multipliers to the arrays they came from.
+    // Write the multipliers back to the caller's arrays.
     void store();
 
 private:
@@ -101,31 +103,31 @@ private:
     std::vector<std::unique_ptr<Batch>> batches_;
 };
 
-// Slots of constraints that are solved side by side, common to all batches of sheets.
+// Slots of constraints that are solved side by side, for all batches of sheets.
 //
-// Constraints that share no particle may be solved in any order, or at once, with the same bits. Those that share one
-// keep the order of the batch, so the width of registers does not affect the result.
+// Constraints that share no particle may be solved in any order, or side by side, with the same bits. Constraints that
+// share a particle keep the order of the batch, so the width of registers does not affect the result.
 
-// Number of constraints solved side by side.
+// Number of constraints that are solved side by side.
 constexpr int slot_size = 8;
 
-// Constraints within the first half, within the second, and across both.
+// Groups of constraints: within the first half, within the second half, across the middle.
 enum Group { within_first, within_second, between, group_count };
 
 inline Group within(int half) { return half == 0 ? within_first : within_second; }
 
 struct Slots {
-    std::vector<i32> items;                             // constraints, slot after slot; -1 pads a slot
-    std::array<std::size_t, group_count + 1> starts{};  // slots of the groups, one group after the other
+    std::vector<i32> items;                             // index of each constraint, slot after slot; -1 is padding
+    std::array<std::size_t, group_count + 1> starts{};  // first slot of each group
 };
 
-// Constraints of `each` particles, in the batch's order.
+// Assign constraints of `each` particles to slots.
 Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &halves);
 
-// One number per constraint of a slot, in registers of `bytes`,
+// One number for each constraint of a slot, in registers of `bytes`.
 template <int bytes> using Slot = Registers<double, slot_size, bytes>;
 
-// and in memory.
+// The same in memory.
 struct alignas(64) StoredSlot {
     double numbers[slot_size];
 
@@ -136,7 +138,7 @@ struct alignas(64) StoredSlot {
     }
 };
 
-// Distance constraints, slot after slot.
+// Data of distance constraints, slot after slot.
 struct DistanceSlots {
     const i32 *members;
     const double *lengths;
@@ -147,7 +149,7 @@ template <class Slot> PDEANIM_INLINE Slot square_roots(const Slot &squares) {
     return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return std::sqrt(squares[lane]); });
 }
 
-// Vectors of a slot's constraints, axis by axis.
+// A vector for each constraint of a slot, axis by axis.
 template <class Slot> struct Vectors {
     Slot axes[3];
 };
@@ -156,7 +158,7 @@ template <class Slot> PDEANIM_INLINE Slot dot(const Vectors<Slot> &u, const Vect
     return u.axes[0] * v.axes[0] + u.axes[1] * v.axes[1] + u.axes[2] * v.axes[2];
 }
 
-// One vector per lane.
+// Transpose vectors in registers, one per constraint, to this layout.
 template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Register *each) {
     return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][0]; }),
             Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][1]; }),
@@ -169,18 +171,18 @@ template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Place *places, 
             Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[2]; })};
 }
 
-// Inverse masses.
+// Return the inverse masses of particles.
 template <class Slot> PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
     return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
 }
 
-// Layout of a constraint's multipliers in its slot: each one side by side for all constraints, or the axes of a
-// constraint side by side, padded to four.
+// Layout of the multipliers of a slot: the first multiplier of all constraints side by side, then the second; or the
+// axes of one constraint side by side, padded to four, then the next constraint.
 enum class Multipliers { abreast, by_axes };
 
-// A batch whose constraints have `each` particles and `rows` multipliers. Repeated numbers of a constraint stand in its
-// slot one after the other, each side by side for all constraints. Slots are padded with constraints of a particle that
-// cannot move.
+// A batch whose constraints have `each` particles and `rows` multipliers. If a constraint has several numbers of a
+// kind, a slot has the first one of all constraints side by side, then the second. Padding consists of constraints on a
+// particle that cannot move.
 class SlottedBatch : public Batch {
 public:
     SlottedBatch(std::span<const i32> members, std::size_t each, const Halves &halves, std::span<double> multipliers,
@@ -195,7 +197,7 @@ public:
                      halves.filler(1));
     }
 
-    // Constraints across both halves come when each half is done, all on the first half's thread.
+    // The second stage solves constraints across the middle, on the first half's thread.
     int stages() const override { return count(between) > 0 ? 2 : 1; }
     void solve(const Places &places, int stage, int half) override {
         if (stage == 0) {
@@ -215,7 +217,7 @@ public:
 protected:
     virtual void solve_group(const Places &places, Group group) = 0;
 
-    // Numbers of the constraints, `each` per constraint, by slot.
+    // Arrange numbers by slot; there are `each` per constraint.
     template <class Number>
     std::vector<Number> slotted(std::span<const Number> numbers, std::size_t each, Number filler) const {
         const std::vector<i32> &items = slots_.items;
@@ -233,12 +235,12 @@ protected:
 
     std::size_t count(Group group) const { return slots_.starts[group + 1] - slots_.starts[group]; }
 
-    // Start of the numbers, `each` per constraint, of a group.
+    // Return where a group starts in an array by slot with `each` numbers per constraint.
     std::size_t first_of(Group group, std::size_t each) const { return slots_.starts[group] * each * slot_size; }
 
     void clear_group(Group group) { std::fill_n(multipliers_of(group), count(group) * room() * slot_size, 0.0); }
 
-    // Start of a group's multipliers.
+    // Return the first multiplier of a group.
     double *multipliers_of(Group group) { return multipliers_.data() + first_of(group, room()); }
 
     Slots slots_;
@@ -249,10 +251,10 @@ protected:
     std::vector<i32> members_;
 
 private:
-    // Number of values that a constraint's multipliers take.
+    // Return the number of values stored for the multipliers of a constraint.
     std::size_t room() const { return layout_ == Multipliers::by_axes ? 4 : rows_; }
 
-    // Call work(multiplier in its slot, the caller's multiplier) for each.
+    // Call work(multiplier in its slot, the caller's multiplier) for every multiplier.
     template <class Work> void each_multiplier(const Work &work) {
         for (std::size_t place = 0; place < slots_.items.size(); ++place) {
             for (std::size_t k = 0; k < rows_ && slots_.items[place] >= 0; ++k) {

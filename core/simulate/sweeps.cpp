@@ -30,7 +30,7 @@ void add_wind(std::span<const Point> positions, std::span<const Point> past, std
         const double double_area = std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
         if (!(double_area > 0.0)) continue;
         const double speed = (speeds[0] + speeds[1] + speeds[2]) / (3.0 * double_area);
-        // Area times normal is half of the cross product; each corner takes a third.
+        // Area times normal is half the cross product, and each corner gets a third of that.
         const double share = pressure * std::abs(speed) * speed / 6.0;
         for (int axis = 0; axis < 3; ++axis) {
             forces[a][axis] += share * across[axis];
@@ -44,13 +44,13 @@ namespace {
 
 using Matrix = std::array<std::array<double, 3>, 3>;
 
-// Both rows of a neo-Hookean constraint at the present positions.
+// The two constraints of a neo-Hookean tetrahedron, linearised at the present positions.
 struct Rows {
     double size, determinant;                      // sqrt(tr(F^T F)) and det F
-    std::array<Point, 4> of_size, of_determinant;  // gradients of both, corner by corner
+    std::array<Point, 4> of_size, of_determinant;  // gradients of both at the four corners
 };
 
-// Gradients at the four corners of a function with this slope by the deformation gradient.
+// Return the gradients at the four corners of a function whose derivative by the deformation gradient is `slope`.
 std::array<Point, 4> gradients(const Matrix &slope, const InverseRest &inverse, double scale) {
     std::array<Point, 4> found;
     for (int i = 0; i < 3; ++i) {
@@ -149,7 +149,8 @@ void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> te
     for (std::size_t i = 0; i < tetrahedra.size(); ++i) {
         const Members<4> &corners = tetrahedra[i];
         const Rows rows = linearise(positions, corners, inverse_rest[i]);
-        // How often this substep would undo the tetrahedron's shear: stiffness over mass times the squared substep.
+        // How many times over this substep would undo the tetrahedron's shear: stiffness over mass times the squared
+        // substep.
         double spread = 0.0;
         for (int axis = 0; axis < 3; ++axis) {
             double total = 0.0;
@@ -180,7 +181,7 @@ void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> te
         }
         const double right_d = -rows.size - scaled_d * multipliers[i][0] - damping * rate_d;
         const double right_h = target - rows.determinant - scaled_h * multipliers[i][1] - damping * rate_h;
-        // Eq. 6 with two rows, by Cramer's rule; compliance on its diagonal keeps it positive definite.
+        // Eq. 6 with two rows, by Cramer's rule; the compliance on the diagonal keeps the matrix positive definite.
         const double own_d = (1.0 + damping) * slope_dd + scaled_d;
         const double own_h = (1.0 + damping) * slope_hh + scaled_h;
         const double both = (1.0 + damping) * slope_dh;

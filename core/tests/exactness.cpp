@@ -1,8 +1,8 @@
 // Writes the data that a build decodes from files, so that builds can be compared: exactness FOLDER FILE...
 //
-// For each file NAME, these must be the same in every decoder: in NAME.polygons, NAME.reference and NAME.coefficients
-// the integers whose digests are in the manifest; in NAME.rest names, attributes, times, and every bit read, with its
-// probability; in NAME.error the class of the error, its byte, frame and text, if the file is refused. NAME.points has
+// For each file NAME, these must be the same in every decoder: NAME.polygons, NAME.reference and NAME.coefficients have
+// the integers whose digests are in the manifest; NAME.rest has names, attributes, times, and every bit read, with its
+// probability; NAME.error has the class of the error, its byte, frame and text, if the file is refused. NAME.points has
 // the margin by which positions may differ (float64), then the positions (float32) of each run, at its frames and then
 // between them.
 #include <cmath>
@@ -28,7 +28,7 @@ public:
         file_.write(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
     }
 
-    // Write the number of values first, which separates them from the next ones.
+    // Write the number of values first, so that two lists never run into each other.
     template <class T> void list(const std::vector<T> &values) {
         write(std::vector<i64>{static_cast<i64>(values.size())});
         write(values);
@@ -80,7 +80,7 @@ void write_rest(Animation &animation, Output &out) {
     out.list(animation.sections().times());
 }
 
-// Add the positions of a run, and raise the margin to their allowed difference: see 19 of the specification.
+// Append the positions of a run, and raise the margin to the difference that 19 of the specification allows for them.
 void add_points(Animation &animation, double &margin, std::vector<float> &points) {
     for (const Group &group : animation.sections().table().groups()) {
         margin = std::max(margin, animation.sections().model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
@@ -104,7 +104,7 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
     bits.clear();
     try {
         Animation::Options options;
-        options.threads = 1;  // bits are recorded in the order in which they are read
+        options.threads = 1;  // several threads would record bits in another order
         const auto file = std::make_shared<const File>(std::make_unique<MemorySource>(data), File::usual_memory);
         for (std::size_t run = 0; run < file->runs().size(); ++run) Animation(file, run, options).verify();
         bits.clear();

@@ -26,12 +26,12 @@ from spec.vector_files import accepted_files, read_manifest, write_vectors
 ROOT = Path(__file__).resolve().parents[2]
 
 REMARKS = ("(3.2)", "(18)")
-"""Sections of the specification on remarks, which the core returns unread."""
+"""The specification's sections on remarks, which the core does not decode."""
 
 
 @dataclass(frozen=True)
 class Build:
-    """A way to compile the core, and the command that starts its programs."""
+    """How to compile the core: a compiler with its options, and the command that runs the programs."""
 
     name: str
     compiler: str
@@ -62,7 +62,7 @@ BUILDS = (
     Build("arm64-O0", **AARCH64, flags="-O0"),
     Build("arm64-O3-fused", **AARCH64, flags="-O3", contract="fast"),
 )
-"""All builds; `make test` runs only the first, which differs most from the installed one."""
+"""All builds, of which `make test` runs only the first: it differs most from the installed one."""
 
 
 def decoded(build: Build) -> Path:
@@ -139,8 +139,8 @@ def differences(one: Path, other: Path) -> Iterator[str]:
 
 
 def allowed(margin: float, points: np.ndarray) -> float:
-    """Return the largest difference that two decoders may have: each is within the margin, and rounds to
-    float32 twice.
+    """Return the largest difference that positions from two decoders may have: each is within the margin of
+    exact positions, and rounds to float32 twice.
     """
     between_frames = 1.25  # upper bound of the sum of the spline's absolute weights
     return 2 * (between_frames * margin + float(np.spacing(np.float32(np.abs(points).max(initial=0.0)))))
@@ -152,7 +152,7 @@ def read_points(path: Path) -> tuple[float, np.ndarray]:
 
 
 def points_of_runs(points: np.ndarray, vector: Any) -> list[np.ndarray]:
-    """Return the positions at the frames, (frames, vertices, 3) float32 for each run, without those between frames."""
+    """Return the positions of each run at the frames, without those between frames: (frames, vertices, 3) float32."""
     shapes = list(zip(np.ravel(vector["frames"]).tolist(), np.ravel(vector["vertices"]).tolist(), strict=True))
     starts = np.cumsum([0, *((2 * frames - 1) * 3 * vertices for frames, vertices in shapes)])
     return [

@@ -1,9 +1,9 @@
 /* Makes forbidden calls of every function of the C interface: misuse ONE.pdeanim RUNS.pdeanim
  *
- * The first file has one run, of objects with attributes; the second has several runs. `make sanitize` runs this under
- * the sanitizers; tests/conformance/test_c_interface.py compares the table with the header. A row is a call and its
- * expected result. For functions with a status, the macro adds the last argument `error`, and repeats the call without
- * it. */
+ * The first file has one run, and objects with attributes; the second has several runs. `make sanitize` runs this under
+ * the sanitizers; tests/conformance/test_c_interface.py compares the table with the header. A row of the table is a
+ * call and its expected result. If the function returns a status, the macro adds the last argument `error`, and repeats
+ * the call with NULL instead. */
 #include <math.h>
 #include <pdeanim.h>
 #include <stdio.h>

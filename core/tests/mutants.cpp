@@ -1,6 +1,6 @@
-// Runs the fuzz target over files, and over a number of mutants of them: mutants N FILE...
+// Runs the fuzz target on files, and on a number of mutants of each: mutants N FILE...
 //
-// For use with sanitizers where there is no libFuzzer. The mutants are the same in every run.
+// For use with sanitizers on systems without libFuzzer. The mutants are the same in every run.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>

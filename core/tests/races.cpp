@@ -1,8 +1,8 @@
 // Shares animations among threads through the C interface, for ThreadSanitizer: races CALLS FILE...
 //
-// Each thread makes its part of the calls, on animations that all threads share: whichever thread needs data first
-// decodes them. Positions must equal those from a single thread, whatever the other threads do at the time. Calls may
-// be cancelled.
+// Each thread makes its part of the calls, on animations that all threads share: the first thread that needs data
+// decodes them. Positions must equal those from a single thread, whatever the other threads do at the same time. Calls
+// may be cancelled.
 #include <atomic>
 #include <cstdint>
 #include <cstdio>
@@ -16,7 +16,7 @@
 namespace {
 
 constexpr std::int64_t threads = 8;
-constexpr std::uint64_t max_kept = 1 << 12;  // room for few groups: they are evicted and decoded again
+constexpr std::uint64_t max_kept = 1 << 12;  // so small that groups are evicted and decoded again
 
 struct Shared {
     std::vector<std::uint8_t> data;
@@ -90,7 +90,7 @@ void call(const Shared &shared, std::int64_t kind) {
         case 3: check(pdeanim_verify(shared.file, &error), error); break;
         case 4: pdeanim_cancel(shared.run); break;
         case 5: {
-            // A run opened by this thread alone, in addition to the shared ones.
+            // A run that only this thread uses, in addition to the shared ones.
             pdeanim_animation *own = nullptr;
             check(pdeanim_open_run(shared.file, 0, &own, &error), error);
             check(positions(own, shared.times, out, &error), error);
@@ -138,7 +138,8 @@ int main(int argument_count, char **arguments) {
         for (int byte = std::fgetc(file); byte != EOF; byte = std::fgetc(file))
             shared.data.push_back(static_cast<std::uint8_t>(byte));
         std::fclose(file);
-        // Compute expected values in one thread, then close, so that threads begin with nothing decoded.
+        // Compute the expected values in one thread, then close the animations, so that the threads start with nothing
+        // decoded.
         open(shared);
         const double *times = pdeanim_times(shared.run);
         const std::int64_t last = pdeanim_frame_count(shared.run) - 1;

@@ -8,14 +8,13 @@ namespace pdeanim::text {
 
 namespace {
 
-constexpr int most_digits = 18;          // digits that are read; the 19th changes a number by less than 1e-17 of itself
+constexpr int most_digits = 18;          // digits that are read; the 19th changes a number by less than 1e-17 of it
 constexpr int most_exponent_digits = 4;  // exponents with more digits are left to the caller
-constexpr i64 largest_exponent =
-    60;  // above it everything but 0 overflows; below its negative minus 18 everything underflows
-constexpr i64 exact_power = 22;               // 10^22 is the largest power of ten that a double holds exactly
+constexpr i64 largest_exponent = 60;     // 10^60 overflows; mantissas with -60 - 18 underflow
+constexpr i64 exact_power = 22;          // 10^22 is the largest power of ten that a double holds exactly
 constexpr i64 exact_mantissa = i64{1} << 53;  // integers up to here are exact as doubles
-// Bounds the relative error of a scaled mantissa: conversion, power of ten, product and dropped digits cost under 4
-// units of 2^-53.
+// Bound on the relative error of a scaled mantissa: conversion, power of ten, product and dropped digits add up to less
+// than 4 units of 2^-53.
 constexpr double margin = 0x1p-50;
 constexpr i64 smallest_point = -3, largest_point = 9;  // 0.0001 to 999999999 are written without an exponent
 constexpr std::size_t number_width = 18;  // bytes of the longest number, "-1.23456789e-38", and a separator, with room
@@ -37,7 +36,8 @@ struct Scaled {
     bool is_certain;
 };
 
-// The float32 nearest to the float64 nearest to a decimal with a mantissa from 0 to 10^18, and whether that is certain.
+// Return the float32 nearest to the float64 nearest to a decimal, and whether that is certain. The mantissa is from 0
+// to 10^18.
 Scaled scale(const Decimal &decimal) {
     const auto [mantissa, exponent] = decimal;
     if (mantissa == 0) return {0.0f, true};
@@ -57,7 +57,7 @@ Scaled scale(const Decimal &decimal) {
     return {low, low == static_cast<float>(value * (1.0 + margin))};
 }
 
-// Return the first significant digits of a decimal number without sign and exponent.
+// Return the first significant digits of a decimal number that has neither a sign nor an exponent.
 Decimal keep_digits(const u8 *at, const u8 *end) {
     Decimal found{0, 0};
     int kept = 0;
@@ -76,13 +76,14 @@ Decimal keep_digits(const u8 *at, const u8 *end) {
     return found;
 }
 
-// The shortest decimal, of at most nine digits, that reads back to this number, which is finite and not negative; none
-// if nine digits are not enough.
+// Return the shortest decimal, of at most nine digits, that reads back to a number; nothing if nine digits do not
+// suffice. The number is finite and not negative.
 std::optional<Decimal> shortest(float number) {
     if (number == 0.0f) return Decimal{0, 0};
     const double wide = number;
     const i64 leading = static_cast<i64>(std::floor(std::log10(wide)));
-    // Every decimal of up to six digits survives float32. A shorter one is found as six digits that end in zeros.
+    // Begin with six digits, which float32 always preserves. A shorter decimal shows up as six digits with zeros at the
+    // end.
     for (int digits = 6; digits < 10; ++digits) {
         const i64 shift = digits - 1 - leading;
         if (shift > largest_exponent || shift < -largest_exponent) return {};
@@ -97,7 +98,7 @@ std::optional<Decimal> shortest(float number) {
     return {};
 }
 
-// Write a decimal that is not negative; returns the end.
+// Write a decimal that is not negative; return the end.
 u8 *write_decimal(const Decimal &decimal, u8 *out) {
     std::array<u8, 20> reversed;
     i64 count = 0;
@@ -108,7 +109,7 @@ u8 *write_decimal(const Decimal &decimal, u8 *out) {
     const auto zeros = [&](i64 number) {
         for (; number > 0; --number) *out++ = '0';
     };
-    const i64 point = count + decimal.exponent;  // digits before the point
+    const i64 point = count + decimal.exponent;  // number of digits before the decimal point
     if (point < smallest_point || point > largest_point) {
         digits(1);
         if (count > 0) *out++ = '.';
@@ -140,7 +141,7 @@ ReadNumber read_number(const u8 *at) {
     const bool is_negative = *at == '-';
     if (is_negative || *at == '+') ++at;
     const u8 *start = at;
-    u64 mantissa = 0;  // wraps with too many digits, and is then read again
+    u64 mantissa = 0;  // may overflow if there are too many digits, which are then read again
     for (; is_digit(*at); ++at) mantissa = mantissa * 10 + (*at - '0');
     i64 digits = at - start;
     i64 exponent = 0;
@@ -150,7 +151,7 @@ ReadNumber read_number(const u8 *at) {
         exponent = point - at;
         digits += at - point;
     }
-    // Most often the digits fit a double, or there are leading zeros.
+    // Usually the digits fit a double, or there are only too many because of leading zeros.
     const Decimal kept = digits > most_digits ? keep_digits(start, at) : Decimal{static_cast<i64>(mantissa), exponent};
     bool is_plain = digits > 0;
     i64 power = 0;

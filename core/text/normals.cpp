@@ -11,7 +11,8 @@ namespace pdeanim {
 
 namespace {
 
-// Corners of a block, unless its last face has more: their data stay in the first-level cache.
+// Number of corners of a block, whose data then stay in the first-level cache; a block with a single face may have
+// more.
 constexpr i64 block_corners = 128;
 
 // atan(q) / q for q from 0 to 1, as a polynomial of q^2 fitted at Chebyshev's points: relative error at most 2e-8.
@@ -29,8 +30,8 @@ struct Vectors {
 
 double length_of(double x, double y, double z) { return std::sqrt(x * x + y * y + z * z); }
 
-// Compute angles from their sines and cosines, both times the same factor; sines are not negative. No branches, so that
-// several are computed at once.
+// Compute angles from their sines and cosines, both multiplied by the same factor; sines are not negative. There are no
+// branches, so that several angles are computed at once.
 PDEANIM_INLINE void find_angles(const double *sines, const double *cosines, double *angles, i64 count) {
     for (i64 i = 0; i < count; ++i) {
         const double size = std::abs(cosines[i]);
@@ -99,7 +100,7 @@ void CornerNormals::find(const float *points, float *normals) const {
             const i32 size = face_sizes_[face];
             double x = product.x[first], y = product.y[first], z = product.z[first], length = sines[first];
             if (size > 3) {
-                // Measure from the first corner, so that nothing cancels far from the origin.
+                // Coordinates are relative to the first corner, so that nothing cancels far from the origin.
                 x = y = z = 0;
                 for (i64 k = first + 1; k + 1 < first + size; ++k) {
                     const double ax = at.x[k] - at.x[first], ay = at.y[k] - at.y[first], az = at.z[k] - at.z[first];

@@ -7,12 +7,12 @@ namespace pdeanim::text {
 
 namespace {
 
-enum class Line { other, vertex, texture, normal, face, line, point, library, nothing };  // nothing: blank or a comment
+enum class Line { other, vertex, texture, normal, face, line, point, library, nothing };  // nothing: blank or comment
 
 constexpr i64 most_index_digits = 10;  // 2^31 has ten digits; longer indices are refused before they overflow
 constexpr int most_vertex_extras = 4, most_texture_numbers = 3, most_normal_numbers = 3;
 
-// Whether a line's tokens end here: at a line feed or a comment.
+// Return whether the tokens of a line end at a byte: a line feed, or the start of a comment.
 constexpr bool ends_tokens(u8 byte) { return byte == '\n' || byte == '#'; }
 
 constexpr bool ends_token(u8 byte) { return byte == '\n' || is_blank(byte); }
@@ -31,7 +31,7 @@ const u8 *next_line(const u8 *at, const u8 *end) {
     return static_cast<const u8 *>(std::memchr(at, '\n', end - at)) + 1;
 }
 
-// Kind of the line whose first token starts here.
+// Return the kind of the line whose first token starts at `at`.
 Line kind_of(const u8 *at, const u8 *end) {
     const u8 first = *at;
     if (ends_tokens(first)) return Line::nothing;
@@ -56,7 +56,7 @@ struct Index {
     bool is_sound;
 };
 
-// An index as written.
+// Read an index as it is written.
 Index read_index(const u8 *at) {
     const bool is_negative = *at == '-';
     if (is_negative) ++at;
@@ -65,7 +65,7 @@ Index read_index(const u8 *at) {
     return {is_negative ? -value : value, at, digits > 0 && digits <= most_index_digits};
 }
 
-// An index from 0, from one that counts from 1 or back from the end so far.
+// Return an index that counts from 0. OBJ counts from 1, or back from the last element so far.
 constexpr i64 from_zero(i64 index, i64 so_far) { return index > 0 ? index - 1 : so_far + index; }
 
 }  // namespace
@@ -87,7 +87,7 @@ public:
     }
 
 private:
-    // Faces may use vertices that come later, so their number must be known first.
+    // Count vertices first: faces may use vertices that come later.
     void count() {
         i64 normals = 0;
         for (const u8 *at = first_; at < end_;) {
@@ -128,7 +128,7 @@ private:
     i64 vertices() const { return static_cast<i64>(scan_.vertex_sizes.size()); }
     i64 elements() const { return static_cast<i64>(scan_.element_sizes.size()); }
 
-    // Append the first `most` numbers of a line, with 0 for missing ones; return how many there are.
+    // Append the first `most` numbers of a line, with 0 for missing ones; return how many numbers the line has.
     i64 read_numbers(const u8 *at, i64 array, int most, std::vector<float> &numbers,
                      std::vector<UnreadNumber> &unread) {
         i64 tokens = 0;
@@ -189,7 +189,7 @@ private:
         scan_.element_sizes.push_back(size);
     }
 
-    // Read one v, v/vt, v//vn or v/vt/vn and move behind it.
+    // Read one v, v/vt, v//vn or v/vt/vn, and move behind it.
     ObjFault read_corner(const u8 *&at) {
         i64 vertex, texture = -1, normal = -1;
         ObjFault fault = read_reference(at, vertices(), vertex);
@@ -206,7 +206,7 @@ private:
                 if (!ends_token(*at)) {
                     fault = read_reference(at, static_cast<i64>(scan_.normals.size()) / most_normal_numbers, normal);
                     if (fault != ObjFault::none) return fault;
-                    // A normal that is not listed is still distinct from others.
+                    // A normal that the file does not list is kept: it may still distinguish corners.
                     normal = clamp<i64>(normal, -1, std::numeric_limits<i32>::max());
                 }
             }
@@ -238,17 +238,17 @@ ObjScan::ObjScan(std::span<const u8> text) { Reading(*this, text).run(); }
 
 namespace {
 
-// Whether a line must be the same in every frame.
+// Return whether a line must be the same in every frame.
 constexpr bool is_structure(Line kind) {
     return kind == Line::face || kind == Line::line || kind == Line::point || kind == Line::other;
 }
 
-// The bytes of a first frame that every frame must have too, part by part.
+// Compares the lines of a frame, one after another, with bytes of the first frame.
 class Compared {
 public:
     explicit Compared(std::span<const u8> first) : left_(first) {}
 
-    // Whether the next bytes equal those from `at` to `end`.
+    // Return whether the next bytes of the first frame equal those from `at` to `end`.
     bool continues(const u8 *at, const u8 *end) {
         const std::size_t size = end - at;
         if (size > left_.size() || std::memcmp(left_.data(), at, size) != 0) return false;

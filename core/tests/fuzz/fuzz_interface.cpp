@@ -1,8 +1,8 @@
-// A target of libFuzzer: makes calls of the C interface that the input bytes describe, with arbitrary numbers, on a
-// file that is read through a callback, which may fail or return too few bytes.
+// A target of libFuzzer: makes the calls of the C interface that the input bytes describe, with arbitrary numbers. The
+// file is read through a callback, which may fail or return too few bytes.
 //
 // If the bytes end in a mark, the calls come before the mark, and the file before the calls. Otherwise all bytes are
-// the file, and each kind of call is made once, so that the vectors work as valid files to begin with.
+// the file, and each kind of call is made once, so that the vectors are useful inputs to begin with.
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -14,12 +14,12 @@
 namespace {
 
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25, max_output = std::uint64_t{1} << 30;
-constexpr std::uint64_t most_numbers = 1 << 21;  // largest output of a call, outside the memory limit
+constexpr std::uint64_t most_numbers = 1 << 21;  // largest output of a call, which the memory limit does not count
 constexpr std::size_t most_calls = 12, most_times = 4, head_size = 2;
 constexpr std::uint8_t kinds = 6;
 constexpr std::string_view mark = "CALL";
 
-// A caller's decisions, taken from the end of the bytes.
+// A call and its numbers, taken from the end of the bytes.
 struct Call {
     std::uint8_t what = 0, quantity = 0;
     std::int64_t number = 0;
@@ -31,7 +31,7 @@ Call call_at(const std::uint8_t *data) {
     Call call{.what = data[0], .quantity = data[1]};
     std::memcpy(&call.number, data + 2, sizeof call.number);
     std::memcpy(&call.time, data + 2 + sizeof call.number, sizeof call.time);
-    if (call.what & 0x80) call.number %= 4;  // mostly an existing one
+    if (call.what & 0x80) call.number %= 4;  // usually the number of something that exists
     return call;
 }
 
@@ -55,7 +55,7 @@ void check(pdeanim_status status) {
     if (status == PDEANIM_INTERNAL) std::abort();
 }
 
-// Evaluate at most_times times at once, which may include NaN.
+// Evaluate at up to most_times times at once, some of which may be NaN.
 void evaluate(pdeanim_animation *animation, const Call &call) {
     const auto vertices = static_cast<std::uint64_t>(pdeanim_vertex_count(animation));
     if (vertices * most_times * 3 > most_numbers) return;

@@ -1,6 +1,6 @@
-// A target of libFuzzer: opens bytes as a file, and requests everything in it, within a small memory limit.
+// A target of libFuzzer: opens the input bytes as a file, and requests everything in it, within a small memory limit.
 //
-// If built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION, checksums are not compared, so that damage reaches the
+// If built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION, checksums are not compared, so that damaged bytes reach the
 // decoders.
 #include <cstdint>
 #include <cstdlib>
@@ -11,7 +11,7 @@
 namespace {
 
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25;
-constexpr std::int64_t most_evaluated = 1 << 18;  // largest number of positions to evaluate, outside the memory limit
+constexpr std::int64_t most_evaluated = 1 << 18;  // largest number of positions: the memory limit does not count them
 constexpr std::int64_t most_runs = 16;            // largest number of runs to open
 
 void ask_for_objects(pdeanim_animation *animation) {
