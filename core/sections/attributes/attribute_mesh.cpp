@@ -9,7 +9,7 @@ namespace pdeanim {
 
 namespace {
 
-// Bits of the largest component of a face's normal, and of the edges whose cross products it sums.
+// Bits of the largest component of a face's normal, and of the edges whose cross products are summed for it.
 constexpr int normal_bits = 12, edge_bits = 16;
 
 GridPoint normal_of(std::span<const i32> vertices, std::span<const GridPoint> grid) {
@@ -124,7 +124,7 @@ namespace {
 
 enum Order { forward, backward, by_site };
 
-// A site, or -1, and up to four codes.
+// The point of an element, or -1, and up to four codes of its value.
 using Key = std::array<i32, 5>;
 
 std::vector<Key> keys_of(std::span<const i32> codes, int channels) {
@@ -135,7 +135,7 @@ std::vector<Key> keys_of(std::span<const i32> codes, int channels) {
     return keys;
 }
 
-// Corners of faces, each face from its last corner.
+// Return the corners of all faces, face after face, in each face from its last corner to its first.
 std::vector<i32> backward_corners(const Polygons &polygons) {
     std::vector<i32> sequence;
     for (i64 face = 0; face < polygons.faces; ++face) {

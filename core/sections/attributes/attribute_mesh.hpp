@@ -1,4 +1,4 @@
-// The mesh that the attributes of one object are attached to, and the knowledge that attributes share.
+// The mesh that an object's attributes are attached to, and what one attribute tells about the next.
 #pragma once
 
 #include <algorithm>
@@ -21,9 +21,10 @@ using GridPoint = std::array<i64, 3>;  // grid coordinates of a vertex of the re
 enum class Domain : u8 { vertex, face, corner, object };
 constexpr i64 domain_count = 4;
 
-// Elements that have values, and their corners: a corner, a vertex, a face, or a row that is listed separately.
+// The elements that have values, and the corners of each. An element is a corner, a vertex, a face, or a row that is
+// listed separately.
 struct AttributeElements {
-    // of_corner: element of each corner, -1 for none.
+    // of_corner: element of each corner, -1 if it has none; count: number of elements.
     AttributeElements(std::vector<i32> of_corner, i64 count);
 
     i64 count() const { return static_cast<i64>(starts.size()) - 1; }
@@ -43,28 +44,28 @@ public:
     std::span<const GridPoint> grid() const { return grid_; }
     i64 corners() const { return static_cast<i64>(polygons_.vertex.size()); }
 
-    // Vertex of each corner of a face.
+    // Return the vertex of each corner of a face.
     std::span<const i32> face_corners() const {
         return {polygons_.vertex.data(), static_cast<std::size_t>(polygons_.starts[polygons_.faces])};
     }
 
-    // The polygons over vertices, and over points: vertices at the same grid point are one.
+    // Return the polygons with vertices as corners, or with points: vertices at the same grid point count as one point.
     const CornerTable &by_vertex();
     const CornerTable &by_point();
 
-    // Normals of polygons, with at most 12 bits in the largest component.
+    // Return the normals of polygons, scaled so that the largest component has at most 12 bits.
     const std::vector<GridPoint> &normals();
 
-    // The elements of a domain; `count` is their number.
+    // Return the elements of a domain; count: how many there are.
     AttributeElements elements_of(Domain domain, i64 count) const;
 
-    // Number of elements of a domain; 0 for objects, whose rows are counted separately.
+    // Return the number of elements of a domain; 0 for objects, whose rows are counted separately.
     i64 count_of(Domain domain) const;
 
-    // Wedge of each corner in the previous attribute; empty without one.
+    // Wedge of each corner in the previous attribute; empty if there was none.
     std::vector<i32> earlier;
 
-    // Values of the previous measured attribute, if any.
+    // Values of the previous measured attribute; null if there was none.
     std::unique_ptr<WedgeField> measured;
 
 private:
@@ -75,13 +76,13 @@ private:
     bool has_points_ = false;
 };
 
-// Items numbered from 0 in order of first occurrence; equal items share a number.
+// Items numbered from 0 in order of first occurrence; equal items have the same number.
 struct Numbered {
-    std::vector<i32> of;     // each thing's number
-    std::vector<i32> first;  // the first item of each number
+    std::vector<i32> of;     // number of each item
+    std::vector<i32> first;  // for each number, the first item that has it
 };
 
-// By sorting, so that no choice of keys makes it slow.
+// Number items by their keys. Done by sorting, so that no choice of keys makes it slow.
 template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     std::vector<std::pair<Key, i32>> sorted;
     sorted.reserve(keys.size());
@@ -89,7 +90,7 @@ template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     std::sort(sorted.begin(), sorted.end());
     Numbered found;
     found.of.resize(keys.size());
-    // Initially, the first item that each one equals.
+    // For each item, the first item that equals it.
     i32 first = 0;
     for (std::size_t k = 0; k < sorted.size(); ++k) {
         if (k == 0 || sorted[k].first != sorted[k - 1].first) first = sorted[k].second;
@@ -107,7 +108,7 @@ template <class Key> Numbered number_by_key(const std::vector<Key> &keys) {
     return found;
 }
 
-// Some rows of an array with `channels` numbers per row.
+// Return some rows of an array with `channels` numbers per row.
 template <class T> std::vector<T> rows_of(const std::vector<T> &values, i64 channels, std::span<const i32> rows) {
     std::vector<T> found;
     found.reserve(rows.size() * channels);
@@ -118,20 +119,21 @@ template <class T> std::vector<T> rows_of(const std::vector<T> &values, i64 chan
     return found;
 }
 
-// Number rows of up to four numbers, in an array of `channels` per row.
+// Number rows of up to four numbers; `codes` has `channels` numbers per row.
 Numbered number_rows(std::span<const i32> codes, int channels);
 
-// For each corner, number its key among those of its vertex, in order of first occurrence.
+// Number the keys at each vertex, in order of first occurrence; return the number for each corner.
 std::vector<i32> fan_numbers(std::span<const i32> vertices, std::span<const i32> keys);
 
-// Rules of rows: one per element; one per vertex, for corners; listed; and from `first_used` on, numbered by first use:
-// two rules for each order of elements, with rows shared by equal values at a vertex, or by all equal values. The
-// orders are: forward; backward in each face; corners by vertex.
+// How the rows of indexed values are numbered. Either each element has its own row, or each vertex has one (for
+// corners), or rows are listed, or they are numbered by first use. From `first_used` on there are two rules for each
+// order of elements: equal values share a row at a vertex, or everywhere. The orders are forward, backward in each
+// face, and corners by vertex.
 enum RowRule : i64 { not_indexed, by_vertex, listed, first_used, last_rule = first_used + 5 };
 
-// Number rows by first use: return the row of each element, and an element of each row.
+// Number rows by first use. Return the row of each element, and for each row the first element that has it.
 //
-// rule: `first_used` or more; codes: those of every element.
+// rule: `first_used` or more; codes: those of all elements.
 Numbered number_by_use(const AttributeMesh &mesh, Domain domain, i64 rule, std::span<const i32> codes, int channels);
 
 }  // namespace pdeanim

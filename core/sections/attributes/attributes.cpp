@@ -18,28 +18,28 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "bytes of values are read and written as they lie in memory");
 
-// Peak memory of an object with attributes, per corner: three corner tables, the walk, normals; of an attribute, per
-// element or row: its wedge, the wedge's fan, its place in the walk and in the rows; and per number: codes, linear
+// Peak memory. Per corner of an object with attributes: three corner tables, the traversal, normals. Per element or row
+// of an attribute: its wedge, the wedge's fan, its place in the traversal and in the rows. Per number: codes, linear
 // values, lengths, predictions, the result.
 constexpr i64 bytes_per_corner = 320, bytes_per_element = 200, bytes_per_number = 64;
 
-// Memory of an attribute without values, and of a short text, in Python.
+// Memory in Python of an attribute without values, and of a short text.
 constexpr i64 bytes_per_attribute = 1024, bytes_per_label = 128;
 
-constexpr i64 most_rows = (i64{1} << 31) - 1;  // they are numbered by int32
+constexpr i64 most_rows = (i64{1} << 31) - 1;  // rows are numbered by int32
 
-// A value is common if it occurs at least this often, and makes up this fraction of all values: an entry of a table
-// costs four bytes.
+// A value is common if it occurs at least this often, and makes up at least this share of all values: its entry in a
+// table costs four bytes.
 constexpr double least_common = 4, common_share = 0.02;
 constexpr std::size_t most_common = 16;
 
-constexpr double most_tabled = 0.95;  // fraction of different values beyond which a table of all does not pay
+constexpr double most_tabled = 0.95;  // share of different values above which a complete table does not pay
 
-// Sizes that a file declares are clamped to this, so that their products and sums stay within 64 bits.
+// Sizes that a file declares are clamped to this, so that products and sums of two stay within 64 bits.
 constexpr i64 immense = i64{1} << 60;
 constexpr i64 product(i64 a, i64 b) { return b && a > immense / b ? immense : a * b; }
 
-// Replace codes by indices into tables that hold all values, or only the common ones.
+// Replace codes by indices into tables, which hold all values or only the common ones.
 Codes tabled(const std::vector<i32> &full, int channels, bool all_in) {
     Codes found{full, {}};
     const std::size_t rows = full.size() / channels;
@@ -79,7 +79,7 @@ double cost_of(WedgeField &field, Codes &codes) {
     return coder.bits();
 }
 
-// Choose tables of common values, or of all of them, whichever costs less.
+// Return codes with tables of the common values or with complete tables, whichever cost less.
 Codes best_tables(WedgeField &field, const std::vector<i32> &full) {
     Codes found = tabled(full, field.channels(), false), complete = tabled(full, field.channels(), true);
     std::size_t entries = 0;
@@ -88,15 +88,15 @@ Codes best_tables(WedgeField &field, const std::vector<i32> &full) {
     return cost_of(field, complete) < cost_of(field, found) ? complete : found;
 }
 
-// Decoded parts of an attribute.
+// The decoded parts of an attribute.
 struct Decoded {
     i64 rows = 0;
     std::optional<std::vector<i32>> indices;
-    Channels channels;      // channels of every element
-    std::vector<u8> bytes;  // bytes of raw values
+    Channels channels;      // measured values or labels
+    std::vector<u8> bytes;  // raw values
 };
 
-// Codes attributes one after the other; statistics of one help with the next.
+// Codes the attributes of all objects one after another, so that each benefits from the statistics of those before.
 template <Mode mode> class AttributeCoder {
 public:
     // Memory of decoded data is counted in `taken`.
@@ -105,7 +105,7 @@ public:
 
     i64 code_count(i64 attributes) { return number(of_part, attributes); }
 
-    // Code one attribute: the planned one when encoding; return the decoder's result when decoding.
+    // Code one attribute: `plan` when encoding; return the decoded attribute when decoding.
     Attribute code(AttributeMesh &mesh, const AttributePlan &plan) {
         const AttributeHead head = code_head(plan.head);
         const Domain domain = static_cast<Domain>(head.domain);
@@ -214,7 +214,7 @@ private:
         }
     }
 
-    // First bytes of all values, then second bytes: similar bytes compress together.
+    // Arrange the first bytes of all values, then the second bytes, and so on: similar bytes compress together.
     std::vector<u8> code_raw(std::span<const u8> values, i64 count, i64 size) {
         std::vector<u8> planes(count * size);
         const auto place = [&](i64 at) { return at % size * count + at / size; };
@@ -241,7 +241,7 @@ private:
         return wedges;
     }
 
-    // Code integers of all elements; CorruptError if one is outside `lowest` to `highest`.
+    // Code integers for all elements; CorruptError if one is below `lowest` or above `highest`.
     std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const AttributeElements &elements,
                                    std::span<const i32> wanted, i64 lowest, i64 highest, const char *what) {
         const Wedges wedges = code_wedges(use, mesh, mesh.by_point(), elements, true, wanted);
@@ -288,7 +288,7 @@ private:
 
     Scales code_scales(const AttributeHead &head, const Scales &given) {
         if (head.kind == colours) return byte_scales(static_cast<int>(head.channels()));
-        constexpr i64 offset = largest_shift + 1;  // shifts may be negative
+        constexpr i64 offset = largest_shift + 1;  // makes a shift, which may be negative, positive
         const i64 shift = number(of_shift, given.shift + offset) - offset;
         if (size_of(shift) > largest_shift) throw CorruptError("has a unit out of range");
         Scales found;
@@ -363,15 +363,15 @@ private:
 
     RangeCoder<mode> &coder_;
     TakenMemory &taken_;
-    TakenMemory for_a_while_;  // while one attribute is decoded
+    TakenMemory for_a_while_;  // taken while one attribute is decoded
     std::array<NumberModel, fields> numbers_;
     TextModel texts_{true};
     std::optional<TextModel> bytes_;
     std::array<WedgeModel, uses> wedges_;
     AscendingModel tables_;
-    // Made on first use: they are large.
+    // These models are large, so they are made on first use.
     std::map<Use, StepModel> lists_;
-    std::map<std::pair<i64, int>, ValueModel> values_;  // for each kind and number of channels
+    std::map<std::pair<i64, int>, ValueModel> values_;  // by kind of values and number of channels
 };
 
 }  // namespace

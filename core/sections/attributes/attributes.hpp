@@ -1,8 +1,8 @@
 // Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder already has.
 //
-// Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
-// are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows numbered by first
-// use cost nothing to number.
+// Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what the
+// values are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows that are
+// numbered by first use cost nothing to number.
 //
 // This folder codes section ATTR (17 of the specification). Begin here: attributes.cpp has the stream, plan the head of
 // an attribute and the model of its values, wedges the equal values around a point and their prediction, scales the
@@ -19,7 +19,7 @@
 
 namespace pdeanim {
 
-// Types by their number in the stream; bytes of values are in the machine's order, which is little-endian.
+// Types, with their numbers in the stream. The bytes of values are little-endian, as on every supported machine.
 enum class ValueType : i64 { float32, float64, int32, uint8, int64 };
 constexpr i64 value_types = 5;
 
@@ -30,12 +30,12 @@ constexpr i64 bytes_of(ValueType type) {
 
 // Constant data that travels with an object.
 struct Attribute {
-    i64 numbers() const { return columns ? columns - 1 : 1; }  // per row
+    i64 numbers() const { return columns ? columns - 1 : 1; }  // number of numbers per row
 
-    std::string name;  // UTF-8, as the labels
+    std::string name;  // UTF-8, like the labels
     Domain domain = Domain::vertex;
     ValueType type = ValueType::float32;
-    i64 rows = 0, columns = 0;  // columns: 0 for values of one dimension, else 1 more than the number of columns
+    i64 rows = 0, columns = 0;  // columns: 0 for one-dimensional values, else 1 + the number of columns
     std::vector<u8> values;
     std::optional<std::vector<i32>> indices;  // row of each element of the domain, -1 for none
     std::vector<std::string> labels;
@@ -52,23 +52,24 @@ struct AttributeView {
     std::vector<std::string> labels;
 };
 
-// One object, and its attributes to encode.
+// One object, and the attributes of it to encode.
 struct AttributedPart {
     ConnectivityView connectivity;
     std::vector<AttributeView> attributes;
 };
 
 struct AttributeSettings {
-    std::optional<double> uv_tolerance;  // largest error of texture coordinates on each axis; none: exact
-    bool keeps_rows = true;              // whether rows of indexed values keep their numbers
+    std::optional<double> uv_tolerance;  // largest error of texture coordinates on each axis; empty: exact
+    bool keeps_rows = true;              // whether the rows of indexed values keep their numbers
 };
 
-// grid: of the vertices of all parts, one part after the other. Indices are -1 or rows of the values.
+// Encode the attributes of all parts. grid: of the vertices of all parts, one part after the other. An index is a row
+// of the values, or -1.
 std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::span<const GridPoint> grid,
                                   const AttributeSettings &settings);
 
 // Return the attributes of each part. CorruptError if the section is damaged, LimitError if all attributes together
-// need more than is left; the memory of the result is counted in `taken`.
+// need more memory than is left. The memory of the result is counted in `taken`.
 std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, std::span<const ConnectivityView> parts,
                                                       std::span<const GridPoint> grid, TakenMemory &taken);
 

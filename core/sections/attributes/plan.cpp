@@ -10,10 +10,11 @@ namespace pdeanim {
 
 namespace {
 
-// Texture coordinates have this name, or this name followed by a colon and a name.
+// Texture coordinates have this name, or this name, a colon and another name.
 constexpr std::string_view uv = "uv";
 
-// Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, in the order of its corners.
+// Name of the integer attribute of corners that says which corners of a vertex share a normal: those with equal
+// numbers, which count from 0 at each vertex, in the order of its corners.
 constexpr std::string_view normal_group = "normal_group";
 
 template <class T> std::vector<T> values_as(const AttributeView &attribute) {
@@ -22,8 +23,8 @@ template <class T> std::vector<T> values_as(const AttributeView &attribute) {
     return values;
 }
 
-// Return whether the coder can find the fans that the elements are numbered by: at a vertex of many corners it looks at
-// some corners only.
+// Return whether the coder can reproduce the fans that the numbers describe. At a vertex of many corners it examines
+// only some of them.
 bool are_fans(const AttributeView &attribute, const std::vector<i32> &numbers, const AttributeMesh &mesh) {
     if (attribute.name != normal_group || attribute.domain != Domain::corner || attribute.indices) return false;
     const std::span<const i32> vertices = mesh.face_corners();
@@ -59,7 +60,7 @@ i64 plain_rule(const AttributeView &attribute, const AttributeMesh &mesh) {
     return std::ranges::equal(*attribute.indices, mesh.face_corners()) ? by_vertex : listed;
 }
 
-// Return a rule that reproduces the numbers of rows; if they are free, any rule without a list.
+// Return a rule that reproduces the numbers of rows; if rows may be renumbered, some rule that needs no list.
 i64 rule_of(const AttributeView &attribute, const AttributeMesh &mesh, std::span<const i32> codes, int channels,
             bool is_free) {
     for (i64 rule = first_used; rule <= last_rule; ++rule) {
@@ -105,7 +106,7 @@ AttributePlan plan_of(const AttributeView &attribute, const AttributeMesh &mesh,
         i64 divisor = 1;
         if (settings.uv_tolerance && attribute.name.substr(0, attribute.name.find(':')) == uv) {
             divisor = round_within(values, channels, *settings.uv_tolerance);
-            is_free = true;  // rows that became equal may come back as one
+            is_free = true;  // equal rows may be merged into one
         }
         plan.channels = codes_of_floats(values, channels, divisor);
     } else if (attribute.type == ValueType::uint8 && head.kind < raw) {
@@ -132,9 +133,9 @@ AttributePlan plan_of(const AttributeView &attribute, const AttributeMesh &mesh,
 
 namespace {
 
-constexpr int is_common = 34;  // stands for the length of the residual of a common value, plus 1
+constexpr int is_common = 34;  // stands for the residual's length plus 1 if a value is common
 
-// Return the place of the entry nearest to a code, the lower of two; the table is not empty.
+// Return the place of the entry nearest to a code, the lower of two equally near ones. The table is not empty.
 i64 nearest_place(const std::vector<i64> &table, i64 code) {
     const auto above = std::lower_bound(table.begin(), table.end(), code);
     const i64 place = above - table.begin();
@@ -159,7 +160,7 @@ ValueModel::ValueModel()
     : by_channel_(rows * sizes * most_channels), by_prediction_(rows * predictions * sizes),
       by_spread_(rows * sizes * sizes) {}
 
-// Code the length, the digits below the first, and the sign.
+// Code the length of a residual, the digits after the leading one, and the sign.
 template <Mode mode>
 i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outlook &of, i64 residual) {
     const i64 size = size_of(residual);
@@ -195,7 +196,7 @@ i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outl
     return coder.bit(sign, residual < 0) ? -value : value;
 }
 
-// Code whether a value is in the table of its channel, and its place, or -1.
+// Code whether a value is in the table of its channel, and if so where; return the place, or -1.
 template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
                                                  int distance, const Outlook &of, i64 code) {
     const bool is_in = mode != Mode::decode && std::binary_search(table.begin(), table.end(), code);
@@ -206,7 +207,7 @@ template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const 
         common_weights_.data(), is_in);
     history_ = (2 * history_ + is_there) & 15;
     if (!is_there) return -1;
-    // The nearest first, then the others in order; the last one is implied.
+    // Try the nearest entry first, then the others in order; the last one needs no bit.
     i64 place = nearest;
     const i64 others = static_cast<i64>(table.size()) - 1;
     for (i64 turn = 0; turn < others; ++turn) {

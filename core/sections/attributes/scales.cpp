@@ -8,9 +8,9 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int float_bits = 24;  // bits of a float32's fraction: on a grid with more points every float32 is a point
+constexpr int float_bits = 24;  // digits of a float32's fraction: a finer grid than this would hold every float32
 
-// Divisors of the grids that are tried, from the coarsest on, and one more.
+// Return the divisors of the grids to try, in increasing order: the usual ones and another one.
 std::vector<i64> divisors_and(i64 another) {
     std::vector<i64> divisors = {255, 1023, 4095, 32767, 65535, another};
     for (int digits = 0; digits < float_bits + 7; ++digits) divisors.push_back(i64{1} << digits);
@@ -36,12 +36,12 @@ i32 place_of(float value) {
     return bits < 0 ? -1 - (bits & INT32_MAX) : bits;
 }
 
-// Every `step`-th value, from `first` on.
+// One channel of an array: every `step`-th value, from `first` on.
 struct Column {
     std::span<const float> values;
     std::size_t first, step;
 
-    // Write the codes of the values on a grid; return whether it holds all of them.
+    // Write the codes of a column's values on a grid; return whether the grid holds all values exactly.
     bool write_codes(const Scale &scale, std::vector<i32> &codes) const {
         for (std::size_t at = first; at < values.size(); at += step) {
             const std::optional<i32> code = code_on(scale, values[at]);
@@ -52,13 +52,13 @@ struct Column {
     }
 };
 
-// Return the coarsest grid that holds a column, if any; values are below 2^exponent.
+// Return the coarsest grid that holds a column exactly, if any. All values are below 2^exponent.
 std::optional<Scale> grid_of(const Column &column, int exponent, std::span<const i64> divisors,
                              std::vector<i32> &codes) {
     for (const i64 divisor : divisors) {
         if (static_cast<double>(divisor) > std::ldexp(1.0, float_bits - exponent)) return std::nullopt;
         for (const Scale::Kind kind : {Scale::fraction, Scale::complement}) {
-            // If values are fractions of a power of two, so are their complements.
+            // If values are fractions of a power of two, their complements are too: no need to try.
             if (kind == Scale::complement && std::has_single_bit(static_cast<u64>(divisor))) continue;
             const Scale scale{kind, divisor};
             if (column.write_codes(scale, codes)) return scale;
@@ -148,7 +148,7 @@ i64 round_within(std::span<float> values, int channels, double tolerance) {
         if (std::isnan(value)) return divisor;
         largest = most(largest, std::abs(static_cast<double>(value)));
     }
-    // Rounding to float32 may move a value by more than half of the grid: then the next finer one may do.
+    // Rounding to float32 may move a value by more than half a grid width. Then try a grid twice as fine.
     for (const i64 finer : {divisor, 2 * divisor}) {
         const double unit = static_cast<double>(finer);
         if (!(largest * unit <= static_cast<double>(largest_code))) continue;

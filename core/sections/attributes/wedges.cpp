@@ -6,7 +6,8 @@ namespace pdeanim {
 
 namespace {
 
-// Return the corner at `vertex` in the polygon across `edge`, and the one at its other end; -1, -1 if there is none.
+// Return two corners of the polygon across `edge`: the one at `vertex` and the one at the edge's other end; -1, -1 if
+// there is no such polygon.
 std::pair<i32, i32> across(const CornerTable &corners, i32 edge, i32 vertex) {
     const i32 opposite = corners.opposite[edge];
     if (opposite < 0) return {-1, -1};
@@ -20,7 +21,7 @@ WedgeModel::WedgeModel()
     : by_ends_(kinds * likenesses * likenesses * 3), by_bend_(kinds * bends * likenesses * likenesses),
       by_history_(histories * kinds * likenesses) {}
 
-// 0 unknown, 1 at 90 degrees or more, up to 7 flat.
+// Class of the angle between two normals: 0 unknown, 1 at 90 degrees or more, up to 7 for parallel normals.
 int WedgeModel::bend_of(const GridPoint &one, const GridPoint &another) {
     i64 dot = 0, square = 0, other_square = 0;
     for (int k = 0; k < 3; ++k) {
@@ -30,7 +31,7 @@ int WedgeModel::bend_of(const GridPoint &one, const GridPoint &another) {
     }
     const i64 squares = square * other_square;
     if (squares == 0 || dot <= 0) return squares ? 1 : 0;
-    // 1 / sin^2 of the angle between them.
+    // 1 / sin^2 of the angle between the normals.
     return least(1 + bit_length(squares / most<i64>(squares - dot * dot, 1)), bends - 1);
 }
 
@@ -52,7 +53,7 @@ template <Mode mode> Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeM
     const i64 count = elements.count();
     Wedges wedges;
     wedges.of_element.assign(count, -1);
-    std::vector<i32> compared;  // the element compared last with each wedge
+    std::vector<i32> compared;  // the element that was last compared with each wedge
     const auto wedge_at = [&](i32 corner) {
         const i32 element = corner < 0 ? -1 : elements.of_corner[corner];
         return element < 0 ? -1 : wedges.of_element[element];
@@ -119,16 +120,16 @@ template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, co
 
 namespace {
 
-constexpr i64 most_corners = 16;  // corners of a wedge that are examined
+constexpr i64 most_corners = 16;  // number of a wedge's corners that are examined
 constexpr int ratio_bits = 16;    // fraction bits of a ratio of lengths
-constexpr int vector_bits = 14;   // bits of the largest component of three edges, whose squares are multiplied
-// Largest distance of a point along an edge, in edge lengths, and across it, in distances of the third known point (8
-// and 4); beyond it a prediction only amplifies noise.
+constexpr int vector_bits = 14;  // digits of the largest component of three edges, before their products are multiplied
+// Largest distance of a point along an edge (8 edge lengths) and across it (4 times the distance of the third known
+// point). Farther away, a prediction only amplifies noise.
 constexpr int along_bits = 3, aside_bits = 2;
 constexpr int thinnest_bits = 10;  // smallest height of a triangle over its edge, squared; thinner ones do not predict
 constexpr int score_bits = 10, score_rate = 3;
 
-// Rounded down, for numbers below 2^62.
+// Return the square root of a number below 2^62, rounded down.
 i64 square_root(i64 number) {
     if (number <= 0) return 0;
     i64 root = i64{1} << ((bit_length(number) + 1) >> 1);
@@ -139,7 +140,7 @@ i64 square_root(i64 number) {
     }
 }
 
-// Make the polygons of a mesh over wedges, with one more wedge for corners without one.
+// Return the polygons of a mesh with wedges as vertices. Corners without a wedge get one more wedge.
 CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, const Wedges &wedges) {
     const i32 none = static_cast<i32>(wedges.count());
     Polygons polygons;
@@ -154,14 +155,13 @@ CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, 
     return CornerTable(std::move(polygons));
 }
 
-// Convert a value to another unit.
+// Convert a linear value to another unit.
 i32 shifted(i64 linear, int up) {
     if (up < 0) return static_cast<i32>(linear >> least(-up, linear_bits + 1));
     const i64 value = linear * (i64{1} << least(up, linear_bits + 1));
     return static_cast<i32>(clamp(value, -largest_linear, largest_linear));
 }
 
-// Return a rounded mean.
 i64 mean(i64 sum, i64 count) { return floor_divide(2 * sum + count, 2 * count); }
 
 }  // namespace
@@ -194,8 +194,8 @@ void WedgeField::restart() {
     scores_.fill(0);
 }
 
-// Predict x from the triangle a, b, c of the map, across its edge from a to b or in its plane; from a and b alone if c
-// is negative.
+// Predict the value at x from the known values at the triangle a, b, c, either across its edge from a to b or within
+// its plane. If c is negative, predict from a and b alone.
 void WedgeField::continue_map(i32 a, i32 b, i32 c, i32 x, bool is_across) {
     const GridPoint &from = positions_[a], &third = positions_[c >= 0 ? c : a];
     GridPoint to_b, to_x, to_c;
@@ -270,8 +270,8 @@ i32 WedgeField::known_at(i32 corner, i32 x) const {
     return is_known_[wedge] && wedge != x ? wedge : -1;
 }
 
-// Predict x at a corner from a side of its polygon: the one after the next corner, or before the previous. Return
-// whether the map was continued from the ends of a side alone, which happens once.
+// Predict x across a side of its polygon: the side after the next corner, or the side before the previous corner.
+// Return whether a prediction from the two ends of a side alone has been made, which happens only once.
 bool WedgeField::look_across(i32 x, i32 corner, bool is_before, bool has_turned) {
     const std::vector<i32> &next = corners_.next, &previous = corners_.previous;
     const i32 edge = is_before ? previous[previous[corner]] : next[corner], end = next[edge];
@@ -286,7 +286,7 @@ bool WedgeField::look_across(i32 x, i32 corner, bool is_before, bool has_turned)
             if (size == 3 && corners_.size[opposite] == 3) add_parallelogram(a, b, c);
         }
     }
-    // The two sides of a quad have the same three corners.
+    // Both sides of a quad lead to the same three corners.
     if (size > 4 || (size == 4 && !is_before)) {
         const i32 near = is_before ? next[corner] : previous[corner], far = is_before ? previous[edge] : next[end];
         i32 c = known_at(near, x);
@@ -312,7 +312,7 @@ const WedgeField::Findings &WedgeField::look_around(i32 x) {
                 expected[k] += length(neighbour, k);
             }
         }
-        // In a triangle both sides are the same.
+        // A triangle has only one side that does not touch the corner.
         if (size < 3) continue;
         const bool has_turned = look_across(x, corner, false, false);
         if (size > 3) look_across(x, corner, true, has_turned);

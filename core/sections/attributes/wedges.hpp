@@ -2,8 +2,8 @@
 //
 // Elements with the same value at one point form a wedge (Hoppe 1998, "Efficient implementation of progressive
 // meshes"). Each element in turn is compared with the wedges at its corners, first with those across the two sides of
-// the corner; an element that equals none begins a wedge. A border between wedges continues along an edge, bends with
-// the surface, and often follows that of another attribute.
+// the corner. An element that equals none of them begins a new wedge. A border between wedges continues along an edge,
+// bends with the surface, and often follows the border of another attribute.
 #pragma once
 
 #include <array>
@@ -27,29 +27,30 @@ struct Wedges {
 class WedgeModel {
 public:
     static constexpr i64 most_corners =
-        16;  // of an element, and at a point, that are examined, so that time stays linear
+        16;  // corners of an element, and at a point, that are examined: keeps the time linear
 
     WedgeModel();
 
     // Code the wedge of every element of a mesh.
     //
-    // corners: of the mesh, over its vertices or points; has_runs: whether an element is finally compared with the one
-    // before it; wanted: numbers that are equal where values are, for every element; unused when decoding.
+    // corners: of the mesh, with vertices or points as corners; has_runs: whether an element is finally compared with
+    // the previous element; wanted: for every element a number, equal for equal values; unused when decoding.
     template <Mode mode> Wedges code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
                                      const AttributeElements &elements, bool has_runs, std::span<const i32> wanted);
 
 private:
-    // What an element is compared with: the wedge across the side before its corner, across the side after it, at any
-    // other corner there; and the wedge of the previous element, since values come in runs.
+    // What an element is compared with: the wedge across the side before its corner, the wedge across the side after
+    // it, the wedges at other corners there, and the wedge of the previous element, because equal values often follow
+    // each other.
     enum Kind { beside_before, beside_after, around, latest };
     enum Likeness { unsure, same, other };
 
     struct Comparison {
         Kind kind;
-        Likeness ends, agreement;  // of the other ends of the side, and of the wedges across both sides
+        Likeness ends, agreement;  // at the other ends of the side; of the wedges across both sides
         int refused;               // number of wedges that the element did not equal
-        int bend;                  // flatness of the edge between the two polygons
-        Likeness seam;             // likeness of the wedges here in the previous attribute
+        int bend;                  // class of the angle between the two polygons
+        Likeness seam;             // whether the previous attribute had one wedge here
     };
 
     static Likeness likeness(i32 one, i32 another) {
@@ -70,23 +71,23 @@ private:
 // The wedges of an attribute as vertices of a mesh, and the prediction of their values from known wedges around them.
 //
 // Values are points of a map of the surface: texture coordinates, or colours. Across an edge with known ends, the map
-// continues as on its other side (an affine map, from three known points), or without distortion, to one side of the
-// edge or mirrored to the other (Isenburg and Snoeyink 2003, "Compressing texture coordinates with selective linear
-// predictions", measure how often maps are of this kind). Where lengths do not help, parallelograms and the mean of the
-// neighbours remain, and the other attribute's value here. The prediction with the smallest recent errors is used.
-// Everything is integer arithmetic.
+// continues as on the other side of the edge (an affine map, from three known points), or without distortion, turned to
+// one side of the edge or mirrored to the other. (Isenburg and Snoeyink 2003, "Compressing texture coordinates with
+// selective linear predictions", measure how often maps are of this kind.) If lengths do not help, there are
+// parallelograms, the mean of the neighbours, and the value of another attribute at the same place. The prediction with
+// the smallest recent errors is used. Everything is integer arithmetic.
 class WedgeField {
 public:
     // Kinds of prediction; of equally good ones the first is used.
     enum Way { affine, turned, mirrored, parallelogram, neighbours, other_attribute, ways };
 
-    // Numbers of one value, in a common unit or as lengths.
+    // One number per channel: a value in the common unit, or lengths.
     using Row = std::array<i64, most_channels>;
 
     // Predictions found around a wedge.
     struct Findings {
         std::array<Row, ways> predicted{};
-        std::array<i64, ways> counts{};  // number of predictions that each mean is made of
+        std::array<i64, ways> counts{};  // number of predictions in each mean
         Row expected{};                  // mean length of the neighbours' residuals
     };
 
@@ -96,22 +97,22 @@ public:
     const Scales &scales() const { return scales_; }
     int channels() const { return scales_.channels(); }
 
-    // Wedges in coding order, and one more for corners without one.
+    // Return the wedges in coding order, with the additional wedge for corners without one.
     const std::vector<i32> &order() const { return order_; }
 
     // Forget all values.
     void restart();
 
-    // Predict a wedge by every kind that applies.
+    // Predict a wedge in every way that applies.
     const Findings &look_around(i32 wedge);
 
-    // Return the two kinds with the smallest recent errors; `ways` for none.
+    // Return the two kinds of prediction with the smallest recent errors; `ways` stands for none.
     std::pair<Way, Way> best_ways() const;
 
-    // Score the kinds of prediction of the last wedge, whose values are set and known from now on.
+    // Score the predictions of the last wedge. Its values must be set; from now on they are known.
     void learn(i32 wedge);
 
-    // Value of a wedge in the common unit, and number of binary digits of its residual.
+    // The value of a wedge in the common unit, and the number of digits of its residual.
     i32 &linear(i32 wedge, int channel) { return linear_[static_cast<i64>(wedge) * channels() + channel]; }
     u8 &length(i32 wedge, int channel) { return lengths_[static_cast<i64>(wedge) * channels() + channel]; }
 
@@ -127,11 +128,11 @@ private:
     CornerTable corners_;
     std::vector<i32> order_;
     std::vector<GridPoint> positions_;
-    std::vector<i32> linear_, others_;  // values here and in another attribute
+    std::vector<i32> linear_, others_;  // values of this attribute and of another one
     std::vector<bool> has_other_, is_known_;
     std::vector<u8> lengths_;
     Findings findings_;
-    std::array<i64, ways> scores_{};  // recent error of each kind of prediction over the best: digits [1/1024]
+    std::array<i64, ways> scores_{};  // recent error of each kind of prediction beyond the best: digits [1/1024]
 };
 
 }  // namespace pdeanim

@@ -1,8 +1,9 @@
 // Context models of quantised coefficients.
 //
-// A subband is coded in context bands of rows. Each band has the number of channels it needs, then its coefficients up
-// to there, in blocks: whether any of a block is not zero, then each of them. A coefficient's size is coded as its
-// exponent and the bits below. Each decision mixes inputs by channel, by band, and by the sizes of known neighbours.
+// The rows of a subband are coded in bands. For each band, first comes the number of channels that it needs, then its
+// coefficients up to that channel, in blocks: whether any coefficient of a block is not zero, then each coefficient. A
+// coefficient's magnitude is coded as its exponent and the digits below. Each decision mixes three models: by channel,
+// by band, and by the magnitudes of known neighbours.
 #pragma once
 
 #include "base/errors.hpp"
@@ -11,45 +12,45 @@
 
 namespace pdeanim {
 
-// Sizes of the neighbours of a block of coefficients, summed over each block; 0 without a neighbour.
+// Magnitudes of the neighbours of a block of coefficients, each summed over a block; 0 if there is no neighbour.
 struct BlocksAround {
     i64 one_row, two_rows;  // one and two rows before, in the same subband
     i64 one, two;           // one and two blocks before, in the same row
-    i64 beside;             // coefficient at the same place of the previous subband of the same kind
-    i64 above;              // coefficient at the same place of the subband of the node above
+    i64 beside;             // at the same place of the previous subband of the same kind
+    i64 above;              // at the same place of the subband of the node above
 };
 
-// Sizes of the neighbours of a coefficient; 0 without a neighbour.
+// Magnitudes of the neighbours of a coefficient; 0 if there is no neighbour.
 struct CoefficientsAround {
     i64 one_row, two_rows;    // one and two rows before, in the same subband
     i64 one_rank, two_ranks;  // one and two functions of time before, on the same axis
-    i64 beside;               // coefficient at the same place of the previous subband of the same kind
-    i64 other_axes;           // coefficient at the same function of time on the axes coded before
-    i64 above;                // coefficient at the same place of the subband of the node above
+    i64 beside;               // at the same place of the previous subband of the same kind
+    i64 other_axes;           // sum over the axes coded before, at the same function of time
+    i64 above;                // at the same place of the subband of the node above
 };
 
 class CoefficientModel {
 public:
-    static constexpr int depths = 16;        // bands of nodes, one per depth
-    static constexpr int element_bands = 9;  // bands of an element's rows
+    static constexpr int depths = 16;        // number of bands of nodes: one per depth
+    static constexpr int element_bands = 9;  // number of bands of an element's rows
     static constexpr int bands = depths + element_bands;
     static constexpr int largest_exponent = 40;
-    static constexpr i64 largest = i64{1} << largest_exponent;  // magnitude of a coefficient
+    static constexpr i64 largest = i64{1} << largest_exponent;  // largest magnitude of a coefficient
     static constexpr i64 most_channels = (1 << 19) - 1;
-    static constexpr int ratios = 24;  // classes of sums of neighbours' sizes
-    static constexpr int ranks = 20;   // classes of ranks
+    static constexpr int ratios = 24;  // number of classes of sums of neighbours' magnitudes
+    static constexpr int ranks = 20;   // number of classes of ranks
 
-    // Code the number of channels, at most `most`, that a band needs; `before` is that of the previous band in the
-    // subband. CorruptError if the bits hold more.
+    // Code the number of channels (at most `most`) that a band needs. before: that of the previous band in the subband.
+    // CorruptError if the number is too large.
     template <Mode mode> i64 code_count(RangeCoder<mode> &coder, int band, i64 before, i64 most, i64 count);
 
-    // Code whether any coefficient of a block is not zero; `row` is that of the element (affine functions included) or
-    // of the subband, `rank` that of the block's first function of time.
+    // Code whether any coefficient of a block is not zero. row: within the element (affine functions included) or the
+    // subband; rank: of the block's first function of time.
     template <Mode mode>
     bool code_block(RangeCoder<mode> &coder, int band, i64 row, i64 rank, const BlocksAround &around, bool is_any);
 
-    // Code a coefficient at a rank of functions of time, without its zero flag if it is known not to be zero.
-    // CorruptError if the bits hold one out of range.
+    // Code a coefficient at a rank of functions of time. is_nonzero: it is known not to be zero, so that is not coded.
+    // CorruptError if the coefficient is out of range.
     template <Mode mode> i64 code_coefficient(RangeCoder<mode> &coder, int band, i64 rank,
                                               const CoefficientsAround &around, bool is_nonzero, i64 coefficient);
 
@@ -59,16 +60,16 @@ private:
     template <std::size_t count> using Models = std::array<BitModel, count>;
     template <std::size_t rows, std::size_t columns> using Table = std::array<Models<columns>, rows>;
 
-    static constexpr int exponents = 14;  // exponents that are distinguished; larger ones share the last
+    static constexpr int exponents = 14;  // number of exponents that are distinguished; larger ones share the last
     static constexpr int modelled_digits = 2;
     static constexpr int count_digits = 20;
-    static constexpr int heads = 64;  // leading digits of a count that are distinguished
+    static constexpr int heads = 64;  // number of leading digits of a count that are distinguished
 
     [[noreturn]] static void broken() {
         throw CorruptError(Section("COEF"), "holds impossible coefficients; get the file again");
     }
 
-    // 0 to 7 exactly, then four classes per octave.
+    // Class of a sum: 0 to 7 each have their own, larger ones four classes per octave.
     static constexpr int ratio_class_of(i64 total) {
         if (total < 8) return static_cast<int>(total);
         const int octave = bit_length(total) - 3;
@@ -76,7 +77,7 @@ private:
     }
     static int ratio_class(i64 total) { return looked_up<ratio_class_of>(total); }
 
-    // Two classes per octave.
+    // Class of a rank: two classes per octave.
     static constexpr int rank_class_of(i64 rank) {
         if (rank < 2) return static_cast<int>(rank);
         const int digits = bit_length(rank);
@@ -88,26 +89,26 @@ private:
 
     template <Mode mode> i64 code_size(RangeCoder<mode> &coder, int band, int ratio, int rank, i64 size);
 
-    // Inputs for whether any of a block is not zero.
+    // Inputs of the decision whether any coefficient of a block is not zero.
     Models<nearest_classes> block_by_nearest_;
     Table<128, 6> block_by_row_;
     Table<ratios, ranks> block_by_ratio_;
     std::array<Weights<3>, bands> block_weights_;
 
-    // Inputs for whether a coefficient is not zero.
+    // Inputs of the decision whether a coefficient is not zero.
     Models<nearest_classes> nonzero_by_nearest_;
     Table<512, 8> nonzero_by_rank_;
     Table<ratios, ranks> nonzero_by_ratio_;
     std::array<Weights<3>, bands> nonzero_weights_;
 
-    // Inputs for whether the exponent of its size is larger, for each exponent.
+    // Inputs of the decision whether the exponent of a magnitude is larger, for each exponent.
     std::array<Models<ratios>, exponents> larger_by_ratio_;
     std::array<Table<bands, ranks>, exponents> larger_by_band_;
     std::array<Table<ratios, ranks>, exponents> larger_by_both_;
     std::array<Weights<3>, exponents> larger_weights_;
     Table<largest_exponent + 1, 1 << modelled_digits> digits_;
 
-    // Inputs for whether a count has more digits, for each number of digits.
+    // Inputs of the decision whether a count has more digits, for each number of digits.
     Table<bands, count_digits> count_by_band_;
     std::array<Table<count_digits, count_digits>, count_digits> count_by_both_;
     Table<count_digits, count_digits> count_by_latest_;

@@ -11,16 +11,18 @@ namespace pdeanim {
 
 namespace {
 
-// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials in two variables.
+// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials in two variables up to
+// each degree.
 constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 15, 21, 28, 36, 48, 64, i64{1} << 62};
 
-// Functions of time that form a block if all axes share their coefficients; otherwise one function does, with its axes.
+// Number of functions of time in a block if all axes share their coefficients; otherwise a block is one function, with
+// its axes.
 constexpr i64 ranks_together = 4;
 
-// Numbers of a block in a row.
+// Return the number of coefficients in a block.
 i64 block_size(const CoefficientLayout &layout) { return layout.axes == 1 ? ranks_together : layout.axes; }
 
-// The coefficients to encode, in rows as long as there are channels.
+// The coefficients to encode, in rows of one number per channel.
 class GivenRows {
 public:
     GivenRows(const CoefficientLayout &layout, std::span<const i64> coefficients)
@@ -32,13 +34,13 @@ public:
     const i64 *add(i64 first, i64, i64) const { return coefficients_ + first * channels_; }
     i64 width(i64) const { return channels_; }
 
-    // Replaces a missing row.
+    // Return what takes the place of a row that does not exist: zeros.
     std::span<const i64> none() const { return none_; }
 
 private:
     i64 channels_;
     const i64 *coefficients_;
-    std::vector<i64> none_;  // zeros
+    std::vector<i64> none_;
 };
 
 // Codes the subbands of a group one after another.
@@ -48,7 +50,7 @@ public:
     using Number = std::conditional_t<decodes, i64, const i64>;
     using AllRows = std::conditional_t<decodes, CoefficientRows, GivenRows>;
 
-    // The rows must outlive it.
+    // The rows must outlive this object.
     CoefficientCoder(const CoefficientLayout &layout, AllRows &rows, RangeCoder<mode> coder = {})
         : coder(std::move(coder)), layout(layout), rows_(rows) {}
 
@@ -57,21 +59,21 @@ public:
         for (; next_ < end; ++next_) code_subband(next_);
     }
 
-    // Continue with a subband that was coded before, with models that have learned.
+    // Continue with a subband that was coded before; the models keep what they have learned.
     void go_back(i64 subband) { next_ = subband; }
 
     RangeCoder<mode> coder;
     const CoefficientLayout layout;
 
 private:
-    // Return a known row of a subband.
+    // Return a known row of a subband, or zeros if it does not exist.
     std::span<const i64> row_of(i64 subband, i64 place) const {
         const std::span<const i64> starts = layout.subbands.starts;
         if (subband < 0 || place < 0 || place >= starts[subband + 1] - starts[subband]) return rows_.none();
         return rows_[starts[subband] + place];
     }
 
-    // Return the start of a block of a known row; zeros beyond its end.
+    // Return the start of a block of a known row; zeros if the block is beyond the end of the row.
     const i64 *block_of(std::span<const i64> row, i64 first) const {
         if constexpr (decodes) {
             if (first >= static_cast<i64>(row.size())) return nothing_.data();
@@ -107,7 +109,7 @@ private:
         beside = subband;
     }
 
-    // Count the channels up to the last that is not zero in some rows.
+    // Return the number of channels up to the last that is not zero in some of the rows.
     i64 channels_needed(i64 first, i64 end) const {
         i64 needed = 0;
         if constexpr (!decodes) {
@@ -121,28 +123,28 @@ private:
         return needed;
     }
 
-    // Known neighbouring rows.
+    // The known rows near a row: one and two rows before, in the previous subband, in the node above.
     struct Neighbours {
         std::span<const i64> one, two, beside, above;
     };
 
-    // The parts of these rows at a block.
+    // The parts of these rows at one block.
     struct BlockNeighbours {
         const i64 *one, *two, *beside, *above;
     };
 
-    // Sum the sizes of some coefficients.
+    // Return the sum of the magnitudes of some coefficients.
     static i64 sizes_of(const i64 *numbers, i64 count) {
         i64 sum = 0;
         for (i64 k = 0; k < count; ++k) sum += size_of(numbers[k]);
         return sum;
     }
 
-    // `row`: its number in the element or subband.
+    // row: its number within the element or subband.
     void code_row(int band, i64 row, std::span<Number> own, const Neighbours &around) {
         const bool is_shared = layout.axes == 1;
         const i64 size = block_size(layout), count = static_cast<i64>(own.size());
-        i64 one = 0, two = 0;  // sizes of the previous blocks
+        i64 one = 0, two = 0;  // sums of magnitudes of the previous blocks
         for (i64 first = 0, rank = 0; first < count; first += size, rank += is_shared ? ranks_together : 1) {
             const i64 channels = least(size, count - first);
             const BlockNeighbours near = {block_of(around.one, first), block_of(around.two, first),
@@ -163,7 +165,7 @@ private:
         }
     }
 
-    // Code a block of the row `own` that is not all zero; return the sum of sizes.
+    // Code the coefficients of a block that is not all zero; return the sum of their magnitudes.
     i64 code_block(int band, i64 rank, Number *own, i64 first, i64 channels, const BlockNeighbours &near) {
         const int axes = layout.axes;
         i64 sizes = 0, other_axes = 0;
@@ -192,9 +194,9 @@ private:
     }
 
     AllRows &rows_;
-    const std::array<i64, ranks_together> nothing_{};  // a block beyond the end of a row
+    const std::array<i64, ranks_together> nothing_{};  // in place of a block beyond the end of a row
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
-    std::array<i64, 2> latest_ = {-1, -1};  // the latest subband of a node, and of an element
+    std::array<i64, 2> latest_ = {-1, -1};  // the latest subband of a node, and the latest of an element
     i64 next_ = 0;
 };
 

@@ -1,12 +1,13 @@
 // Quantised coefficients of a group of frames (a chunk of section COEF).
 //
-// They form rows, one per function of space, with a number per channel: one per function of time, or three if each axis
-// has its own. Functions of time are ordered by falling importance, and so are those of space within a subband, so that
-// nonzero values gather in a corner. Rows are coded subband by subband: the affine functions of the whole, the wavelets
-// of each node of the partition tree, the other functions of each element.
+// They form rows, one per function of space, with one number per channel. There is a channel for each function of time,
+// or three if each axis has coefficients of its own. Functions of time are ordered by falling importance, and so are
+// the functions of space within a subband, so nonzero values gather in a corner. Rows are coded subband by subband: the
+// affine functions of the whole mesh, the wavelets of each node of the partition tree, the other functions of each
+// element.
 //
-// This folder codes section COEF (14 of the specification). Begin here: coefficients.cpp walks the rows and finds their
-// neighbours, coefficient_model.hpp codes the values.
+// This folder codes section COEF (14 of the specification). Begin here: coefficients.cpp goes through the rows and
+// finds their neighbours, coefficient_model.hpp codes the values.
 #pragma once
 
 #include <memory>
@@ -19,14 +20,14 @@
 
 namespace pdeanim {
 
-// For each function of space its channels up to the last that may not be zero.
+// For each function of space, its row up to the last channel that may not be zero.
 using QuantisedRows = std::span<const std::span<const i64>>;
 
-// Rows, each as long as it was coded: most are short. A row keeps its address when others are added, so that another
-// thread may read existing rows.
+// Rows, each as long as it was coded: most are short. A row keeps its address when others are added, so another thread
+// may read existing rows.
 class CoefficientRows {
 public:
-    // Make empty rows; a row takes memory for a multiple of `block` numbers, and is padded with zeros.
+    // Make empty rows. A row takes memory for a multiple of `block` numbers, and is padded with zeros.
     CoefficientRows(i64 rows, i64 block, TakenMemory taken) : taken_(std::move(taken)), block_(block) {
         taken_.take(sizeof(rows_[0]) * static_cast<u64>(rows), what);
         rows_.resize(rows);
@@ -35,13 +36,13 @@ public:
     QuantisedRows all() const { return rows_; }
     std::span<const i64> operator[](i64 row) const { return rows_[row]; }
 
-    // Replaces a missing row.
+    // Return what takes the place of a row that does not exist: an empty row.
     std::span<const i64> none() const { return {}; }
 
-    // Distance between the rows that one call of `add` allocates.
+    // Return the distance in memory between the rows that one call of `add` allocates.
     i64 width(i64 count) const { return (count + block_ - 1) / block_ * block_; }
 
-    // Allocate `count` numbers, zeros, in each of the rows `first` to `end` - 1; return the start of the first one's.
+    // Allocate `count` zeros in each of the rows `first` to `end` - 1; return the start of row `first`.
     i64 *add(i64 first, i64 end, i64 count) {
         if (count == 0) return nullptr;
         const i64 wide = width(count), needed = (end - first) * wide;
@@ -60,7 +61,7 @@ public:
     }
 
 private:
-    static constexpr i64 piece = 1 << 13;  // numbers that are allocated together: they fit into the nearest cache
+    static constexpr i64 piece = 1 << 13;  // numbers that are allocated together: they fit in the first-level cache
     static constexpr const char *what = "coefficients of a group of frames";
 
     TakenMemory taken_;
@@ -73,8 +74,8 @@ private:
 // Rows that are coded together: subband s is rows starts[s] to starts[s + 1] - 1.
 struct Subbands {
     std::span<const i64> starts;
-    // The depth of a node, 0 for the affine functions of the whole; or -1 minus the number of affine functions of an
-    // element.
+    // The depth of a node (0 for the affine functions of the whole mesh); or for an element, -1 minus the number of its
+    // affine functions.
     std::span<const i64> kinds;
     std::span<const i64> parents;  // subband of the node above; unused for subband 0
 
@@ -84,36 +85,36 @@ struct Subbands {
 struct CoefficientLayout {
     Subbands subbands;
     i64 rows = 0, channels = 0;
-    int axes = 1;  // 3 if channels come in threes, one per axis
+    int axes = 1;  // 3 if each axis has a channel of its own
 
-    // std::invalid_argument unless its parts agree.
+    // Raise std::invalid_argument unless all members fit together.
     void check() const;
 };
 
-// Encode the coefficients; empty if all are zero. Magnitudes are at most 2^40.
+// Encode coefficients of at most 2^40 in magnitude; empty if all are zero.
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients);
 
-// Measure the bits of `encode_coefficients`. `copies`, unless empty: for each subband the number of subbands like it,
-// of which only the first trains the models.
+// Measure the bits that `encode_coefficients` takes. copies: how many subbands each subband stands for, of which only
+// the first trains the models; may be empty.
 double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
                             std::span<const double> copies = {});
 
-// Undoes `encode_coefficients` some subbands at a time, so that other threads may use those while the next are decoded.
+// Undoes `encode_coefficients` a few subbands at a time, so that other threads can use them while the next ones are
+// decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays and the data must outlive it; it cannot be moved. LimitError, here or later, if rows take
-    // more memory than is left.
+    // The layout's arrays and the data must outlive this object, which cannot be moved. LimitError, here or later, if
+    // rows take more memory than is left.
     CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, TakenMemory taken = {});
     ~CoefficientDecoder();
 
-    // Decode the rows of the subbands up to `end` - 1 that are missing; CorruptError if the bytes hold an impossible
-    // number.
+    // Decode the subbands up to `end` - 1 that are not decoded yet; CorruptError if a number is out of range.
     void decode(i64 end);
 
-    // All rows; those not decoded yet have no numbers.
+    // Return all rows; those that are not decoded yet are empty.
     QuantisedRows rows() const { return rows_.all(); }
 
-    // CorruptError unless the bytes end with the coefficients.
+    // Raise CorruptError unless the bytes end where the coefficients end.
     void finish() const;
 
 private:

@@ -4,7 +4,8 @@ namespace pdeanim {
 
 namespace {
 
-// Interior angle of a regular polygon, in units of 15 degrees, rounded down: 4 for a triangle, 6 for a square.
+// Return the interior angle of a regular polygon in units of 15 degrees, rounded down: 4 for a triangle, 6 for a
+// square.
 constexpr i32 corner_angle(i32 size) {
     const i32 counted = least(size, 24);
     return 12 + static_cast<i32>(floor_divide(-24, counted));
@@ -25,7 +26,7 @@ void Border::dequeue(i32 side) {
     sides[side].priority = -1;
 }
 
-// Move an open side to the front of the queue of its present priority. A side already in that queue keeps its position.
+// Move an open side to the front of the queue of its present priority, unless it is in that queue already.
 void Border::enqueue(i32 side) {
     const i32 angle = vertices[sides[side].origin].angle;
     const i32 other = vertices[sides[sides[side].following].origin].angle;
@@ -48,7 +49,7 @@ i32 Border::next_side() {
     return side;
 }
 
-// Count the corners of a new face at their vertices; none of its sides has an opposite side yet.
+// Count the corners of a new face at their vertices. None of its sides has an opposite side yet.
 void Border::place_corners(i32 first, i32 size) {
     const i32 angle = corner_angle(size);
     i32 before = first + size - 1;
@@ -78,7 +79,7 @@ void Border::start_ring(i32 first, i32 size) {
     for (i32 side = first; side < first + size; ++side) enqueue(side);
 }
 
-// Whether a side and the one that follows it can be the two sides of one edge.
+// Return whether a side and the one that follows it can be the two sides of one edge.
 bool Border::is_one_edge(i32 side, i32 following) const {
     return side != following && sides[side].state == open && sides[following].state == open &&
            sides[side].origin == sides[sides[following].following].origin;
@@ -110,7 +111,7 @@ void Border::attach(i32 gate, i32 first, i32 size, i32 begin, i32 end) {
     sides[gate].state = sides[first].state = inner;
     sides[gate].opposite = first;
     sides[first].opposite = gate;
-    i32 last = first + 1;  // takes the gate's position in the ring
+    i32 last = first + 1;  // takes the position of the gate in the ring
     link(last, after == gate ? last : after);
     if (before != gate) {
         link(before, last);
@@ -140,7 +141,7 @@ void Border::attach(i32 gate, i32 first, i32 size, i32 begin, i32 end) {
     for (i32 side = first + 1; side < first + size; ++side) {
         if (sides[side].state != open) continue;
         enqueue(side);
-        // The loop itself queues the other sides of this face.
+        // The caller's loop queues the other sides of this face.
         const i32 preceding = sides[side].preceding, following = sides[side].following;
         if (preceding != side - 1) requeue(preceding);
         if (following != side + 1) requeue(following);

@@ -18,16 +18,16 @@ namespace {
 //
 // This costs least for lines and for meshes that a program numbered row by row, and works for any polygons. A polygon
 // is a sequence of numbers: its size, unless all polygons have the same; the difference of its first corner from the
-// first corner of the polygon before; the difference of each other corner from the corner before it. A number is tried
-// in this order: as the prediction of the match model, as the vertex after the highest so far, and as a literal.
-// Statistics of one object help with the next.
+// first corner of the previous polygon; the difference of each other corner from the corner before it. A number is
+// coded in the first of these ways that applies: as the prediction of the match model, as the vertex after the highest
+// so far, as a literal. The statistics of one object are kept for the next.
 class PolygonModel {
 public:
     PolygonModel() { new_.fill(std::vector<BitModel>(1 << new_history_bits)); }
 
     // Code the polygons of one object: `sizes` and `corners` are read when encoding and written when decoding.
-    // CorruptError if the bits are not those of valid polygons. common_size: size of every polygon, or 0 if sizes
-    // differ; smallest: smallest valid size of a polygon; corners are below `vertices`.
+    // CorruptError if the polygons are not valid. common_size: size of every polygon, or 0 if sizes differ; smallest:
+    // smallest valid size of a polygon. Corners are below `vertices`.
     template <Mode mode> void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
                                    std::span<i32> sizes, std::span<i32> corners) {
         constexpr const char *broken = "refers to a missing vertex, or has faces that do not fit";
@@ -72,7 +72,7 @@ public:
     }
 
 private:
-    static constexpr int last_corner_phase = 3;  // corners from this one on share a phase; 0 to 2 have their own
+    static constexpr int last_corner_phase = 3;  // corners 0 to 2 have phases of their own; the others share this one
     static constexpr int size_phase = 4, new_history_bits = 5;
 
     std::array<std::vector<BitModel>, MatchModel::phases> new_;
@@ -83,19 +83,19 @@ private:
 
 constexpr i64 most_corners_of_object = (i64{1} << 31) - 1;  // corners are numbered by int32
 
-// A surface, order included, may cost this many times the polygons: it separates the shape of a mesh from its
-// numbering.
+// Coding a surface and its order may cost this many times as much as coding polygons, and is still preferred: it
+// separates the shape of a mesh from its numbering.
 constexpr double surface_preference = 1.1;
 
 enum Kind { faces, lines };
-constexpr i32 smallest[] = {3, 1};  // fewest corners of a face and of a line
+constexpr i32 smallest[] = {3, 1};  // smallest number of corners of a face, and of points of a line
 
 // How the faces of an object are coded.
 struct Choice {
     bool is_surface = false, has_border = false, has_order = false;
 };
 
-// A model of some hundred kilobytes, created at its first use; copies are deep.
+// A model of some hundred kilobytes that is created at its first use. Copying this copies the model.
 template <class Model> class Lazy {
 public:
     Lazy() = default;
@@ -117,7 +117,7 @@ private:
 // Statistics of all parts of the coder.
 struct Models {
     std::array<std::array<NumberModel, 3>, 2>
-        heads;  // of faces and lines: their number, their common size or 0, their corners
+        heads;  // of faces and lines: their number, common size or 0, number of corners
     std::array<BitModel, 3> choices;
     Lazy<SurfaceModel> surface;
     Lazy<OrderModel> order;
@@ -138,7 +138,7 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Models &models, Kin
     head.count = count.code(coder, head.count);
     if (head.count == 0) return {0, 0, 0};
     head.size = size.code(coder, head.size);
-    // The product of two numbers of 32 bits: the caller checks it before it is used.
+    // The product of two numbers of 32 bits may overflow: the caller checks it before using it.
     head.corners = head.size ? head.count * head.size : corners.code(coder, head.corners);
     return head;
 }
@@ -156,7 +156,7 @@ template <Mode mode> void encode_polygons(RangeCoder<mode> &coder, PolygonModel 
     model.code(coder, common_size(sizes), smallest[kind], vertices, std::span<i32>(own_sizes), std::span<i32>(corners));
 }
 
-// Whether faces and vertices of the source already stand in the order in which they are coded.
+// Return whether faces and vertices of the source already have the order in which they are coded.
 bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::span<const i32> used) {
     i32 first = 0;
     for (std::size_t face = 0; face < order.firsts.size(); ++face) {
@@ -169,9 +169,9 @@ bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::sp
     return true;
 }
 
-enum class Order { kept, left_out, free };  // free: any order will do, none is coded
+enum class Order { kept, left_out, free };  // free: any order will do, so none is coded
 
-// Choose the cheaper way for each object; the models learn as they will when coding.
+// Choose the cheaper coding for each object. The models learn as they will when coding.
 std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted) {
     std::vector<Choice> choices;
     Models models;
@@ -272,7 +272,8 @@ std::vector<CodedOrder> coded_orders(std::span<const ConnectivityView> parts) {
         for (i64 vertex = 0; vertex < part.vertices; ++vertex) {
             if (!is_used[vertex]) order.vertices.push_back(static_cast<i32>(vertex));
         }
-        // For each source face, find the coded corner that comes first in it, and so the face's coded corners.
+        // For each face of the source, find the coded corner that comes first in it, and from that the face's coded
+        // corners.
         std::vector<i32> starts(coded.sizes.size() + 1), face_of(coded.border.sides.size());
         for (std::size_t face = 0; face < coded.sizes.size(); ++face) {
             starts[face + 1] = starts[face] + coded.sizes[face];

@@ -8,12 +8,11 @@ namespace pdeanim {
 
 namespace {
 
-// Sides of a recent face that are candidates, and corners of a face, from its first one, that can name it. Few faces
-// have more, and the limit keeps the time linear.
+// Number of sides of a recent face that are candidates, and of corners of a face, from its first one, that can name it.
+// Few faces have more, and the limit keeps the time linear.
 constexpr int most_sides = 16;
 
-constexpr int most_listed =
-    32;  // corners per vertex that can be named by it: keeps the time linear at vertices of many faces
+constexpr int most_listed = 32;  // corners of a vertex by which it can name a face: keeps the time linear
 
 // A surface, and the part of its order that is coded so far.
 class Records {
@@ -50,18 +49,19 @@ public:
         const i32 face = corners[corner].face;
         return corner == starts[face] ? starts[face + 1] - 1 : corner - 1;
     }
-    // A corner is left until its face has been named. Named corners are skipped, and unlinked when a list is walked.
+    // Return whether a corner is left, which means that its face has not been named. Other corners are skipped, and
+    // unlinked when a list is walked.
     bool is_left(i32 corner) const { return !is_named_[corners[corner].face]; }
     i32 number_at(i32 corner) const { return vertices[corners[corner].vertex].number; }
 
-    // Return the first corner left at a vertex, or -1.
+    // Return the first corner that is left at a vertex, or -1.
     i32 first_left(i32 vertex) {
         i32 corner = vertices[vertex].first_there;
         while (corner >= 0 && !is_left(corner)) corner = corners[corner].next_there;
         return vertices[vertex].first_there = corner;
     }
 
-    // Return the next corner left at the same vertex, or -1.
+    // Return the next corner that is left at the same vertex, or -1.
     i32 next_left(i32 corner) {
         i32 following = corners[corner].next_there;
         while (following >= 0 && !is_left(following)) following = corners[following].next_there;
@@ -75,7 +75,7 @@ public:
         live.add(number);
     }
 
-    // Note that a face has been named; all its vertices have numbers.
+    // Record that a face has been named. All its vertices must have numbers.
     void take_face(i32 face) {
         is_named_[face] = true;
         left_faces.remove(face);
@@ -90,13 +90,13 @@ public:
     std::vector<Vertex> vertices;
     std::vector<i32> vertex_of;  // vertex of each number, or -1
     RankedSet left_faces, left_numbers;
-    RankedSet live;  // numbers of the vertices with corners left
+    RankedSet live;  // numbers of the vertices at which corners are left
 
 private:
     std::vector<bool> is_named_;
 };
 
-// A corner left across a side of a recent face, and the slot of that side.
+// A corner that is left across a side of a recent face, and the slot of that side.
 struct Candidate {
     i32 corner;
     int slot;
@@ -140,7 +140,7 @@ private:
 
     [[noreturn]] void broken() const { throw CorruptError("holds an order that does not fit section CONN"); }
 
-    // Name the next face and return the corner by which it is entered; `slot` receives how it was named.
+    // Name the next face, and return the corner by which it is entered; `slot` tells how it was named.
     i32 code_entry(i32 position, i32 wanted, int &slot) {
         const i32 face = encoding ? records_.corners[wanted].face : -1;
         if (!candidates_.empty()) {
@@ -159,7 +159,7 @@ private:
         return records_.starts[code_place(last, face)];
     }
 
-    // First case: code which of the candidates lies on `face`, if any.
+    // First case: code which of the candidates lies on `face`, or that none does.
     std::optional<Candidate> code_side(i32 face) {
         const int count = static_cast<int>(candidates_.size());
         int place = encoding ? 0 : count;
@@ -171,7 +171,7 @@ private:
                                      model_.found_weights_.data(), place < count);
         model_.found_history_ = (2 * model_.found_history_ + found) & 255;
         if (!found) return std::nullopt;
-        // Try the slot that came last time first: most orders repeat themselves.
+        // Try first the slot that followed these two last time: most orders repeat themselves.
         int &usual = model_.expected_[last][before];
         int expected = 0;
         while (expected < count && candidates_[expected].slot != usual) ++expected;
@@ -191,7 +191,7 @@ private:
         return candidates_[tried];
     }
 
-    // Second case: return the first corner of the face, or nothing if the case does not apply.
+    // Second case: return the first corner of the face, or nothing if no vertex of the face can name it.
     std::optional<i32> code_by_vertex(i32 first) {
         i32 steps = -1, wanted = -1, vertex = -1;
         if constexpr (encoding) {
@@ -208,8 +208,8 @@ private:
         return code_listed(code_vertex_there(vertex), static_cast<i32>(told), wanted);
     }
 
-    // Return the steps from `first` to the first corner whose vertex has a number; -1 if it is too far in the face or
-    // in the list of its vertex.
+    // Return the number of steps from `first` to the first corner whose vertex has a number; -1 if the corner is too
+    // far from `first` in the face, or too far down in the list of its vertex.
     i32 first_known(i32 first) {
         i32 corner = first, steps = 0;
         while (records_.number_at(corner) < 0) {
@@ -225,7 +225,7 @@ private:
         return listed == corner ? steps : -1;
     }
 
-    // Code the steps from the first corner to the corner that names the face, -1 for none.
+    // Code the number of steps from the first corner to the corner that names the face; -1 if no corner does.
     i64 code_corner(i32 steps) {
         const int recent = model_.corner_history_;
         int told = 0;
@@ -242,7 +242,7 @@ private:
         return further ? told + further - 1 : -1;
     }
 
-    // Code a vertex that has a number and corners left.
+    // Code a vertex that has a number and at which corners are left.
     i32 code_vertex_there(i32 vertex) {
         const i64 reference = records_.number_at(last_first_);
         const i64 numbers = static_cast<i64>(records_.vertex_of.size());
@@ -266,8 +266,8 @@ private:
         return vertex;
     }
 
-    // Code which of the corners left at `vertex` is the one `steps` after the first of its face; return that first
-    // corner.
+    // Code which of the corners left at `vertex` belongs to the face, where it is `steps` after the face's first
+    // corner. Return that first corner.
     i32 code_listed(i32 vertex, i32 steps, i32 wanted) {
         i32 listed = records_.first_left(vertex), first;
         for (int place = 0;; ++place) {
@@ -286,7 +286,7 @@ private:
         return first;
     }
 
-    // Return the corner `steps` before in the face; -1 if that goes all the way round.
+    // Return the corner `steps` before a corner in its face; -1 if that goes all the way round.
     i32 corner_back(i32 corner, i32 steps) const {
         i32 found = corner;
         for (i32 step = 0; step < steps; ++step) {
@@ -296,10 +296,10 @@ private:
         return found;
     }
 
-    // Compare the vertex numbers of a face that begins at `first` with the numbers of the last two faces. The result
-    // has four digits to base 3: second and third corner against the last face, second and third against the face
-    // before it. A digit is 0 if the corner's difference from the first corner is another, 1 if it is not known, 2 if
-    // it is the same.
+    // Compare the differences of vertex numbers in a face that begins at `first` with those in the last two faces. The
+    // result has four digits to base 3: second and third corner compared with the last face, second and third corner
+    // compared with the face before that. A digit is 0 if the corner's difference from the first corner is another one,
+    // 1 if it is not known, and 2 if it is the same.
     int resemblance(i32 first) const {
         const i32 second = records_.after(first);
         const i32 number = records_.number_at(first), second_number = records_.number_at(second);
@@ -316,7 +316,7 @@ private:
         return ((last_second * 3 + last_third) * 3 + before_second) * 3 + before_third;
     }
 
-    // Third case: code the rank of a face among those left, relative to the rank of the last face.
+    // Third case: code the rank of a face among the faces left, relative to the rank of the last face.
     i32 code_place(i32 last, i32 face) {
         const i64 rank = records_.left_faces.rank_of(last);
         const i64 distance = model_.place_.code(coder_, face >= 0 ? records_.left_faces.rank_of(face) - rank : 0);
@@ -341,7 +341,7 @@ private:
         return number >= 0 && number < static_cast<i64>(records_.vertex_of.size()) && records_.vertex_of[number] < 0;
     }
 
-    // Code the number of the vertex at `corner`, which has none yet.
+    // Code the number of the vertex at `corner`, which has no number yet.
     i64 code_number(int phase, int slot, i32 corner, i64 number) {
         const i64 last = last_number_;
         if (const auto difference = model_.numbers_.code(coder_, phase, number - last)) {
@@ -388,7 +388,7 @@ private:
     }
 
     // Predict the number at `corner` as on a regular grid: in a triangle by the parallelogram with the face across the
-    // opposite side, in a quad by the other corners. -1 if one of the numbers needed is not known.
+    // opposite side, in a quad by the other three corners; -1 if one of these has no number.
     i64 grid_number(i32 corner) const {
         const i32 following = records_.after(corner), preceding = records_.before(corner);
         const i64 one = records_.number_at(following), other = records_.number_at(preceding);
@@ -403,7 +403,7 @@ private:
         return one >= 0 && other >= 0 && beyond >= 0 ? one + other - beyond : -1;
     }
 
-    // Code which corner of a face named by `slot` is its first, going round from `entry`.
+    // Code which corner of a face is its first, starting from `entry`. slot: how the face was named.
     i32 code_first(int slot, i32 entry, i32 first) {
         i32 lowest = entry, highest = entry, lowest_number = records_.number_at(entry), highest_number = lowest_number;
         for (i32 corner = records_.after(entry); corner != entry; corner = records_.after(corner)) {
@@ -432,7 +432,7 @@ private:
         return corner;
     }
 
-    // Make the face that begins at `first`, named by `slot`, the last one.
+    // Record a face as the last one. It begins at `first` and was named by `slot`.
     void remember(i32 first, int slot) {
         model_.slot_long_before_ = model_.slot_before_;
         model_.slot_before_ = model_.slot_now_;
@@ -445,8 +445,8 @@ private:
         differences_[1] = records_.number_at(records_.after(second)) - number;
     }
 
-    // Collect the candidates after a face has been named: corners across its sides, then the former candidates still
-    // left.
+    // Collect the candidates after a face has been named: the corners across its sides, then the former candidates that
+    // are still left.
     void list_candidates(i32 first) {
         latest_.clear();
         i32 corner = first;
@@ -472,7 +472,7 @@ private:
     const SourceOrder *source_;
     std::vector<Candidate> candidates_, latest_;
     i32 last_first_ = -1;               // the first corner of the last face
-    std::array<i32, 4> differences_{};  // second and third number minus the first, of the last face and the one before
+    std::array<i32, 4> differences_{};  // second and third number minus the first, of the last two faces
     i64 last_number_ = -1, highest_ = -1;
 };
 
@@ -494,7 +494,7 @@ template <Mode mode> void OrderModel::encode(RangeCoder<mode> &coder, const Code
         std::size_t end = k + 1;
         while (end < used.size() && used[end] == used[end - 1] + 1) ++end;
         gap_.code(coder, used[k] - at);
-        // The number of vertices after a run is coded, not the run's length: most sets are a single run.
+        // Code the number of vertices after a run instead of the run's length: most sets are a single run.
         rest_.code(coder, static_cast<i64>(used.size() - end));
         at = static_cast<i64>(used[end - 1]) + 1;
         k = end;

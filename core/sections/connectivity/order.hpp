@@ -1,14 +1,14 @@
-// Code the order that faces and vertices had in the source, given the surface.
+// Codes the order that faces and vertices had in the source, given the surface.
 //
 // The source's faces are named one after the other, each by its relation to those named before:
 //
 // 1. by a side that it shares with one of the last four faces; or
 // 2. by a vertex that already has a number: which corner of the face lies there, the vertex's number, and which of the
-//    faces left at the vertex; or
+//    faces left at the vertex it is; or
 // 3. by its position on the surface, as a difference from the position of the previous face.
 //
-// Vertices that a named face uses for the first time then get their numbers, which count only vertices on faces. Last
-// comes which corner of the face is the first, unless the second case has told it.
+// Then the vertices of the face that have no number yet get their numbers. Only vertices on faces are numbered. Last
+// comes which corner of the face is the first, unless the second case already says so.
 #pragma once
 
 #include <span>
@@ -20,13 +20,13 @@
 
 namespace pdeanim {
 
-// Set of numbers below n that tells how many of its members lie below a number, and which member is the k-th.
+// A set of numbers below n that tells how many of its members are below a number, and which member is the k-th.
 //
 // A binary indexed tree (Fenwick 1994, "A new data structure for cumulative frequency tables"): each operation takes a
 // number of steps that grows with the logarithm of n.
 class RankedSet {
 public:
-    // All numbers below `size`, or an empty set with room for them.
+    // Start with all numbers below `size`, or with an empty set that has room for them.
     RankedSet(i64 size, bool is_full) : tree_(size + 1) {
         if (!is_full) return;
         for (i64 place = 0; place <= size; ++place) tree_[place] = static_cast<i32>(place & -place);
@@ -75,7 +75,7 @@ struct Faces {
     std::vector<i32> indices;  // vertex of each corner
 };
 
-// Statistics of the order coder, kept from object to object.
+// Statistics of the order coder, which are kept from object to object.
 class OrderModel {
 public:
     OrderModel();
@@ -92,9 +92,10 @@ private:
 
     static constexpr int recent_faces = 4;  // faces whose neighbours are tried first: two quads cut into triangles
     static constexpr int sides_told = 4;    // sides of a recent face that have slots of their own
-    // The slot tells how a face was named: one per side of a recent face, one for the third case, one for the second.
+    // A slot says how a face was named: one slot for each side of each recent face, one for the third case, one for the
+    // second.
     static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
-    static constexpr int corners_told = 3;  // corners that the second case codes by yes and no
+    static constexpr int corners_told = 3;  // corners that the second case codes by yes or no, one after another
     static constexpr int jump_classes = 8;  // contexts of a difference of ranks: the last one, up to 3, and its sign
     static constexpr int proposals = 6;     // predictions of a vertex's number, besides the match model's
     static constexpr int farthest = 20;     // differences of numbers are clamped to this in contexts
@@ -108,14 +109,14 @@ private:
     std::array<SignedModel, jump_classes> jump_;
     SignedModel place_;
     Weights<2> found_weights_, side_weights_, corner_weights_, list_weights_, first_weights_;
-    MatchModel to_face_;  // matches that lead from the last face to a vertex of the next
+    MatchModel to_face_;  // predicts the step from the last face to a vertex of the next one
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
     i64 last_jump_ = 0;
-    std::array<int, slots> firsts_after_{};                 // for each slot, which corners were the first
-    std::array<std::array<int, slots>, slots> expected_{};  // which slot followed each two slots the last time
+    std::array<int, slots> firsts_after_{};                 // for each slot, which corners came first
+    std::array<std::array<int, slots>, slots> expected_{};  // which slot followed each pair of slots last time
 
-    // Numbers of vertices.
+    // Models of the numbers of vertices.
     std::array<Models, proposals> proposal_, proposal_around_;
     std::array<Weights<2>, proposals> proposal_weights_;
     std::array<SignedModel, 4> rank_;

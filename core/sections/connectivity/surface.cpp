@@ -9,8 +9,8 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int farthest = 200;       // steps along the border in which a known vertex is sought: keeps the time linear
-constexpr i32 last_told_size = 10;  // sizes up to this are coded by yes and no, larger ones as numbers
+constexpr int farthest = 200;  // steps along the border in which a known vertex is searched for: keeps the time linear
+constexpr i32 last_told_size = 10;  // sizes up to this are coded by yes or no, larger ones as numbers
 
 }  // namespace
 
@@ -59,13 +59,14 @@ SourceMesh::SourceMesh(std::span<const i32> sizes, std::span<const i32> indices)
     }
 }
 
-// The state of encoding a mesh.
+// The state of the encoder for one mesh.
 struct SurfaceEncoding {
     explicit SurfaceEncoding(const SourceMesh &source)
         : mesh(source), next_of_group(source.group_starts_), is_coded(source.faces()), numbers(source.used_.size(), -1),
           corner_of(source.corners()) {}
 
-    // Return the first corner on a face not yet coded whose side runs the other way, -1 if there is none.
+    // Return the first corner whose face is not coded and whose side runs opposite to this corner's side; -1 if there
+    // is none.
     i32 face_across(i32 corner) {
         const i32 group = mesh.across_[corner];
         if (group < 0) return -1;
@@ -84,7 +85,7 @@ struct SurfaceEncoding {
 
     i32 size_of_face(i32 corner) const { return mesh.sizes_[mesh.face_[corner]]; }
 
-    // Note that the face of `corner` is coded: its corners, beginning with `corner`, are numbered from `first` on.
+    // Record that the face of `corner` is coded: its corners, beginning with `corner`, get the numbers from `first` on.
     void take(i32 corner, i32 first) {
         const i32 face = mesh.face_[corner], begin = mesh.firsts_[face], size = mesh.sizes_[face];
         is_coded[face] = true;
@@ -201,7 +202,7 @@ private:
         return bit;
     }
 
-    // Code the number of corners of the face across `gate`, or of a face that begins a new component (`gate` is -1).
+    // Code the number of corners of the face across `gate`; if `gate` is -1, of a face that begins a new component.
     i32 code_size(i32 gate, i32 size) {
         int inner = 0, from_faces = 0, to_faces = 0, from_angle = 0, to_angle = 0;
         if (gate >= 0) {
@@ -231,8 +232,8 @@ private:
         return told;
     }
 
-    // Code which corners of the face across `gate` lie at the border's vertices before and after it; the others are
-    // `begin` to `end` - 1.
+    // Code which corners of the face across `gate` lie at the border's vertices before and after the gate. The others
+    // are `begin` to `end` - 1.
     void code_closing(i32 gate, i32 first, i32 size, i32 &begin, i32 &end) {
         const i32 start = sides_[gate].origin, stop = sides_[sides_[gate].following].origin;
         const i32 neighbour_after = sides_[sides_[sides_[gate].following].following].origin;
@@ -242,7 +243,7 @@ private:
         int closings = 0;
         for (int way = 0; way < 2; ++way) {
             i32 border = way ? sides_[gate].following : sides_[gate].preceding;
-            // `closing` is complete if the candidate is a corner of the face.
+            // If the candidate is a corner of the face, no more corners close in this direction.
             i32 closing = way ? stop : start, other = way ? start : stop;
             int closed = 0;
             while (begin < end && border != gate && sides_[border].state == Border::open) {
@@ -278,8 +279,8 @@ private:
         model_.closed_recently_ = (4 * model_.closed_recently_ + closings) & 63;
     }
 
-    // Return the distance of a vertex from `gate` along its ring, 0 if it is farther than `farthest` steps. The
-    // vertices after the gate's own are at 1, 3, 5, ..., those before it at 2, 4, 6, ...
+    // Return the distance of a vertex from `gate` along its ring; 0 if it is farther than `farthest` steps. The
+    // vertices after the gate are at 1, 3, 5, ..., those before it at 2, 4, 6, ...
     i32 distance_of(i32 gate, i32 vertex) const {
         i32 ahead = sides_[gate].following, behind = gate;
         for (i32 step = 1; step <= farthest; ++step) {
@@ -300,8 +301,8 @@ private:
         return sides_[distance % 2 ? ahead : behind].origin;
     }
 
-    // Code a vertex that closes nothing. The result is `known` for a new vertex (-1 when encoding), else an earlier
-    // one.
+    // Code the vertex of a corner that does not close the border. Return `known` if the vertex is new (-1 when
+    // encoding), else the earlier vertex.
     i32 code_vertex(i32 gate, i32 place, i32 known, i32 vertex) {
         const bool anew = gate < 0;
         if (coder_.bit(model_.new_vertex_[4 * anew + least(place, 3)], vertex < 0)) return known;

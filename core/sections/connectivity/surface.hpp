@@ -1,11 +1,11 @@
-// Code a surface face after face, across the border of the part that is known.
+// Codes a surface face after face, growing across the border of the known part.
 //
 // The surface grows from a first face. At the next side (`Border`) the coder tells whether there is a face across, how
-// many corners it has, and where these lie: at the border's next vertex on either side, at a new vertex, or at a vertex
-// met elsewhere. On a closed triangle mesh this is Edgebreaker's alphabet (Rossignac 1999), with its symbols split into
-// yes and no. A vertex is complete when the border closes over it, so the symbols amount to the valences (Touma and
-// Gotsman 1998, "Triangle mesh compression"), each with its known surroundings as context. When no side is left, the
-// next face begins a new component.
+// many corners it has, and where these lie: at the border's next vertex on either side, at a new vertex, or at an
+// earlier vertex elsewhere. On a closed triangle mesh this is Edgebreaker's alphabet (Rossignac 1999), with its symbols
+// split into yes-or-no decisions. A vertex is complete when the border closes over it, so the symbols amount to the
+// valences (Touma and Gotsman 1998, "Triangle mesh compression"), each with its known surroundings as context. If no
+// side is left, the next face begins a new component.
 //
 // Any mesh can be coded: a face that no side leads to also begins a new component, at vertices given by their numbers.
 // Vertices and faces come out in the order in which they are coded; connectivity/order.hpp restores the original order.
@@ -20,58 +20,59 @@
 
 namespace pdeanim {
 
-// The border of a growing surface: rings of sides that lack a face across, and a queue that tells which is next.
+// The border of a growing surface: rings of sides that have no face across them yet, and queues that tell which side is
+// next.
 //
 // Faces are numbered as they are added, and so are their corners. The side of a corner runs from its vertex to the
-// vertex of the next corner of its face. Sides without a face on their other side form rings: every side is followed by
-// one that begins where it ends. Nothing more holds for arbitrary input; on a manifold surface the rings are its
-// borders.
+// vertex of the next corner of its face. Sides without a face across form rings: every side is followed by a side that
+// begins where it ends. On a manifold surface the rings are its borders; for arbitrary input nothing more is known.
 //
 // The next side is the one where the surface is closest to closing, measured by the angles that regular polygons would
-// have there (Alliez and Desbrun 2001, "Valence-driven connectivity encoding for 3D meshes", choose by valence). A
-// surface that grows in this way stays without bays, whose shores would meet later at vertices that are costly to name.
+// have there. (Alliez and Desbrun 2001, "Valence-driven connectivity encoding for 3D meshes", choose by valence.) A
+// surface that grows in this way has no bays, whose two shores would meet later, at vertices that are expensive to
+// identify.
 class Border {
 public:
-    // open: may have a face across; closed: has none; inner: has one and is in no ring
+    // open: may have a face across; closed: has none; inner: has one, and is in no ring
     enum State : i32 { open, closed, inner };
 
     struct Side {
         i32 origin = 0;                    // vertex at which it begins
-        i32 before = 0;                    // previous corner of its face
+        i32 before = 0;                    // side of the previous corner of its face
         i32 following = 0, preceding = 0;  // neighbours in its ring
         i32 state = open;
         i32 opposite = 0;            // the side across, or -1
         i32 later = 0, earlier = 0;  // neighbours in the queue of its priority, or -1
-        i32 priority = 0;            // -1 if it is not queued
+        i32 priority = 0;            // -1 if not queued
     };
 
     struct Vertex {
-        i32 faces = 0;    // corners there
-        i32 angle = 0;    // sum of their angles, in units of 15 degrees
-        i32 border = -1;  // a side that begins there and was in a ring when last checked, or -1
+        i32 faces = 0;    // number of corners at the vertex
+        i32 angle = 0;    // sum of the corners' angles, in units of 15 degrees
+        i32 border = -1;  // a side that begins at the vertex and was in a ring when last checked, or -1
     };
 
     Border(i64 corners, i64 vertices) : sides(corners), vertices(vertices), queues_(priorities, -1) {}
 
-    // Take the front side of the highest queue that is not empty; -1 if all are empty.
+    // Take the front side of the highest queue that is not empty; -1 if all queues are empty.
     i32 next_side();
 
-    // Make the sides of a face that no side leads to a ring of its own. The origins of its corners are set before.
+    // Make a ring of the sides of a face that no side leads to. The origins of its corners must be set.
     void start_ring(i32 first, i32 size);
 
-    // Put a face across the side `gate`, which is in no queue, and update the rings. The side of the face's first
-    // corner lies across the gate. The corners `begin` to `end` - 1 are not neighbours of the gate in its ring: if the
-    // vertex of such a corner is in a ring already, the rings are cut and joined crosswise.
+    // Attach a face across the side `gate`, which is in no queue, and update the rings. The side of the face's first
+    // corner lies across the gate. The corners `begin` to `end` - 1 do not lie at neighbours of the gate in its ring.
+    // If the vertex of such a corner is in a ring already, the rings are cut there and joined crosswise.
     void attach(i32 gate, i32 first, i32 size, i32 begin, i32 end);
 
     std::vector<Side> sides;
     std::vector<Vertex> vertices;
 
 private:
-    // Number of queues. Two adjacent vertices of five triangles each (5 * 4) have priority 60; the last queue holds
-    // all above.
+    // Number of queues. Two adjacent vertices, each with five triangles (5 * 4), have priority 60; the last queue holds
+    // all sides of higher priorities.
     static constexpr i32 priorities = 128;
-    static constexpr i32 most_angle = 1 << 16;  // far above all queues: keeps sums within 32 bits for any file
+    static constexpr i32 most_angle = 1 << 16;  // far above all queues; keeps sums within 32 bits for any file
 
     void enqueue(i32 side);
     void dequeue(i32 side);
@@ -81,7 +82,7 @@ private:
     void join(i32 side, i32 following);
     void requeue(i32 side);
 
-    std::vector<i32> queues_;  // first side of each queue, or -1
+    std::vector<i32> queues_;  // front side of each queue, or -1
     i32 highest_ = 0;          // queues above this one are empty
 };
 
@@ -101,54 +102,54 @@ struct CodedSurface {
     i32 vertex_count = 0;  // vertices that are on a face
 };
 
-// A mesh to encode, with the sides that run in opposite directions.
+// A mesh to encode, and which of its sides run in opposite directions along an edge.
 class SourceMesh {
 public:
-    // sizes: corners of each face, at least one face; indices: vertex of each corner.
+    // sizes: number of corners of each face, of which there is at least one; indices: vertex of each corner.
     SourceMesh(std::span<const i32> sizes, std::span<const i32> indices);
 
     i64 faces() const { return static_cast<i64>(sizes_.size()); }
     i64 corners() const { return static_cast<i64>(vertex_.size()); }
-    const std::vector<i32> &used() const { return used_; }  // vertices that are on a face, ascending
+    const std::vector<i32> &used() const { return used_; }  // Return the vertices that are on a face, ascending.
     std::span<const i32> sizes() const { return sizes_; }
 
 private:
     friend struct SurfaceEncoding;
     std::span<const i32> sizes_;
     std::vector<i32> used_;
-    std::vector<i32> vertex_;  // vertex of each corner, numbered among the vertices that are used
-    std::vector<i32> face_;    // face of each corner
-    std::vector<i32> across_;  // for each corner, the group of corners whose sides run in the opposite direction, or -1
-    std::vector<i32> members_;  // corners by group: the sides of a group join the same two vertices, in one direction
+    std::vector<i32> vertex_;   // vertex of each corner, numbered among the vertices that are used
+    std::vector<i32> face_;     // face of each corner
+    std::vector<i32> across_;   // for each corner, the group of corners whose sides run opposite to its own, or -1
+    std::vector<i32> members_;  // corners by group: the sides of a group run from the same vertex to the same vertex
     std::vector<i32> group_starts_;
     std::vector<i32> firsts_;  // first corner of each face
 };
 
-// The source's order, in terms of the coded surface.
+// The source's order in terms of the coded surface.
 struct SourceOrder {
     std::vector<i32> firsts;   // coded corner that comes first in each source face
     std::vector<i32> numbers;  // number of each coded vertex among the source's vertices that are on a face
 };
 
-// Statistics of the surface coder, kept from object to object.
+// Statistics of the surface coder, which are kept from object to object.
 class SurfaceModel {
 public:
     SurfaceModel();
 
-    // Encode a mesh, or measure its cost. `has_border` may be false only if coding with true found no border.
+    // Encode a mesh, or measure the cost. `has_border` may be false only if coding with true has found no border.
     template <Mode mode>
     CodedSurface encode(RangeCoder<mode> &coder, const SourceMesh &mesh, bool has_border, SourceOrder &order);
 
-    // Undo `encode`; CorruptError if the bits are not those of a valid surface. common_size: corners of every face, or
-    // 0 if they differ; vertices: upper bound of those on faces.
+    // Undo `encode`; CorruptError if the surface is not valid. common_size: number of corners of every face, or 0 if
+    // they differ; vertices: upper bound on the number of vertices on faces.
     CodedSurface decode(RangeCoder<Mode::decode> &coder, i32 common_size, bool has_border, i64 faces, i64 corners,
                         i64 vertices);
 
 private:
     template <Mode mode> friend class SurfaceCoder;
 
-    static constexpr int most_faces = 11, most_angle = 23, most_size = 7;  // counts are clamped to these
-    static constexpr int told_sizes = 4;  // sizes 3, 4, 5 and from 6 on have models of their own
+    static constexpr int most_faces = 11, most_angle = 23, most_size = 7;  // contexts clamp these counts
+    static constexpr int told_sizes = 4;  // sizes 3, 4, 5, and 6 or more have models of their own
     static constexpr int F = most_faces + 1, A = most_angle + 1, S = most_size + 1;
 
     struct SizeModels {

@@ -6,10 +6,11 @@ namespace {
 
 constexpr std::size_t bytes_each = sizeof(double);
 
-// Map the bits of a double to an integer of the same order, and back.
+// Map the bits of a double to an integer so that the order of doubles is kept; also the inverse.
 i64 flipped(i64 bits) { return bits ^ ((bits >> 63) & INT64_MAX); }
 
-// Take second differences of the ranks of times among all doubles; first bytes of all come first, then second bytes.
+// Return the second differences of the ranks of times among all doubles, as bytes: first bytes of all, then second
+// bytes, and so on.
 std::vector<u8> bytes_of(std::span<const double> times) {
     std::vector<u8> bytes(bytes_each * times.size());
     i64 before = 0, step_before = 0;

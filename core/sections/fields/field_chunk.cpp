@@ -12,17 +12,17 @@ namespace pdeanim {
 
 namespace {
 
-// The first byte of a chunk has the levels, and flags above them.
+// The low bits of a chunk's first byte are the levels; these flags are above them.
 constexpr u8 has_kinds = 16, is_transformed = 32;
-constexpr u8 function_step = 5;  // step of functions of time: their errors add up to less than a step of the remainder
+constexpr u8 function_step = 5;  // of functions of time: their errors add up to less than a step of the remainder
 
-// What predicts a frame: `before` and `after` at the same distance, `second` and `beyond` farther away on either side;
-// -1 for none.
+// The frames that predict a frame: `before` and `after` are at the same distance, `second` and `beyond` farther away on
+// either side; -1 if there is none.
 struct FrameReferences {
     i64 frame, before, after, second, beyond;
 };
 
-// The order in which frames are coded, and the frames that predict each.
+// Return the order in which frames are coded, with the frames that predict each.
 std::vector<FrameReferences> schedule(i64 frames, int levels) {
     std::vector<FrameReferences> found;
     for (int level = levels; level >= 0; --level) {
@@ -41,7 +41,8 @@ std::vector<FrameReferences> schedule(i64 frames, int levels) {
     return found;
 }
 
-// Codes the values of a chunk in place. An encoder begins with the source, and ends with what a decoder finds.
+// Codes the values of a chunk in place: an encoder starts with the source's values and ends with those that a decoder
+// gets.
 template <Mode mode> class FieldCoder {
 public:
     FieldCoder(RangeCoder<mode> &coder, const FieldRows &rows, i64 frames, int components, FieldCoding coding,
@@ -58,7 +59,7 @@ public:
         }
     }
 
-    // Memory of the predictors of a component.
+    // Number of predictors of a component, and their memory.
     static constexpr int ways = 4;
     static constexpr u64 predictor_bytes = ways * sizeof(FieldPredictor);
 
@@ -69,7 +70,7 @@ public:
 private:
     static constexpr i64 span_rows = 16;
     static constexpr int most_repeats = 3;
-    enum Way { spatial, held, extrapolated, interpolated };  // how frames predict
+    enum Way { spatial, held, extrapolated, interpolated };  // how a frame is predicted
 
     const i64 *values_of(i64 frame) const { return frame < 0 ? nullptr : values_.data() + frame * width_; }
     u8 *kinds_of(i64 frame) const { return frame < 0 || kinds_.empty() ? nullptr : kinds_.data() + frame * width_; }
@@ -129,7 +130,7 @@ private:
         const int count = static_cast<int>(neighbours.size());
         const i64 share = count == 0 ? 0 : 65536 / count;
         const i64 nearest = count > 0 ? neighbours[0] : most<i64>(row - 1, 0);
-        u64 past = 1;  // the row in the frames before, whatever the signs: parts that mirror each other move alike
+        u64 past = 1;  // hash of the row's magnitudes in the frames before: parts that mirror each other move alike
         for (i64 i = row * components_; before_ && i < (row + 1) * components_; ++i) {
             past = FollowerTable::extended(past, size_of(before_[i]));
             if (second_) past = FollowerTable::extended(past, size_of(second_[i]));
@@ -139,7 +140,7 @@ private:
             const i64 last = row > 0 ? i - components_ : i;
             const auto of = [&](int neighbour) { return i64{neighbours[neighbour]} * components_ + component; };
             const auto change_of = [&](i64 other) { return before_ ? now_[other] - bases_[other] : now_[other]; };
-            // Means of the neighbours: change from the base, base, size of the remainder, mean size.
+            // Means over the neighbours: change from the base, base, size of the remainder, mean size of remainders.
             i64 change = 0, base_around = 0, around = 0, mean_around = 0;
             for (int k = 0; k < count; ++k) {
                 change += change_of(of(k));
@@ -194,8 +195,8 @@ private:
             const auto side = [](i64 number) { return number > 0 ? 2 : number < 0 ? 1 : 0; };
             known.signs = 3 * (row > 0 ? side(remainders_[near]) : 0) + side(across);
 
-            // Candidates for the value: the previous frame's, a neighbour's, and two values that followed the same
-            // values before.
+            // Propose candidates for the value: the previous frame's, a neighbour's, and two values that followed the
+            // same values before.
             const auto propose = [&](int which, i64 value, int confidence) {
                 const i64 remainder = in_steps(value - predicted);
                 known.candidates[which] = {size_of(remainder), remainder < 0, 1 + confidence};
@@ -247,12 +248,12 @@ private:
         }
     }
 
-    // The nearest multiple of the step.
+    // Return the nearest multiple of the step.
     i64 in_steps(i64 difference) const {
         return coding_.step == 1 ? difference : floor_divide(difference + coding_.step / 2, coding_.step);
     }
 
-    // Code what kind a value is of. Return whether it is no number.
+    // Code the kind of a value. Return whether it is something other than a finite number.
     bool code_kind(i64 i, i64 near, i64 last) {
         const int before = kinds_before_ ? kinds_before_[i] : 0;
         const int beside = near < i ? kinds_now_[near] : 0, previous = last < i ? kinds_now_[last] : 0;
@@ -272,20 +273,20 @@ private:
     const FieldRows &rows_;
     int components_;
     FieldCoding coding_;
-    i64 width_;  // values of a frame
+    i64 width_;  // number of values in a frame
     std::span<i64> values_;
     std::span<u8> kinds_;
     std::vector<FrameReferences> references_;
 
-    // The frame that is being coded.
+    // State for the frame that is being coded.
     Way way_ = spatial;
     i64 *now_ = nullptr;
     const i64 *before_ = nullptr, *second_ = nullptr;
     u8 *kinds_now_ = nullptr, *kinds_before_ = nullptr;
     std::vector<i64> bases_, speeds_, bends_;
 
-    // For each value of a frame, as of the latest frame: its remainder, the mean size of its remainders [1/16], and for
-    // how many frames in a row it has not changed.
+    // For each value, as of the latest frame: its remainder, the mean size of its remainders [1/16], and for how many
+    // frames in a row it has not changed.
     std::vector<i64> remainders_, mean_sizes_;
     std::vector<u8> repeats_;
 
@@ -305,7 +306,7 @@ void append(std::vector<u8> &data, std::span<const u8> more) {
     std::copy(more.begin(), more.end(), data.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
-// One row, for functions of time.
+// Return rows with a single row, for coding functions of time.
 FieldRows single_row() {
     const ConnectivityView object{};
     return FieldRows(FieldDomain::object, {&object, 1});
@@ -324,7 +325,7 @@ FieldCoding decode_predicted(const FieldRows &rows, std::span<const u8> data, i6
     return coding;
 }
 
-// Read functions of time and coefficients; what follows them in `data` is left there.
+// Read functions of time and coefficients, and advance `data` to the bytes that follow them.
 FieldTransform decode_transform(const FieldRows &rows, std::span<const u8> &data, i64 frames, int components) {
     constexpr std::size_t head = 2, sizes = 8;
     const std::size_t count = data.size() < head ? 0 : data[1];

@@ -1,4 +1,4 @@
-// The model of remainders: whole numbers, mostly small, some of which candidates propose.
+// The context model of remainders: whole numbers, mostly small, some of which candidates predict.
 #pragma once
 
 #include <array>
@@ -9,9 +9,9 @@
 
 namespace pdeanim {
 
-// Context of a remainder: known values around it.
+// The context of a remainder: known data around it.
 struct RemainderContext {
-    // A value that may return, as a remainder. There is none where the confidence is 0.
+    // The remainder that a value which may return would have. There is no candidate if the confidence is 0.
     struct Candidate {
         i64 size = 0;
         bool is_negative = false;
@@ -19,12 +19,12 @@ struct RemainderContext {
     };
     static constexpr int candidate_count = 4;
 
-    i64 expected = 0;  // size [1/128]
+    i64 expected = 0;  // expected magnitude [1/128]
     i64 own = 0, around = 0,
-        across = 0;                // sizes: of the row in the frame before, of its neighbours, of the value before
-    i64 mean = 0;                  // size of the row in the frames before
-    int component = 0, signs = 0;  // up to 2; signs of a neighbour's remainder and of the value before, 0 to 8
-    bool is_second_guess = false;  // whether two frames or more predict the value
+        across = 0;                // magnitudes: same row in the frame before; neighbours; value before
+    i64 mean = 0;                  // mean magnitude of the row in the frames before
+    int component = 0, signs = 0;  // up to 2; signs of a neighbour's remainder and of the value before it, 0 to 8
+    bool is_second_guess = false;  // whether two or more frames predict the value
     std::array<Candidate, candidate_count> candidates;
 };
 
@@ -43,9 +43,10 @@ public:
         }
     }
 
-    // Code the number of digits, counted up or down from a guess; the sign; the digits below the first.
+    // Code the number of digits of a remainder, counted up or down from a guess; then the sign and the digits after the
+    // leading one.
     //
-    // A candidate is a witness as long as it agrees with the bits so far: then it predicts the next one.
+    // A candidate that agrees with all bits so far is a witness: it predicts the next bit.
     template <Mode mode> i64 code(RangeCoder<mode> &coder, const RemainderContext &known, i64 remainder) {
         const int guess = least(bit_length((known.expected * 3) >> 9), most_digits - 1), scale = least(guess, 6);
         const auto relative = [&](i64 size) { return clamp(bit_length(size) - guess + 2, 0, 5); };
@@ -91,9 +92,8 @@ private:
     static constexpr int candidates = RemainderContext::candidate_count, inputs = 3 + candidates;
     static constexpr int most_digits = 44, classes = 48, candidate_kinds = 2 + 2 * 32;
     static constexpr int rising = 0, falling = 16, sign = 32, upper = 33, lower = 81, positions = 97;
-    static constexpr i32 first_weight = 14500;  // [1/65536]; a sum of 1.2 costs 1 % of the bytes
-    static constexpr int first_trust =
-        4;  // right guesses that a candidate begins with; without them fields take 4 % more
+    static constexpr i32 first_weight = 14500;  // [1/65536]; with a sum of 1.2 the bytes grow by 1 %
+    static constexpr int first_trust = 4;  // right predictions that a candidate starts with; with 0 fields grow by 4 %
     using Models = std::array<BitModel, positions>;
     template <int count> using Relative = std::array<std::array<std::array<Models, 6>, 6>, count>;
 
@@ -127,7 +127,7 @@ private:
     }
 
     std::array<BitModel *, inputs - candidates> contexts_{};
-    int witnesses_ = 0;  // a bit for each candidate
+    int witnesses_ = 0;  // the candidates that are still witnesses, as bits
     std::array<std::array<BitModel, candidate_kinds>, positions> by_candidate_[candidates];
     std::array<std::array<Weights<inputs>, 1 << candidates>, positions> weights_;
     std::array<std::array<u16, 1 << candidates>, positions> uses_{};

@@ -14,7 +14,7 @@ constexpr i64 largest_field_prediction = 2 * largest_field_value;
 
 using FieldPredictor = LearningPredictor<6, largest_field_prediction>;
 
-// Values that followed a context: the latest one, and how often in a row it was right.
+// For each context, the value that followed it last, and how often in a row that was right.
 class FollowerTable {
 public:
     static constexpr int most_confidence = 7;
@@ -30,7 +30,7 @@ public:
 
     Slot &at(u64 context) { return slots_[((context ^ context >> 29) * factor) >> (64 - table_bits)]; }
 
-    // A context that goes on with a number.
+    // Return the hash of a context that continues with a number.
     static u64 extended(u64 context, i64 number) { return (context + static_cast<u64>(number)) * factor; }
 
 private:

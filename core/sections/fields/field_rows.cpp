@@ -24,7 +24,7 @@ void link_vertices(const ConnectivityView &object, i64 first, Links &links) {
     for (const Edge &edge : edges_of({&object, 1})) links.add(first + edge.tail, first + edge.head);
 }
 
-// Of several faces on an edge, each is a neighbour of the one before.
+// Link faces that share an edge. Of several faces on one edge, each is a neighbour of the one before.
 void link_faces(const ConnectivityView &object, i64 first, Links &links) {
     struct Side {
         i32 low, high;
@@ -33,7 +33,7 @@ void link_faces(const ConnectivityView &object, i64 first, Links &links) {
     };
     std::vector<Side> sides;
     sides.reserve(object.face_indices.size());
-    const std::vector<Edge> edges = edges_of({&object, 1});  // those of faces first, corner by corner
+    const std::vector<Edge> edges = edges_of({&object, 1});  // edges of faces come first, corner by corner
     auto edge = edges.begin();
     i64 face = first;
     for (const i32 size : object.face_sizes) {
@@ -50,7 +50,7 @@ void link_faces(const ConnectivityView &object, i64 first, Links &links) {
     }
 }
 
-// The latest corner of the same vertex, and the two corners before it in its face.
+// Link a corner to the latest corner of the same vertex, and to the two corners before it in its face.
 void link_corners(const ConnectivityView &object, i64 first, Links &links) {
     std::vector<i64> latest(object.vertices, -1);
     i64 corner = first;
@@ -78,7 +78,8 @@ i64 row_count(FieldDomain domain, const ConnectivityView &object) {
 }
 
 u64 FieldRows::building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects) {
-    // Tables of rows that grow to twice their size; links, which grow too, and the edges or sides they are made of.
+    // Memory per row of tables that grow by doubling, and per link of the links and of the edges or sides that they are
+    // made from.
     constexpr u64 bytes_per_row = 2 * (sizeof(i64) + most_neighbours * sizeof(i32));
     const u64 bytes_per_corner = domain == FieldDomain::vertex   ? 32
                                  : domain == FieldDomain::face   ? 48

@@ -20,11 +20,12 @@ i64 row_count(FieldDomain domain, const ConnectivityView &object);
 struct FieldRows {
     static constexpr int most_neighbours = 4;
 
-    // Rows of these objects, one object after the other. Vertices have neighbours along edges; faces have neighbours
-    // across edges; corners have the other corner of their vertex and those of their face; objects have none.
+    // Number the rows of objects, one object after the other. Vertices have neighbours along edges, and faces across
+    // edges. The neighbours of a corner are another corner of its vertex and the other corners of its face. Objects
+    // have none.
     FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects);
 
-    // Peak memory of the constructor.
+    // Return the peak memory of the constructor.
     static u64 building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects);
 
     u64 bytes() const { return sizeof(i64) * starts.capacity() + sizeof(i32) * neighbours.capacity(); }
@@ -35,7 +36,7 @@ struct FieldRows {
     }
 
     std::vector<i64> starts;      // where the neighbours of each row start
-    std::vector<i32> neighbours;  // rows before it, the latest first, at most `most_neighbours` of each
+    std::vector<i32> neighbours;  // of each row, rows before it, the latest first, at most `most_neighbours`
 };
 
 }  // namespace pdeanim

@@ -1,9 +1,9 @@
-// Code residuals of predicted grid coordinates.
+// Codes the residuals of predicted grid coordinates.
 //
-// A residual is coded as its length, its number of binary digits. The coder begins with the length that the neighbours'
-// residuals make likely and goes up or down from there; each decision mixes three inputs. Then come the digits below
-// the first, and the sign. For shapes that repeat themselves, such as the rings of a regular tube, a match model
-// proposes residuals first.
+// A residual is coded as its length, which is its number of digits. The coder begins with the length that the
+// neighbours' residuals make likely and goes up or down from there; each decision mixes three models. Then come the
+// digits after the leading one, and the sign. For shapes that repeat themselves, such as the rings of a regular tube, a
+// match model first proposes a residual.
 #pragma once
 
 #include <optional>
@@ -22,30 +22,30 @@ public:
     template <Mode mode> void code_weights(RangeCoder<mode> &coder, TermWeights &weights);
     template <Mode mode> void code_weights(RangeCoder<mode> &coder, SmoothingWeights &weights);
 
-    // Code the grid coordinates of all vertices in prediction order; read when encoding, written when decoding.
-    // CorruptError if the bits hold a coordinate out of range.
+    // Code the grid coordinates of all vertices in prediction order: read when encoding, written when decoding.
+    // CorruptError if a coordinate is out of range.
     template <Mode mode>
     void code(RangeCoder<mode> &coder, const std::vector<i32> &order, const TermWeights &weights, Predictor &points);
 
 private:
-    enum Way { first, up, down, ways };  // decisions on the length: the first one, and those going up and down from it
+    enum Way { first, up, down, ways };  // decisions on a length: the first, then up or down
 
     static constexpr int nearnesses = 4;
-    // Rows of contexts: whether a residual is zero, by how close to a grid point the prediction lies; whether it has
-    // each length from 2 to 12; and one for longer ones.
+    // Rows of contexts: four for whether a residual is zero, by how close the prediction is to a grid point; one each
+    // for lengths of 2 to 12; one for longer ones.
     static constexpr int rows = 16;
     static constexpr int sizes = 48;  // number of size classes, two per octave
     static constexpr i64 half = 1 << (fraction_bits - 1);
 
-    // Return the class of a number that is not negative, two classes per octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and
-    // 7, ...
+    // Return the class of a number, two classes per octave: 0, 1, 2, 3, then 4 for 4 and 5, 5 for 6 and 7, ... The
+    // number is not negative.
     static int grade(i64 value) {
         const int digits = bit_length(value);
         if (digits < 2) return digits;
         return least<int>(2 * digits - 2 + static_cast<int>((value >> (digits - 2)) & 1), sizes - 1);
     }
 
-    // Return a term in whole steps, clamped to -2 to 2, plus 2.
+    // Return a term rounded to steps, clamped to -2 to 2, plus 2.
     static int leaning(i64 term) { return static_cast<int>(clamp<i64>((term + half) >> fraction_bits, -2, 2)) + 2; }
 
     std::optional<MatchModel> matches_;
@@ -60,9 +60,9 @@ private:
     std::vector<BitModel> by_size_, by_kind_, by_spread_;  // inputs of a decision on a length
     std::array<std::vector<BitModel>, 3> signs_;
     std::array<std::array<BitModel, 4>, grid_bits + 1> digits_;
-    std::array<BitModel, 3> weight_;  // models for weights of terms, of terms along the normal, and of smoothing
+    std::array<BitModel, 3> weight_;  // for weights of terms, of terms along the normal, of smoothing
     std::array<BitModel, weight_digits> weight_digits_;
-    // For lengths, by direction and distance from the first length tried; for signs, one for each kind.
+    // Weights for decisions on lengths, by direction and distance from the first length tried; and for signs, by kind.
     Weights<3> first_;
     std::array<Weights<3>, farthest> up_, down_;
     std::array<Weights<3>, sign_kinds> sign_weights_;
@@ -75,7 +75,7 @@ inline PointModel::PointModel(bool repeats)
     if (repeats) matches_.emplace();
 }
 
-// Code a zero flag, the absolute value in seven digits, and the sign.
+// Code a weight: whether it is zero, its absolute value in seven digits, and the sign.
 template <Mode mode> void PointModel::code_weight(RangeCoder<mode> &coder, int set, i32 &weight) {
     i32 size = 0;
     if (coder.bit(weight_[set], weight != 0)) {

@@ -10,18 +10,18 @@ namespace pdeanim {
 namespace {
 
 constexpr int reciprocal_bits = 15;
-constexpr int normal_bits = 12;  // digits of the largest component of one parallelogram's normal; their sum has 4 more
-constexpr int edge_bits = 20;    // digits of the largest component of two edges before their cross product
-constexpr i64 largest_miss = i64{1} << 30;    // [1/16]: keeps sums of misses far from overflow
+constexpr int normal_bits = 12;  // digits of the largest component of a parallelogram's normal; a sum has 4 more
+constexpr int edge_bits = 20;    // digits of the largest component of an edge, before cross products
+constexpr i64 largest_miss = i64{1} << 30;    // [1/16]; keeps sums of misses far from overflow
 constexpr int weight_bits = 5;                // fraction bits of the weights of terms
-constexpr i64 largest_turned = i64{1} << 32;  // limit of a term's component before its projection on the normal [1/512]
+constexpr i64 largest_turned = i64{1} << 32;  // limit on a component of a term that is projected on the normal [1/512]
 
-// 1 / n in 1/32768, rounded; every sum has at most two terms per corner.
+// Return 1 / n in 1/32768, rounded. n is at most twice the number of corners used.
 constexpr i64 reciprocal(i64 count) { return count ? ((i64{1} << (reciprocal_bits + 1)) + count) / (2 * count) : 0; }
 
 }  // namespace
 
-// Add the normal of the triangle a, b, d, scaled to normal_bits.
+// Add the normal of the triangle a, b, d, scaled to normal_bits digits.
 void Predictor::add_normal(i32 a, i32 b, i32 d, Vector &normal) const {
     i64 largest = 0;
     for (int k = 0; k < 3; ++k) {
@@ -106,7 +106,8 @@ Around Predictor::look_around(i32 vertex) const {
         if (last_ >= 0) {
             for (int k = 0; k < 3; ++k) {
                 found.base[k] = grid[last_][k] << fraction_bits;
-                // The first seed has no earlier one; the last vertex takes its place.
+                // A vertex without known neighbours is predicted by the previous vertex of that kind; before the second
+                // one, by the last vertex.
                 found.terms[neighbours][k] = (grid[last_seed_][k] - grid[last_][k]) * (1 << fraction_bits);
             }
         }
@@ -172,14 +173,14 @@ void Predictor::learn(i32 vertex, const Around &around, const Vector &residual) 
 
 namespace {
 
-constexpr std::size_t least_vertices = 8;    // kinds with fewer vertices: weights cost more than they save
+constexpr std::size_t least_vertices = 8;    // kinds with fewer vertices get no weights: not worth their cost
 constexpr std::size_t most_vertices = 2048;  // largest sample of a kind, evenly spread
-constexpr int rounds = 5;  // rounds of reweighted least squares; later ones change the size by less than 0.1 %
-constexpr double weight_cost = 9.0;                     // bits per weight
+constexpr int rounds = 5;            // rounds of reweighted least squares; more change the size by less than 0.1 %
+constexpr double weight_cost = 9.0;  // bits per weight
 constexpr double half_step = 1 << (fraction_bits - 1);  // smaller residuals are rounded to zero
 constexpr double largest_weight = 127.0, weight_unit = 32.0;
-constexpr double ridge = 1e-6;      // relative, added to the diagonal: separates columns that are nearly equal
-constexpr double dependent = 1e-9;  // relative; a smaller pivot is rounding: its column is left out
+constexpr double ridge = 1e-6;      // relative; added to the diagonal so that nearly equal columns can be told apart
+constexpr double dependent = 1e-9;  // relative; a smaller pivot is only rounding error, and its column is left out
 constexpr int most_columns = 2 * term_count;
 
 struct Row {
@@ -195,8 +196,8 @@ double target_left(const Row &row, const Solution &solution, int width) {
     return left;
 }
 
-// Iteratively reweighted least squares, with a fixed order of operations: minimise the sum of the residuals' absolute
-// values, or of log(absolute value + half_step); smaller values count as half_step.
+// Fit weights by iteratively reweighted least squares, with a fixed order of operations. Minimises the sum of the
+// residuals' absolute values, or of log(absolute value + half_step); values below half_step count as half_step.
 Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithmic) {
     Solution solution{};
     for (int round = 0; round < rounds; ++round) {
@@ -211,7 +212,7 @@ Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithm
                 for (int k = 0; k <= j; ++k) matrix[j][k] += weighted * row.columns[k];
             }
         }
-        // Factor in place by Cholesky: the lower triangle becomes the factor.
+        // Factor the matrix in place by Cholesky: its lower triangle becomes the factor.
         bool kept[most_columns];
         for (int j = 0; j < width; ++j) {
             const double whole = matrix[j][j] * (1.0 + ridge);
@@ -237,7 +238,8 @@ Solution fit_robustly(const std::vector<Row> &rows, int width, bool is_logarithm
     return solution;
 }
 
-// Estimate the bits of residuals: the entropy of their numbers of digits, the digits below the first, the signs.
+// Estimate the bits of residuals: the entropy of their numbers of digits, plus the digits after the leading one, plus
+// the signs.
 double residual_bits(const std::vector<Row> &rows, const Solution &solution, int width) {
     std::array<i64, 64> counts{};
     double digits_in_all = 0.0;
@@ -256,11 +258,11 @@ double residual_bits(const std::vector<Row> &rows, const Solution &solution, int
     return entropy + digits_in_all;
 }
 
-// Choose weights [1/32] by the bits that they save; all zero if they save none.
+// Choose the weights [1/32] that save the most bits; all zero if none save any.
 void cheapest(const std::vector<Row> &rows, int width, double cost,
               std::array<std::array<i32, term_count>, 2> &weights) {
     double lowest = residual_bits(rows, {}, width);
-    // Fit by absolute values, and by their logarithms, which favours the many residuals that become zero.
+    // Fit both criteria. The logarithm favours residuals that become zero, of which there are many.
     for (const bool is_logarithmic : {false, true}) {
         const Solution solution = fit_robustly(rows, width, is_logarithmic);
         Solution rounded{};
@@ -296,7 +298,7 @@ TermWeights choose_term_weights(const std::vector<i32> &order, Predictor &points
     for (int kind = 0; kind < kind_count; ++kind) {
         std::vector<Seen> &members = by_kind[kind];
         if (members.size() < least_vertices) continue;
-        // Sort by number, so that the sample comes from all over the mesh.
+        // Sort by number, so that the sample is spread over the whole mesh.
         std::sort(members.begin(), members.end(), [](const Seen &a, const Seen &b) { return a.vertex < b.vertex; });
         const bool has_normal = kind >= first_of_parallelograms;
         const std::size_t stride = (members.size() + most_vertices - 1) / most_vertices;

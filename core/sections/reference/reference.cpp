@@ -14,21 +14,22 @@ namespace pdeanim {
 
 namespace {
 
-// Vertices that lie on the same point: welding them turns seams and soups of polygons into surfaces again.
+// Welds: vertices that lie on the same point. Welding turns seams and loose polygons into connected surfaces again.
 //
-// Vertices are visited polygon by polygon, then the remaining ones. For each, it is coded whether it lies on a known
-// point, and on which: first candidates are the points that would close a gap in the surface, then the latest ones.
+// Vertices are visited polygon by polygon, then the remaining ones. For each vertex, it is coded whether it lies on a
+// known point, and on which: the first candidates are the points that would close a gap in the surface, then the latest
+// points.
 
-constexpr int most_followed = 16;  // corners per point that are examined, even if all vertices lie on one point
-constexpr int most_recent = 64;    // corners that are examined going back in the list
-constexpr int most_digits = 31;    // digits of a distance between two points
+constexpr int most_followed = 16;  // corners of a point that are examined, even if all vertices lie on one point
+constexpr int most_recent = 64;    // latest corners that are examined
+constexpr int most_digits = 31;    // digits of the difference of two point numbers
 constexpr int places = 4, ranks = 8;
 constexpr int histories = 16;                      // whether each of the last four vertices lay on a known point
-constexpr int most_classes = 16, class_turns = 4;  // sets of tied vertices on a point: examined; with their own models
+constexpr int most_classes = 16, class_turns = 4;  // sets of tied vertices of a point: examined; with own models
 
 template <Mode mode> class WeldCoder {
 public:
-    // ties: one entry per vertex, or empty to code no ties; when decoding, the entries are overwritten.
+    // ties: one entry per vertex, or empty if no ties are coded. When decoding, the entries are overwritten.
     WeldCoder(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of, std::vector<i32> &ties)
         : coder_(coder), corners_(corners), point_of_(point_of), ties_(ties), is_met_(point_of.size()),
           latest_(point_of.size(), -1), earlier_(corners.fan.size()), edge_met_(corners.fan.size()),
@@ -78,7 +79,7 @@ private:
 
     i32 point_at(i32 corner) const { return point_of_[corners_.vertex(corner)]; }
 
-    // Code whether a vertex lies on a known point; if not, it gets a new one.
+    // Code whether a vertex lies on a known point. If not, the vertex gets a new point.
     bool code_is_old(BitModel &model, i64 vertex) {
         const bool is_old = coder_.bit(model, point_of_[vertex] < points_);
         history_ = (2 * history_ + is_old) % histories;
@@ -86,7 +87,8 @@ private:
         return is_old;
     }
 
-    // Code which of the point's earlier vertices a vertex is tied to. `ties_` becomes the first one that was met.
+    // Code which of the point's earlier vertices a vertex is tied to. When decoding, `ties_` gets the vertex of that
+    // set that was visited first.
     void code_tie(i32 vertex) {
         i32 &latest = latest_class_[point_of_[vertex]];
         int turn = 0;
@@ -103,7 +105,7 @@ private:
         latest = vertex;
     }
 
-    // Code a number from 1 on: its number of digits, then the digits below the first.
+    // Code a number of 1 or more: its number of digits, then the digits after the leading one.
     i64 code_distance(i64 distance) {
         const int wanted = bit_length(distance);
         int digits = 1;
@@ -147,7 +149,7 @@ private:
         return static_cast<i32>(found);
     }
 
-    // Note which edges of a polygon meet others, and add its corners to the lists of their points.
+    // Record which edges of a polygon are shared, and add its corners to the lists of their points.
     void enter_polygon(i32 first, i32 end) {
         for (i32 corner = first; corner < end; ++corner) {
             const i32 following = point_at(corners_.next[corner]);
@@ -172,11 +174,12 @@ private:
     const CornerTable &corners_;
     std::vector<i32> &point_of_, &ties_;
     std::vector<bool> is_met_;
-    std::vector<i32> latest_;          // last corner at each point, or -1
+    std::vector<i32> latest_;          // the latest corner at each point, or -1
     std::vector<i32> earlier_;         // for each corner, the previous one at the same point
-    std::vector<bool> edge_met_;       // whether another polygon runs along the edge from each corner, the other way
-    std::vector<i32> tried_, within_;  // for each point, the last corner that tried it, the last polygon that has it
-    // Sets of tied vertices by the first one met: the latest set at each point, and for each set the one before.
+    std::vector<bool> edge_met_;       // whether another polygon has the edge from each corner, in the other direction
+    std::vector<i32> tried_, within_;  // of each point: the last corner that tried it; the last polygon that has it
+    // Sets of tied vertices, named by the vertex visited first: the latest set at each point, and for each set the one
+    // before.
     std::vector<i32> latest_class_, earlier_class_;
     i64 points_ = 0;
     int history_ = 0, tie_history_ = 0;
@@ -187,15 +190,15 @@ private:
     std::array<BitModel, most_digits + 1> digits_;
 };
 
-// Code the point of each vertex, numbered in the order in which they are visited, and its tie unless `ties` is empty:
-// read when encoding, written when decoding. Return the number of points. CorruptError if the bits name an unknown
-// point.
+// Code the point of each vertex, with points numbered in the order of visits; and the tie of each vertex unless `ties`
+// is empty. Both are read when encoding, written when decoding. Return the number of points. CorruptError if a point is
+// unknown.
 template <Mode mode> i64 code_welds(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of,
                                     std::vector<i32> &ties) {
     return WeldCoder<mode>(coder, corners, point_of, ties).code();
 }
 
-// Name each set of tied vertices by its first vertex, in place of the first one that was met.
+// Name each set of tied vertices by its vertex of lowest index instead of the one visited first.
 void name_ties(std::vector<i32> &ties) {
     std::vector<i32> first(ties.size(), -1);
     for (i32 vertex = 0; vertex < static_cast<i32>(ties.size()); ++vertex) {
@@ -205,8 +208,9 @@ void name_ties(std::vector<i32> &ties) {
     }
 }
 
-// Return the point of each vertex, numbered in the order in which the corners and then the other vertices visit them;
-// empty if no two vertices share one. Tied vertices share one; a point has as many sets of them as are examined.
+// Return the point of each vertex, with points numbered in the order in which the corners and then the other vertices
+// visit them; empty if no two vertices share a point. Tied vertices share a point. A point has at most as many sets of
+// tied vertices as are examined.
 template <class Place> std::vector<i32> shared_points(const Polygons &mesh, std::span<const Place> grid, Ties ties) {
     const i64 vertices = static_cast<i64>(grid.size());
     const auto tie_of = [&](i32 vertex) { return ties.empty() ? 0 : ties[vertex]; };
@@ -242,7 +246,7 @@ Polygons welded(Polygons mesh, const std::vector<i32> &point_of, i64 points) {
     return mesh;
 }
 
-// The surface for prediction: the mesh, or the mesh with its welds, which are coded first.
+// The surface over which positions are predicted: the mesh, or the welded mesh, whose welds are then coded first.
 struct Surface {
     Surface(const Polygons &mesh, std::span<const Vector> grid, const std::vector<i32> *point_of, Ties ties = {})
         : points(grid.begin(), grid.end()) {
@@ -281,7 +285,7 @@ struct Surface {
     TermWeights weights;
 };
 
-// Return for each point the coordinates of a vertex that lies on it.
+// Return for each point the data of a vertex that lies on it.
 template <class Place>
 std::vector<Place> at_points(std::span<const Place> places, const std::vector<i32> &point_of, i64 points) {
     std::vector<Place> found(points);
@@ -319,7 +323,7 @@ std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const 
 CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid, const Smoothing *smoothing,
                                 Ties ties) {
     const std::vector<i32> point_of = smoothing ? smoothing->point_of : shared_points(mesh, grid, ties);
-    // Smoothing works across the welds, and vertices of one point are tied.
+    // Welds are needed for smoothing, which works across them, and for ties, which join vertices of one point.
     const bool must_weld = (smoothing || !ties.empty()) && !point_of.empty();
     const u8 always = static_cast<u8>((smoothing ? smooths_points : 0) | (ties.empty() ? 0 : ties_vertices));
     CodedReference best{0, {}};

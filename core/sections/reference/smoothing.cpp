@@ -1,9 +1,9 @@
 // Smoothing of the decoded grid coordinates (7.7 of the specification): an adaptive filter, like the loop filters of
 // video codecs (Tsai et al. 2013, "Adaptive loop filtering for video coding").
 //
-// A vertex moves by a weighted sum of its Laplacian, the mean of its neighbours minus itself, and the Laplacian of the
-// Laplacian. Its class, by the size of the Laplacian, selects the weights: a Laplacian that is small against the step
-// is mostly the quantiser's noise; a large one is part of the shape.
+// A vertex moves by a weighted sum of its Laplacian, which is the mean of its neighbours minus itself, and of the
+// Laplacian of the Laplacian. The magnitude of the Laplacian gives the vertex's class, which selects the weights. A
+// Laplacian much smaller than the quantisation step is mostly quantisation noise; a large one belongs to the shape.
 #include <algorithm>
 #include <cmath>
 
@@ -17,10 +17,10 @@ constexpr i64 unit = i64{1} << smooth_bits;
 constexpr int smoothing_weight_bits = 4;  // fraction bits of weights
 constexpr double largest_smoothing = 127.0;
 
-// Smallest size of the Laplacian in each class but the first [1/64 steps].
+// Smallest magnitude of the Laplacian in each class but the first [1/64 steps].
 constexpr std::array<i64, smoothing_classes - 1> class_sizes = {16, 32, 48, 64, 96, 160};
 
-// Largest error ratio of a smoothed frame to the frame that is worth its weights.
+// Largest ratio of errors, with smoothing to without, at which the weights are worth their bytes.
 constexpr double worthwhile_ratio = 0.97;
 
 struct Neighbours {
@@ -32,14 +32,16 @@ struct Neighbours {
             for (i64 row = begin; row < end; ++row) {
                 const i32 corner = corners.fan[row], before = corners.previous[corner];
                 vertices.push_back(corners.vertex(corners.next[corner]));
-                // Inside a surface, the vertex before is also the vertex after of the adjacent corner.
+                // Inside a surface, the vertex before is also the vertex after of the adjacent corner, and is added
+                // there.
                 if (neighbourhood_at(corners, corner).before_counts) vertices.push_back(corners.vertex(before));
             }
             starts.push_back(static_cast<i64>(vertices.size()));
         }
     }
 
-    // Return the mean of the neighbours minus the vertex itself, times `scale`, rounded; 0 without neighbours.
+    // Return the mean of the neighbours minus the vertex itself, times `scale`, rounded; 0 for a vertex without
+    // neighbours.
     std::vector<Vector> laplacian(std::span<const Vector> values, i64 scale) const {
         std::vector<Vector> found(values.size());
         for (std::size_t v = 0; v < values.size(); ++v) {
@@ -58,7 +60,7 @@ struct Neighbours {
     std::vector<i32> vertices;
 };
 
-// The quantities that smoothing moves vertices by.
+// The two quantities that smoothing moves vertices by.
 struct Bends {
     Bends(const CornerTable &corners, std::span<const Vector> grid) {
         const Neighbours neighbours(corners);
@@ -76,7 +78,7 @@ struct Bends {
         return clamp((sum + (1 << (smoothing_weight_bits - 1))) >> smoothing_weight_bits, -unit / 2, unit / 2);
     }
 
-    std::vector<Vector> first, second;  // the Laplacian and its Laplacian [1/64 steps]
+    std::vector<Vector> first, second;  // the Laplacian, and the Laplacian of the Laplacian [1/64 steps]
 };
 
 i32 rounded_weight(double weight) {
@@ -84,7 +86,7 @@ i32 rounded_weight(double weight) {
         clamp(std::nearbyint(weight * (1 << smoothing_weight_bits)), -largest_smoothing, largest_smoothing));
 }
 
-// Sums of a least squares fit with two columns.
+// Sums for a least squares fit of two weights.
 struct Fit {
     double first = 0.0, both = 0.0, second = 0.0, first_target = 0.0, second_target = 0.0;
 

@@ -95,7 +95,7 @@ template <Mode mode> i64 ResidualModel<mode>::code_distance(i64 frame, i64 dista
     return found;
 }
 
-// Load the places of a frame's residuals, as if it had just been coded.
+// Restore the record of a frame's residuals, as if that frame had been coded just now.
 template <Mode mode> void ResidualModel<mode>::recall(i64 frame) {
     i64 residual = residuals_.frame_starts[frame];
     const i64 end = residuals_.frame_starts[frame + 1];
@@ -131,14 +131,15 @@ template <Mode mode> void ResidualModel<mode>::code_patch(std::size_t patch) {
         if (coder_.beyond() > RangeCoder<mode>::first_bytes) throw CorruptError("the stream ends too early");
     }
     const i64 begin = patches_[patch], end = patches_[patch + 1];
-    // Of the two previous patches in this frame, and of this patch and the next in the reference.
+    // Numbers of residuals: of the two previous patches in this frame, and of this patch and the next one in the
+    // reference.
     const int second = count_class(counts_[patch]), before = count_class(counts_[patch + 1]);
     const int own = count_class(counts_[patch + 2]), ahead = count_class(counts_[patch + 3]);
     i64 so_far = 0;
     if (coder_.template mixed<3>({&patch_beside_[own][before][second > 0][least(ahead, 2)], &by_patch_[patch],
                                   &patch_around_[second][ahead][before]},
                                  patch_weights_.data(), is_next_before(end))) {
-        i64 in_span = 0;  // before
+        i64 in_span = 0;  // residuals in the previous span
         for (i64 span = begin; span < end; span += span_size) {
             const i64 span_end = least(span + span_size, end);
             const bool is_certain = so_far == 0 && span_end == end;
@@ -161,7 +162,7 @@ template <Mode mode> void ResidualModel<mode>::code_patch(std::size_t patch) {
     counts_[patch + 2] = so_far;
 }
 
-// Return how many places of the span have a residual.
+// Code which places of a span have a residual, and the residuals; return how many do.
 template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int own) {
     const i64 first = at_;
     for (i64 place = begin; place < end; ++place) {
@@ -188,7 +189,8 @@ template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int 
     return at_ - first;
 }
 
-// near, before, second: residuals of this place in the reference, and of the two previous places in this frame, or -1.
+// near, before, second: the residual of this place in the reference, and those of the two previous places in this
+// frame; -1 if there is none.
 template <Mode mode> void ResidualModel<mode>::code_residual(i64 place, i64 near, i64 before, i64 second) {
     if constexpr (mode == Mode::decode) {
         if (at_ == count_) throw CorruptError("there are more residuals than declared");

@@ -13,9 +13,9 @@ namespace pdeanim {
 
 namespace {
 
-constexpr std::size_t most_samples = 64;  // places at which frames are compared: enough to tell a cycle from likeness
-constexpr i64 small_number = 1 << 20;     // sums over all samples stay within 32 bits if all residuals are below this
-constexpr i64 raw_vertex_bytes = 12;      // least size of a raw vertex in a stream; the last one may be shortened
+constexpr std::size_t most_samples = 64;  // places at which frames are compared: enough to tell a cycle from chance
+constexpr i64 small_number = 1 << 20;     // if all residuals are below this, sums over all samples stay within 32 bits
+constexpr i64 raw_vertex_bytes = 12;      // smallest size of a raw vertex in a stream; the last may be shortened
 
 struct Head {
     i64 residuals = 0, raw_vertices = 0;
@@ -31,10 +31,10 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Head head) {
     return head;
 }
 
-// Raw vertices, by frame and then place.
+// Codes raw vertices, ordered by frame and then by place.
 class RawModel {
 public:
-    // Code one vertex. On entry, frame and place belong to the previous vertex, on return to this one.
+    // Code one vertex. frame, place: of the previous vertex on entry, of this vertex on return.
     template <Mode mode>
     void code(RangeCoder<mode> &coder, i64 &frame, i64 &place, i64 wanted_frame, i64 wanted_place, Position &position) {
         const i64 passed_over = frames_.code(coder, wanted_frame - frame + 1) - 1;
@@ -55,7 +55,7 @@ private:
     CountedModel frames_, places_;
 };
 
-// `copies`: measure the bits as if there were this many times as many residuals, all like these.
+// copies: measure the bits of this many times as many residuals, all like these.
 template <Mode mode> void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
                                 const ResidualCoding &coding, [[maybe_unused]] double copies = 1.0) {
     const i64 count = static_cast<i64>(residuals.places.size());
@@ -99,8 +99,8 @@ void check_places(const std::vector<i64> &starts, const std::vector<i32> &places
     }
 }
 
-// For each frame, find the most similar earlier frame, compared at the sampled places (ascending), and store how many
-// frames back it is; leave the distance alone if none is similar. Number: has room for sums of 12 differences per
+// For each frame, find the earlier frame that is most similar at the sampled places (ascending), and store how many
+// frames back it is. The distance stays unchanged if no frame is similar. Number must hold sums of 12 differences per
 // place.
 template <class Number>
 void find_nearest(const Residuals &residuals, std::span<const i32> sampled, std::span<i64> distances) {
@@ -138,8 +138,8 @@ void find_nearest(const Residuals &residuals, std::span<const i32> sampled, std:
         for (std::size_t k = 0; k < width; ++k) {
             of_straight_line += static_cast<Number>(size_of(own[k] - 2 * before[k] + second[k]));
         }
-        // An earlier frame is taken if it differs by less than half as much as the previous frame and as the straight
-        // line through the previous two.
+        // Take an earlier frame only if it differs by less than half as much as the previous frame does, and as the
+        // straight line through the previous two frames does.
         if (2 * least_different < least(of_frame_before, of_straight_line)) distances[frame] = frame - nearest;
     }
 }

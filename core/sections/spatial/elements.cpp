@@ -13,11 +13,11 @@ namespace pdeanim {
 
 namespace {
 
-// The second pass is skipped if at least this fraction of the squared norm is left after the first: then little more
-// than one binary digit was lost.
+// The second pass is skipped for a column if at least this fraction of its squared norm is left after the first pass:
+// then little more than one binary digit was lost.
 constexpr double once_is_enough = 0.125;
 
-// A unit vector of whose squared norm less than this fraction of the threshold is new is too dependent, however it is
+// If the new part of a unit vector is below this fraction of the threshold, the vector is dropped, however it is
 // computed.
 constexpr double certainly = 0.5;
 
@@ -48,7 +48,7 @@ void OrthonormalFunctions::take_away(std::span<Column *const> columns, i64 first
     for (Column *own : columns) own->left = squared_norm(own->values);
 }
 
-// Subtract components along the first `end` functions a second time, from the columns of which little was left.
+// Subtract components along the first `end` functions a second time, from those columns of which little was left.
 void OrthonormalFunctions::take_away_again(std::span<Column *const> columns, i64 end) {
     std::array<Column *, columns_at_once> again;
     std::size_t count = 0;
@@ -74,7 +74,7 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
     std::array<i64, columns_at_once> added;
     added.fill(-1);
     for (i64 begin = 0, end = 0; begin < columns && !is_complete(); begin = end) {
-        // No more columns than can be added if none is dropped.
+        // Take no more columns than could be added if none were dropped.
         end = least(columns, begin + missing());
         const std::span<Column *const> some{all.data() + begin, all.data() + end};
         take_away(some, first, known);
@@ -93,7 +93,8 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
 
 void OrthonormalFunctions::note_nearest(double left) { nearest = std::min(nearest, std::abs(left - 1.0)); }
 
-// Normalise the rest of a column and add it, unless too little is left; return its function or -1.
+// Normalise the rest of a column and add it as a function, unless too little is left. Return the index of the function,
+// or -1.
 i64 OrthonormalFunctions::keep(const Column &column, double share) {
     if (share > 0.0) {
         const double least_left = share * column.before;
@@ -107,7 +108,8 @@ i64 OrthonormalFunctions::keep(const Column &column, double share) {
 }
 
 void OrthonormalFunctions::add_unit_vectors(double share) {
-    // For each unit vector, the squared length that no function accounts for: almost nothing for the last vectors.
+    // For each unit vector, the squared length that the functions do not cover yet: almost nothing for the last
+    // vectors.
     std::vector<double> left(points_, 1.0);
     for (i64 j = 0, known = 0; j < points_ && !is_complete(); ++j) {
         for (; known < count_; ++known) {
@@ -130,13 +132,13 @@ void OrthonormalFunctions::add_zeros() {
 
 namespace {
 
-constexpr int sum_bits = 61;          // digits of a sum of squares of one coordinate: three of them stay below 2^63
+constexpr int sum_bits = 61;          // digits of a sum of squares of one coordinate: three such sums stay below 2^63
 constexpr int moment_bits = 30;       // digits of the moments that choose rotations: products of two stay below 2^63
 constexpr int turn_bits = 30;         // fraction bits of sines and cosines
-constexpr int uncorrelated_bits = 8;  // coordinates are rotated if their squared correlation exceeds 2 to minus this
-constexpr i64 floor_moment = 16;      // added to moments that are compared: rounding errors correlate with nothing
-constexpr int most_sweeps = 8;        // sweeps of rotations; three or four are enough
-constexpr int thinnest_bits = 20;     // coordinates with less than 2 to minus this of all sums of squares are rounding
+constexpr int uncorrelated_bits = 8;  // coordinates are rotated if their squared correlation exceeds 2^-8
+constexpr i64 floor_moment = 16;   // added to the moments that are compared: rounding errors then count as uncorrelated
+constexpr int most_sweeps = 8;     // sweeps of rotations; three or four are enough
+constexpr int thinnest_bits = 20;  // coordinates with less than 2^-20 of all sums of squares are only rounding errors
 
 using Axis = std::vector<i64>;
 
@@ -162,12 +164,12 @@ i64 integer_root(i64 square) {
     return root;
 }
 
-// Rotate two coordinates until they are uncorrelated; return false if they already nearly are.
+// Rotate two coordinates so that they are uncorrelated; return false if they nearly are already.
 bool decorrelate(Axis &a, Axis &b, int shift) {
     const i64 first = moment(a, a), second = moment(b, b), mixed = moment(a, b);
     const i64 apart = ((first >> shift) + floor_moment) * ((second >> shift) + floor_moment) >> uncorrelated_bits;
     if ((mixed >> shift) * (mixed >> shift) <= apart) return false;
-    // Compute half of the angle whose cosine and sine are |across| / root and along / root.
+    // Compute half of the angle whose cosine is |across| / root and whose sine is along / root.
     const i64 across = (second - first) >> shift, along = (2 * mixed) >> shift;
     const i64 root = integer_root(across * across + along * along);
     const i64 twice = (size_of(across) << turn_bits) / root;
@@ -181,7 +183,7 @@ bool decorrelate(Axis &a, Axis &b, int shift) {
 
 int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i32> vertices) {
     const i64 size = static_cast<i64>(vertices.size());
-    // Take coordinates about their mean, with as many binary digits as sum_bits allows.
+    // Take coordinates relative to their mean, with as many digits as sum_bits allows.
     i64 largest = 0;
     for (int k = 0; k < 3; ++k) {
         axes[k].resize(size);
@@ -218,9 +220,9 @@ int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i3
 
 namespace {
 
-// A polynomial, a function along a piece or a unit vector is dropped unless more than this fraction of its squared norm
-// is new. The threshold of unit vectors is below 1 / points, so that they always complete the space of a patch.
-// Functions along a piece are kept as long as they are more than rounding.
+// Fraction of the squared norm that must be new, else a column is dropped: a polynomial, a function along a piece, a
+// unit vector. That of unit vectors is below 1 / points, so they always complete the space of a patch. Functions along
+// a piece are kept unless they are only rounding errors.
 constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-12};
 
 }  // namespace
@@ -239,7 +241,7 @@ int ElementFunctions::locate(i64 element) {
     return found;
 }
 
-// Add the constant and as many local coordinates as make `count` functions.
+// Add the constant, and as many local coordinates as make `count` functions in total.
 void ElementFunctions::add_affine(i64 count) {
     for (i64 j = 0; j < affine_count; ++j) made_[j] = j < count ? j : -1;
     for (i64 k = 0; k < count; ++k) {
@@ -252,7 +254,7 @@ void ElementFunctions::add_affine(i64 count) {
     }
 }
 
-// Write the values of a polynomial to column k; return false if it adds nothing.
+// Write the values of a polynomial to column k; return false if it cannot add anything new.
 bool ElementFunctions::set_column(int polynomial, i64 k) {
     const Polynomial &own = polynomials[polynomial];
     made_[polynomial] = -1;
@@ -266,15 +268,15 @@ bool ElementFunctions::set_column(int polynomial, i64 k) {
     return true;
 }
 
-// Add the polynomials, several of one degree at a time. The product of x p with a function q equals that of p with x q:
-// zero if x q is of lower degree than p and a combination of functions already made (Stieltjes' recurrence, in several
-// coordinates). So x p has components only along functions of the last two degrees and of its own, unless a factor of x
-// or y was dropped.
+// Add the polynomials, several of one degree at a time. The product of x p with a function q equals that of p with x q.
+// That is zero if x q is a combination of functions made before and of lower degree than p (Stieltjes' recurrence, in
+// several coordinates). So x p has components only along functions of its own degree and of the last two degrees,
+// unless a factor of x or y was dropped.
 void ElementFunctions::add_polynomials() {
     constexpr int normal = 2;
     std::array<i64, largest_degree + 1> first = {
         0, 1, least<i64>(affine_count - 1, functions_.count())};  // first function of each degree
-    bool is_closed = true;  // every function times x or y is a combination of functions, up to the degree reached
+    bool is_closed = true;  // every function times x or y is a combination of functions, up to this degree
     for (int j = affine_count; j < polynomial_count && !functions_.is_complete();) {
         const int degree = polynomials[j].degree();
         const bool is_normal = polynomials[j].along == normal;

@@ -32,7 +32,7 @@ SpaceSelection::SpaceSelection(const SpaceLayout &layout, std::span<const i64> s
 
 namespace {
 
-// The encoder leaves out an axis if no more than this fraction of its squared norm is new.
+// An encoder leaves out an axis if at most this fraction of its squared norm is new.
 constexpr double dependent = 0x1p-16;
 
 }  // namespace
@@ -50,8 +50,8 @@ PartitionTree::PartitionTree(const Elements &elements, const std::vector<AffineS
     layout_ = std::make_shared<SpaceLayout>(elements.form, elements.patches, std::move(local), std::move(masks));
 }
 
-// `local`: number of local coordinates of each element. `masks`: functions that each node keeps, read, or written if
-// `chooses`.
+// local: number of local coordinates of each element. masks: which of 1, x, y and z each node keeps; read, or written
+// if `chooses`.
 void PartitionTree::build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements,
                                    const std::vector<u8> &local, std::vector<u8> &masks, bool chooses) {
     const Patches &patches = *elements.patches;
@@ -78,7 +78,7 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
                 stacked[k] = sums[a][k];
                 continue;
             }
-            // Refer the sums to the first vertex of the node, which is the first vertex of its first half.
+            // Make the sums relative to the first vertex of the node, which is also the first vertex of its first half.
             const std::array<double, affine_count> &row = sums[b][k - affine[a]];
             for (int c = 0; c < affine_count; ++c) {
                 const double away = c > 0 ? static_cast<double>(to[c - 1] - from[c - 1]) : 0.0;
@@ -86,10 +86,10 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
             }
         }
         functions.begin(size, size);
-        functions.nearest = std::numeric_limits<double>::infinity();  // the choice is stored in the file
+        functions.nearest = std::numeric_limits<double>::infinity();  // the file stores the choice
         for (int c = 0; c < affine_count && !functions.is_complete(); ++c) {
             if (!chooses && !(masks[node] >> c & 1)) continue;
-            // Subtract the node's mean: far from the origin, x would hardly differ from a constant.
+            // Subtract the mean over the node: far from the origin, x would hardly differ from a constant.
             double along = 0.0, square = 0.0;
             for (i64 k = 0; k < size; ++k) {
                 along += stacked[k][c] * stacked[k][0];

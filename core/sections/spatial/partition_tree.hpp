@@ -1,7 +1,7 @@
 // The partition tree: the affine functions that two halves have in common are stored once, in their parent.
 //
-// A node's affine functions are an orthogonal combination of those of its halves; the remaining combinations are the
-// node's wavelets. The file tells which of 1, x, y and z a node keeps, so that no decoder needs to find dependences.
+// A node's affine functions are orthogonal combinations of those of its halves; the remaining combinations are the
+// node's wavelets. The file says which of 1, x, y and z a node keeps, so no decoder has to detect dependent functions.
 // (Alpert 1993, "A class of bases in L2 for the sparse representation of integral operators": multiwavelets, here on
 // the vertices of a mesh.)
 #pragma once
@@ -17,45 +17,45 @@
 
 namespace pdeanim {
 
-// A selection of subbands of a space basis, numbered in the order of the whole.
+// A selection of subbands of a space basis, with rows numbered in the order of the whole basis.
 //
 // An encoder examines some elements, and the nodes of the partition tree above them, as a sample of the whole mesh.
 struct SpaceSelection {
-    // `subbands`: ascending; the first is that of the whole mesh's affine functions.
+    // subbands: ascending; the first one is that of the affine functions of the whole mesh.
     SpaceSelection(const SpaceLayout &layout, std::span<const i64> subbands);
 
     bool has_element(i64 element) const { return element_rows[element] >= 0; }
 
     i64 functions = 0;
     std::vector<i64> elements;      // ascending
-    std::vector<i64> tree_rows;     // row of each function of the whole mesh and of all nodes, or -1
+    std::vector<i64> tree_rows;     // row of each function of the whole mesh and of nodes, or -1
     std::vector<i64> element_rows;  // row of each element's first function that is not affine, or -1
-    std::vector<u8> has_elements;   // whether a node is or contains one of the elements
+    std::vector<u8> has_elements;   // whether a node contains, or is, one of the elements
 };
 
 class PartitionTree {
 public:
-    static constexpr int most_functions = 2 * affine_count;  // affine functions of two halves
+    static constexpr int most_functions = 2 * affine_count;  // affine functions of both halves
 
-    // Orthogonal: rows are a node's affine functions and then its wavelets, columns the affine functions of the first
-    // half and then of the second.
+    // An orthogonal matrix. Its rows are a node's affine functions, then its wavelets; its columns are the affine
+    // functions of the first half, then of the second.
     using Matrix = std::array<std::array<double, most_functions>, most_functions>;
 
-    // sums: of the affine functions of each element.
+    // sums: those of the affine functions of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
                   std::shared_ptr<const SpaceLayout> layout);
 
-    // The same, but choose the functions that nodes keep; `local`: number of local coordinates of each element.
+    // Choose the functions that nodes keep, too. local: number of local coordinates of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::vector<u8> local);
 
     const std::shared_ptr<const SpaceLayout> &layout() const { return layout_; }
 
-    // Matrix of a node that is not an element. Each such node has two children that follow each other, in order.
+    // Return the matrix of a node that is not an element. Such nodes have two children with consecutive numbers.
     const Matrix &matrix(i64 node) const { return matrices_[(layout_->patches()->children[node] - 1) / 2]; }
 
-    // Transform the affine coefficients of elements, upwards, to those of the whole mesh and of the wavelets. `affine`:
-    // four rows of `channels` per node, those of elements given; `coefficients`: one row per function, of all or of a
-    // selection; the rows of the whole mesh and of nodes are written.
+    // Transform the affine coefficients of elements, upwards, to coefficients of the whole mesh's affine functions and
+    // of wavelets. affine: four rows of `channels` per node, of which those of elements must be set; coefficients: one
+    // row per function, of all functions or of a selection; the rows of the whole mesh and of nodes are written.
     template <class Real>
     void analyse(std::span<double> affine, Real *coefficients, i64 channels, const SpaceSelection *selection) const;
 

@@ -7,7 +7,7 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int term_count = 14;  // at |rate x| <= 12 and n = 4 the first omitted term, 12^60 / 60!, is below 7e-18
+constexpr int term_count = 14;  // for |rate x| <= 12 and n = 4 the first omitted term, 12^60 / 60!, is below 7e-18
 
 // (n k + j)! / (n (k - 1) + j)! for k = 1, 2, ...
 template <int order> constexpr std::array<std::array<double, order>, term_count> quotients = [] {
@@ -22,7 +22,7 @@ template <int order> constexpr std::array<std::array<double, order>, term_count>
     return found;
 }();
 
-// Squares instead of pow(): products are rounded alike everywhere.
+// Squares instead of pow(): products are rounded the same way everywhere.
 template <int order> double power(double x) {
     const double square = x * x, fourth = square * square;
     return order == 4 ? fourth : fourth * fourth;
@@ -33,7 +33,7 @@ template <int order> void add_series(std::span<const double> points, double rate
         const double ratio = power<order>(x) * power<order>(rate);
         std::array<double, order> total;
         total.fill(1.0);
-        // Horner's scheme from the smallest term; at rate 0 every term but the first is 0.
+        // Horner's scheme from the smallest term. At rate 0 all terms but the first are 0.
         for (int k = rate != 0.0 ? term_count : 0; k-- > 0;) {
             for (int j = 0; j < order; ++j) total[j] = 1.0 + total[j] * (ratio / quotients<order>[k][j]);
         }

@@ -14,13 +14,13 @@ constexpr int space_functions = 8;  // functions along a curve (Eqs. 14 and 16)
 
 // Return phi_0 to phi_(order - 1) at each point, row after row, for |rate * x| at most 12 and order 4 or 8.
 //
-// A power series of additions, products and quotients alone, so that every machine gets the same bits. All terms of one
+// The power series uses only additions, products and quotients, so every machine gets the same bits. All terms of one
 // function have the same sign, so nothing cancels.
 std::vector<double> series_functions(std::span<const double> points, double rate, int order);
 
-// Return the parameter u in [-1, 1] along each piece, by arc length of the reference frame; by index if all points of a
-// piece coincide, 0 for a piece of one point. Pieces lie one after the other in `order`, each beginning at one of
-// `starts`.
+// Return the parameter u in [-1, 1] along each piece, by the arc length of the reference frame. If all points of a
+// piece coincide, it is by index; for a piece of one point it is 0. Pieces follow each other in `order`, each beginning
+// at one of `starts`.
 std::vector<double> arc_length_parameters(std::span<const GridPoint> grid, std::span<const i32> order,
                                           std::span<const i64> starts);
 

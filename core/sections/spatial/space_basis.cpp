@@ -11,8 +11,8 @@ namespace pdeanim {
 
 namespace {
 
-// Compute the sums of the affine functions of all elements. `local`: number of local coordinates of each; written if
-// empty.
+// Return the sums of the affine functions of all elements. local: number of local coordinates of each element; written
+// if empty.
 std::vector<AffineSums> describe(const Elements &elements, int threads, std::vector<u8> &local) {
     const bool chooses = local.empty();
     std::vector<AffineSums> sums(elements.count());
@@ -27,19 +27,19 @@ std::vector<AffineSums> describe(const Elements &elements, int threads, std::vec
     return sums;
 }
 
-// Build the partition tree of a given layout, or of a chosen one.
+// Return the partition tree of a given layout or, without one, of a layout that is chosen.
 PartitionTree tree_of(const Elements &elements, std::shared_ptr<const SpaceLayout> layout, int threads) {
     std::vector<u8> local = layout ? layout->local() : std::vector<u8>();
     const std::vector<AffineSums> sums = describe(elements, threads, local);
     return layout ? PartitionTree(elements, sums, std::move(layout)) : PartitionTree(elements, sums, std::move(local));
 }
 
-// Sums over an element's points of values times the element's functions.
+// Computes the products of values at an element's points with the element's functions, summed over the points.
 template <class Real> class ElementSums {
 public:
     ElementSums(const Real *values, i64 channels) : values_(values), channels_(channels) {}
 
-    // Continue with an element of these vertices and this many functions.
+    // Continue with an element that has these vertices and this many functions.
     void begin(std::span<const i32> vertices, const Strided<double> &functions, i64 count) {
         points_ = static_cast<i64>(vertices.size());
         rows_.resize(points_ * channels_);
@@ -48,7 +48,7 @@ public:
         functions_ = {own_.of(functions.numbers, count * functions.row), functions.row, functions.column};
     }
 
-    // Compute the sums of functions `first` to `end` - 1.
+    // Write the sums of functions `first` to `end` - 1.
     void add_up(i64 first, i64 end, Real *to) const {
         std::fill_n(to, (end - first) * channels_, Real{0});
         const Strided<Real> some{functions_.numbers + first * functions_.row, functions_.row, functions_.column};
@@ -102,7 +102,7 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
 }
 
 i64 SpaceBasis::bytes_to_keep() const {
-    // Overhead per element: the vector, and the bookkeeping of it and of its numbers in memory.
+    // Overhead per element: the vector object, and the allocator's bookkeeping.
     constexpr i64 bytes_per_element = sizeof(Kept) + sizeof(std::vector<double>) + 64;
     i64 numbers = 0;
     for (i64 e = 0; e < elements_.count(); ++e) numbers += layout().rank(e) * elements_.patches->size(e);

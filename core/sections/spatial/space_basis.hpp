@@ -1,7 +1,7 @@
 // Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 //
 // The number and kind of functions is in the file (`SpaceLayout`). The values of the functions are floating-point
-// numbers and may be computed in any way: see `SpaceForm::threshold`.
+// numbers, and a decoder may compute them in any way: see `SpaceForm::threshold`.
 //
 // This folder makes the functions of space (9, 10 and 11 of the specification). Begin here; then space_layout counts
 // the functions, elements makes those of patches and pieces of curves (series: Eqs. 14 and 16), and partition_tree
@@ -23,7 +23,7 @@ namespace pdeanim {
 
 class SpaceBasis {
 public:
-    // `grid`: of the reference frame, owned by the caller.
+    // grid: of the reference frame; it must outlive the basis.
     SpaceBasis(std::shared_ptr<const SpaceLayout> layout, std::span<const GridPoint> grid, int threads);
 
     // Build the basis and choose its layout.
@@ -36,36 +36,38 @@ public:
     i64 functions() const { return layout().functions(); }
     const SpaceLayout &layout() const { return *tree_.layout(); }
 
-    // Make all functions of all elements, for an encoder; a decoder makes only those that it needs, when it needs them.
+    // Make all functions of all elements, for an encoder. A decoder makes only the functions that it needs, when it
+    // needs them.
     void make_functions(int threads);
 
     // Return an element's functions from `make_functions`, one after the other; empty before that call.
     std::span<const double> functions_of(i64 element) const;
 
-    // Keep from now on the functions that are made when needed: other groups of frames need them again.
+    // From now on, keep functions that are made on demand: other groups of frames need them again.
     void keep_functions() { kept_ = std::vector<Kept>(elements_.count()); }
 
-    // Upper bound of the memory of all kept functions [bytes].
+    // Return an upper bound on the memory of all functions if they are kept [bytes].
     i64 bytes_to_keep() const;
 
-    // The first functions of an element, one per row; valid until `making` makes others or `kept` is destroyed.
+    // The first functions of an element, one per row; valid until `making` makes others, or `kept` is destroyed.
     struct FirstFunctions {
         Strided<double> values;
         std::shared_ptr<const std::vector<double>> kept;  // owner of the values, if they are kept
     };
     FirstFunctions first_functions(i64 element, i64 count, ElementFunctions &making) const;
 
-    // Smallest relative distance of a new fraction from its threshold, including the elements' functions once they are
-    // made. It tells whether every decoder drops the same columns, however it rounds.
+    // Return the smallest relative distance of a new fraction from its threshold, including the functions of elements
+    // once they are made. It tells whether every decoder drops the same columns, however it rounds.
     double nearest() const { return nearest_; }
 
-    // Return the coefficients of values on vertices; both have a row of `channels` each, float or double. With a
-    // selection, return only those of its functions. Functions that are not yet made are made on the way.
+    // Return the coefficients of values at vertices. Both have one row of `channels` numbers per vertex or function,
+    // float or double. With a selection, return only the coefficients of its functions. Functions that do not exist yet
+    // are made.
     template <class Real> LargeArray<Real> project(std::span<const Real> values, i64 channels,
                                                    const SpaceSelection *selection, int threads) const;
 
 private:
-    // As many functions of an element as have been requested so far.
+    // The functions of an element, as many as have been requested so far.
     struct Kept {
         std::mutex lock;
         i64 count = 0;

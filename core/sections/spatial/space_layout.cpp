@@ -12,7 +12,7 @@ namespace {
 
 constexpr int most_local = affine_count - 1;
 
-// Code the number of local coordinates of each element, with that of the previous element as context.
+// Code the number of local coordinates of each element, with the number of the previous element as context.
 template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &local) {
     std::array<std::array<BitModel, most_local>, most_local + 1> models;
     int before = most_local;
@@ -25,17 +25,17 @@ template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &l
     }
 }
 
-// Code which of 1, x, y and z the nodes keep, upwards. `affine`: number of affine functions of each node; given for
-// elements, written for other nodes.
+// Code which of 1, x, y and z the nodes keep, from the leaves upwards. affine: number of affine functions of each node;
+// that of elements must be set, that of other nodes is written.
 template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children,
                                      std::vector<i64> &affine, std::vector<u8> &masks) {
-    std::array<std::array<BitModel, affine_count>, 3> models;  // contexts: the number of full halves, and the axis
+    std::array<std::array<BitModel, affine_count>, 3> models;  // contexts: number of full halves, axis
     for (i64 node = static_cast<i64>(children.size()); node-- > 0;) {
         const i64 half = children[node];
         if (half < 0) continue;
         const i64 size = affine[half] + affine[half + 1];
         const int full = (affine[half] == affine_count) + (affine[half + 1] == affine_count);
-        // The constant is always kept.
+        // The constant is kept always.
         u8 mask = size > 0;
         i64 count = mask;
         for (int c = 1; c < affine_count; ++c) {
@@ -84,7 +84,7 @@ SpaceLayout::SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> p
         if (half >= 0) functions += affine_[half] + affine_[half + 1] - affine_[node];
     }
     coefficient_starts_[0] = functions;
-    // Unit vectors complete the basis that polynomials leave incomplete.
+    // Unit vectors complete a basis if there are too few polynomials.
     const i64 most = form.is_affine ? form.functions : least(form.functions, space_functions);
     for (i64 e = 0; e < elements(); ++e) {
         coefficient_starts_[e + 1] = coefficient_starts_[e] + least(patches_->size(e), most) - affine(e);
@@ -108,7 +108,7 @@ SpaceLayout SpaceLayout::of_bytes(const SpaceForm &form, std::shared_ptr<const P
 std::vector<u8> SpaceLayout::to_bytes() const {
     RangeCoder<Mode::encode> coder;
     std::vector<u8> local = local_, masks = masks_;
-    std::vector<i64> affine = affine_;  // coding does not change the numbers
+    std::vector<i64> affine = affine_;  // measuring does not change them
     code_local(coder, local);
     code_masks(coder, patches_->children, affine, masks);
     return coder.finish();

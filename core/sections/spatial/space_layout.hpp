@@ -1,8 +1,8 @@
 // The number, kind and order of the functions of space, which is needed to decode coefficients.
 //
-// It follows from the patches and from bytes in section MODL, not from the reference frame, so coefficients need not
-// wait for that frame. The order is: the affine functions of the whole mesh, the wavelets of each node of the partition
-// tree, and the functions of each element that are not affine.
+// It follows from the patches and from bytes in section MODL, not from the reference frame, so decoding coefficients
+// does not have to wait for that frame. The order is: the affine functions of the whole mesh, the wavelets of each node
+// of the partition tree, and the functions of each element that are not affine.
 #pragma once
 
 #include <array>
@@ -20,27 +20,27 @@ enum class SpaceKind { patch, curve };
 // Parameters of a space basis that are stored in the file.
 struct SpaceForm {
     SpaceKind kind = SpaceKind::patch;
-    i64 points = 0;     // largest number of vertices of a patch; approximate number of a piece of a curve
-    int functions = 0;  // largest number of an element
-    int threshold = 0;  // in sixteenths: lowers the fraction that must be new, so that no column of the file is near it
-    double rate = 0.0;  // r of Eqs. 14 and 16 over half a piece
-    bool is_affine = true;  // whether pieces have affine functions and unit vectors, as patches always do
+    i64 points = 0;         // largest number of vertices of a patch; approximate number in a piece of a curve
+    int functions = 0;      // largest number of functions of an element
+    int threshold = 0;      // in sixteenths; lowers the fraction that must be new, so that no column is near it
+    double rate = 0.0;      // rate r of Eqs. 14 and 16 over half the length of a piece
+    bool is_affine = true;  // whether pieces of curves have affine functions and unit vectors, as patches always do
 };
 
 // Polynomials of an element's local coordinates, in the order in which functions are made from them.
 //
 // The four affine ones, 1, x, y and z, come first, then the others by degree. A factor of the third coordinate counts
-// twice: there is less to describe across a surface than along it. Within a degree, higher powers of the first
+// as degree two: there is less to describe across a surface than along it. Within a degree, higher powers of the first
 // coordinate come first, then of the second.
 constexpr int affine_count = 4;
-constexpr int largest_degree = 10;  // unit vectors take the place of higher degrees
+constexpr int largest_degree = 10;  // beyond it, unit vectors take over
 constexpr int normal_degree = 2;    // degree of a factor of the third coordinate
 
 // How a polynomial is made from an earlier one.
 struct Polynomial {
     std::array<int, 3> exponents{};
-    std::array<int, 3> lower = {-1, -1, -1};  // the polynomial with one factor less along each axis, -1 for none
-    int along = -1;                           // the first of these axes: lower[along] times this coordinate
+    std::array<int, 3> lower = {-1, -1, -1};  // the polynomial with one factor less on each axis, -1 for none
+    int along = -1;                           // first axis that has a lower polynomial: the product of the two
 
     constexpr int degree() const { return exponents[0] + exponents[1] + normal_degree * exponents[2]; }
 };
@@ -66,7 +66,7 @@ inline constexpr std::array<Polynomial, polynomial_count> polynomials = [] {
             }
         }
     }
-    // Look polynomials up by exponents: searching would exceed what compilers evaluate at compile time.
+    // Table of polynomials by exponents: searching would exceed what compilers evaluate at compile time.
     std::array<std::array<std::array<int, largest_degree + 1>, largest_degree + 1>, largest_degree + 1> numbers{};
     for (int j = 0; j < polynomial_count; ++j) {
         const auto &[a, b, c] = found[j].exponents;
@@ -84,21 +84,22 @@ inline constexpr std::array<Polynomial, polynomial_count> polynomials = [] {
     return found;
 }();
 
-// Functions that are coded together: those of the whole mesh, the wavelets of a node, or the others of an element.
+// Subbands: functions that are coded together. Those of the whole mesh, the wavelets of a node, or the other functions
+// of an element.
 struct SubbandTable {
-    std::vector<i64> starts;   // first function of each subband, and the end of the last
-    std::vector<i64> kinds;    // 0 for the whole mesh, a node's depth from 1 on, or -1 - affine functions of an element
+    std::vector<i64> starts;   // first function of each subband, then the number of functions
+    std::vector<i64> kinds;    // 0: whole mesh; a node's depth, from 1 on; or -1 - affine functions of an element
     std::vector<i64> parents;  // subband of the parent node
 };
 
 class SpaceLayout {
 public:
-    // `local`: number of local coordinates in the affine functions of each element; empty if elements have no such
-    // functions. `masks`: which of 1, x, y and z each node keeps that is not an element, bits 0 to 3.
+    // local: number of local coordinates in the affine functions of each element; empty if elements have no such
+    // functions. masks: which of 1, x, y and z each node keeps that is not an element (bits 0 to 3).
     SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::vector<u8> local,
                 std::vector<u8> masks);
 
-    // CorruptError if the bytes do not end where the partition tree does.
+    // Decode a layout. CorruptError if the bytes do not end where the partition tree does.
     static SpaceLayout of_bytes(const SpaceForm &form, std::shared_ptr<const Patches> patches,
                                 std::span<const u8> data);
     std::vector<u8> to_bytes() const;
@@ -109,33 +110,33 @@ public:
     i64 nodes() const { return static_cast<i64>(affine_.size()); }
     i64 functions() const { return coefficient_starts_.back(); }
 
-    // Number of functions of the whole mesh and of all nodes, which come first.
+    // Return the number of functions of the whole mesh and of all nodes, which come first.
     i64 tree_functions() const { return coefficient_starts_.front(); }
 
-    // Number of affine functions of an element that uses `local` local coordinates.
+    // Return the number of affine functions of an element that uses `local` local coordinates.
     static i64 affine_functions(const SpaceForm &form, i64 points, int local);
 
-    // Number of affine functions of all elements, indexed by node; 0 for nodes that are not elements.
+    // Return the number of affine functions of all elements, indexed by node; 0 for nodes that are not elements.
     static std::vector<i64> affine_of_elements(const SpaceForm &form, const Patches &patches,
                                                const std::vector<u8> &local);
 
-    // Number of affine functions of a node, or of an element.
+    // Return the number of affine functions of a node, or of an element.
     i64 affine_of_node(i64 node) const { return affine_[node]; }
     i64 affine(i64 element) const { return affine_[patches_->node_of[element]]; }
     const std::vector<u8> &masks() const { return masks_; }
     const std::vector<u8> &local() const { return local_; }
 
-    // Number of all functions of an element.
+    // Return the number of all functions of an element.
     i64 rank(i64 element) const { return affine(element) + others(element); }
 
-    // Number of an element's functions that are not affine, and the first of them among the functions of all elements.
+    // Return the number of an element's functions that are not affine, and the index of the first of them.
     i64 others(i64 element) const { return coefficient_starts_[element + 1] - coefficient_starts_[element]; }
     const std::vector<i64> &coefficient_starts() const { return coefficient_starts_; }
 
-    // Index that an element's functions would begin at, if its affine ones came before the others.
+    // Return the index at which an element's functions would begin if its affine ones came right before the others.
     i64 first_function(i64 element) const { return coefficient_starts_[element] - affine(element); }
 
-    // Index of a node's first wavelet among the functions.
+    // Return the index of a node's first wavelet.
     i64 first_wavelet(i64 node) const { return wavelet_starts_[node]; }
 
     const SubbandTable &subbands() const { return subbands_; }

@@ -12,7 +12,8 @@ namespace {
 
 constexpr int order = ClosedForm::most_functions;
 
-// The cubic Hermite functions at s in [0, 1], or a derivative: value and slope at the left, at the right.
+// Return the cubic Hermite functions at s in [0, 1], or a derivative: value and slope at the left end, then at the
+// right.
 std::array<double, 4> hermite(double s, int derivative) {
     if (derivative == 0) {
         const double back = 1.0 - s;
@@ -30,19 +31,20 @@ ClosedForm::ClosedForm(std::span<const double> times, double alpha, i64 function
     : times_(times), alpha_(alpha), centre_((times.front() + times.back()) / 2.0),
       half_length_(times.size() > 1 ? (times.back() - times.front()) / 2.0 : 1.0),
       functions_(static_cast<int>(functions)) {
-    // Householder reflections; at distinct times the functions are independent (a Chebyshev system).
+    // QR decomposition by Householder reflections. At distinct times the functions are independent (a Chebyshev
+    // system).
     std::vector<Weights> rows;
     for (const double time : times) rows.push_back(series(time, 0));
     const int count = static_cast<int>(rows.size());
     for (int j = 0; j < functions_; ++j) {
         double norm = 0.0;
         for (int i = j; i < count; ++i) norm = std::hypot(norm, rows[i][j]);
-        // Frames so close together that float64 can hardly resolve them leave only rounding, which must not be
+        // If float64 can hardly resolve the times of the frames, only rounding errors are left, which must not be
         // amplified.
         triangle_[j][j] = std::max(norm, std::numeric_limits<double>::epsilon());
         if (norm == 0.0) continue;
         const double pivot = rows[j][j], sign = pivot < 0.0 ? -1.0 : 1.0;
-        rows[j][j] = pivot + sign * norm;  // now the column from row j on is the reflection's vector
+        rows[j][j] = pivot + sign * norm;  // from here on, the column below row j is the reflection's vector
         const double half_square = norm * (norm + sign * pivot);
         for (int k = j + 1; k < functions_; ++k) {
             double product = 0.0;

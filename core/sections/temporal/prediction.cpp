@@ -7,15 +7,16 @@ namespace pdeanim {
 
 namespace {
 
-// Number of previous frames that predict: eight would gain 3 % at one bit per number and nothing from two bits on.
+// Number of previous frames that predict. With eight, functions of one bit per number would shrink by 3 %, those of two
+// bits or more not at all.
 constexpr int order = 4;
-// Growth of the uncertainty of the weights with each number: about 170 frames of three axes are remembered.
+// Factor by which the uncertainty of the weights grows with each number: about 170 frames of three axes are remembered.
 constexpr double forgetting = 1.0 + 1.0 / 512.0;
-// Smallest variance that a prediction is trusted with, in squared steps: the rounding to steps.
+// Smallest variance of a prediction [steps squared]: that of rounding to steps.
 constexpr double least_spread = 0.1;
-// Largest magnitude of a prediction, in steps: plus any number it stays exact to 1/4096 of a step.
+// Largest magnitude of a prediction [steps]: the sum with any number is still exact to 1/4096 of a step.
 constexpr double farthest = 0x1p39;
-// Predicted variance at which learning restarts: no sound file comes near it.
+// Predicted variance at which learning starts again: no undamaged file comes near it.
 constexpr double most_uncertain = 0x1p120;
 
 using Past = std::array<double, order>;
@@ -24,7 +25,7 @@ class Prediction {
 public:
     Prediction() { start(); }
 
-    // Predict the last value, and be ready to learn.
+    // Start by predicting the last value, ready to learn.
     void start() {
         weights_ = {1.0};
         for (int i = 0; i < order; ++i) {
@@ -67,7 +68,7 @@ private:
     std::array<Past, order> covariance_;
 };
 
-// The numbers, or the values to quantise.
+// The numbers of the stream, or the values to quantise.
 class GivenNumbers {
 public:
     explicit GivenNumbers(const i64 *quantised) : quantised_(quantised) {}
@@ -99,7 +100,7 @@ template <class Numbers> std::vector<double> follow(const TimeShape &shape, cons
     std::vector<double> values(shape.numbers());
     Prediction model;
     for (i64 function = 0; function < functions; ++function) {
-        std::array<Past, 3> past_of{};  // the past values of each axis [steps], the latest first
+        std::array<Past, 3> past_of{};  // the last values of each axis [steps], the latest first
         double spread = 1.0;
         for (i64 frame = 0; frame < frames; ++frame) {
             double energy = 0.0;

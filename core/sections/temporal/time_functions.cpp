@@ -16,22 +16,23 @@ namespace {
 
 // Context models of quantised functions of time.
 //
-// Each number is coded as its exponent, starting from the one that its neighbours (in time or frequency, among axes,
-// among functions) make likely and going up or down from there, so that large numbers cost few decisions; then the bits
-// below the leading one, and the sign.
+// A number is coded as its exponent, then the digits after the leading one, then the sign. Coding of the exponent
+// starts at the one that neighbours (in time or frequency, among axes, among functions) make likely, and goes up or
+// down from there, so large numbers take few decisions.
 
-// Exponent e stands for magnitudes 2^e - 1 to 2^(e + 1) - 2, so all sums below stay within 64 bits.
+// Exponent e stands for magnitudes 2^e - 1 to 2^(e + 1) - 2. The limit keeps all sums below within 64 bits.
 constexpr int most_exponent = 39;
-// Exponents that are distinguished; larger ones share the last: numbers beyond 65534 are rare.
+// Number of exponents that are distinguished; larger ones share the last: numbers beyond 65534 are rare.
 constexpr int exponents = 16;
-// Decisions: is it larger than expected? smaller? what is the bit below the leading one?
+// Decisions on a number: is its exponent larger? smaller? what is the digit after the leading one?
 enum Decision { rise = 0, fall = exponents, top_bit = 2 * exponents, decisions = 3 * exponents };
-// Classes of sizes and places, 2 per octave: finer ones learn too slowly for the 20,000 numbers of a usual group.
+// Number of classes of magnitudes and places, 2 per octave: finer classes learn too slowly for the 20,000 numbers of a
+// typical group.
 constexpr int grades = 24;
-constexpr int margin = 2;  // places before the first frame and after the last whose sizes count as 0
+constexpr int margin = 2;  // places before the first frame and after the last that count as 0
 constexpr int sign_sizes = 6;
 
-// A number that is not negative: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ...
+// Return the class of a number that is not negative: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ...
 constexpr int grade_of(i64 number) {
     const int shift = most(bit_length(number) - 2, 0);
     return static_cast<int>(least<i64>(2 * shift + (number >> shift), grades - 1));
@@ -40,7 +41,7 @@ int grade(i64 number) { return looked_up<grade_of>(number); }
 
 int sign_class(i64 number) { return number == 0 ? 0 : number < 0 ? 1 : 2; }
 
-// The context of a number: the start of its inputs, and its expected exponent.
+// The context of a number: the models that its decisions mix, and its expected exponent.
 struct Expected {
     std::array<BitModel *, 3> inputs;
     int exponent;
@@ -55,7 +56,7 @@ public:
     template <Mode mode, class Number> void code(RangeCoder<mode> &coder, const TimeShape &shape, Number *quantised) {
         const i64 functions = shape.functions, frames = shape.frames, axes = shape.axes;
         for (i64 function = 0; function < functions; ++function) {
-            // Sizes at each place of this function and of the two previous ones.
+            // Magnitudes at each place, of this function and of the two previous ones.
             std::vector<i64> &own = sizes_[function % 3];
             const std::vector<i64> &before = sizes_[(function + 2) % 3], &second = sizes_[(function + 1) % 3];
             std::fill(own.begin(), own.end(), 0);
@@ -121,7 +122,8 @@ private:
         return found - 1;
     }
 
-    // By the numbers one, two and four places before: the cosine transform of a trend alternates.
+    // Code a sign. Contexts are the numbers one, two and four places before: the cosine transform of a trend
+    // alternates.
     template <Mode mode>
     bool code_sign(RangeCoder<mode> &coder, i64 one, i64 two, i64 four, i64 magnitude, bool is_negative) {
         const auto size_class = [](i64 number) { return least(bit_length(number), sign_sizes - 1); };
@@ -136,9 +138,9 @@ private:
     using Decisions = std::array<BitModel, decisions>;
     template <class T, std::size_t rows, std::size_t columns> using Table = std::array<std::array<T, columns>, rows>;
 
-    Table<Decisions, grades, 3> by_size_;        // sizes of all neighbours, and the axis
-    Table<Decisions, grades, grades> by_place_;  // and the previous functions
-    Table<Decisions, grades, grades> by_last_;   // previous places
+    Table<Decisions, grades, 3> by_size_;        // by the magnitudes of all neighbours, and the axis
+    Table<Decisions, grades, grades> by_place_;  // by the place, and the previous functions
+    Table<Decisions, grades, grades> by_last_;   // by the previous places
     std::array<Weights<3>, decisions> weights_;
     Table<std::array<Table<BitModel, 3, 3>, 3>, 3, 3> sign_by_three_;
     Table<Table<BitModel, 3, sign_sizes>, 3, sign_sizes> sign_by_first_;
@@ -146,7 +148,7 @@ private:
     std::array<std::vector<i64>, 3> sizes_;
 };
 
-// Code all numbers, read when encoding or measuring, written when decoding: magnitudes are at most 2^40 - 2.
+// Code all numbers: read when encoding or measuring, written when decoding. Magnitudes are at most 2^40 - 2.
 template <Mode mode> void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
                                             std::conditional_t<mode == Mode::decode, i64, const i64> *quantised) {
     std::make_unique<TimeModel>(shape.frames)->code(coder, shape, quantised);

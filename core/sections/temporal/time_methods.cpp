@@ -9,11 +9,11 @@ namespace pdeanim {
 
 namespace {
 
-// Frequencies that are added together: their sums stay in registers.
+// Number of frequencies that are added together: their sums stay in registers.
 constexpr int at_once = 4;
 
-// cos x for x from 0 to pi / 2, as phi_0(x) - phi_2(x) of the series functions of order 4 at rate 1: within each
-// function all terms have the same sign.
+// Return cos x for x from 0 to pi / 2, as phi_0(x) - phi_2(x) of the series functions of order 4 at rate 1. All terms
+// of each of these functions have the same sign.
 double cosine(double x) {
     constexpr int terms = 14;
     const double square = x * x, power = square * square;
@@ -59,7 +59,7 @@ std::vector<double> transformed_values(const TimeShape &shape, std::span<const i
             }
         }
         for (i64 channel = 0; channel < functions * axes; ++channel) {
-            // A frequency beyond the last, or without amplitude, adds zero.
+            // A frequency beyond the last, or one without amplitude, adds zero.
             const i64 *numbers = &quantised[(channel / axes * frames + first) * axes + channel % axes];
             std::array<double, at_once> amplitudes{};
             bool is_zero = true;
@@ -89,7 +89,7 @@ std::vector<double> transformed_values(const TimeShape &shape, std::span<const i
 
 namespace {
 
-constexpr i64 units = 16;  // per step
+constexpr i64 units = 16;  // units of speed per step
 
 }  // namespace
 
