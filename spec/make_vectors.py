@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import struct
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -19,8 +20,10 @@ from typing import Any
 import numpy as np
 
 from spec.accepted import accepted
+from spec.accepted_fields import accepted_with_fields
 from spec.decoder.animation import Animation, decode_runs, run_at
-from spec.refused import refused
+from spec.refused import Refused, refused
+from spec.refused_fields import refused_with_fields
 from spec.sealing import take_apart
 from spec.vector_files import MANIFEST, Manifest, accepted_vectors, refused_vectors
 
@@ -28,7 +31,7 @@ LISTED_TIMES = (0.0, 0.3, 0.77, 1.0)
 """Times at which positions are listed, as fractions of the clip."""
 
 MAX_LISTED_VERTICES = 4
-"""Largest number of vertices whose positions are listed."""
+"""Largest number of vertices whose positions are listed, and of numbers of a field."""
 
 
 def describe(data: bytes) -> dict[str, Any]:
@@ -50,13 +53,39 @@ def describe(data: bytes) -> dict[str, Any]:
         }
         for run in runs
     ]
+    of_fields = [[describe_field(run, index) for index in range(len(run.fields))] for run in runs]
     has_runs = any(part.kind == "RUNS" for part in take_apart(data))
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
         **{name: [run[name] for run in of_runs] if has_runs else value for name, value in of_runs[0].items()},
         "integers": hash_integers(runs),
         "positions": positions,
+        **({"fields": of_fields if has_runs else of_fields[0]} if any(of_fields) else {}),
         "data": base64.b64encode(data).decode(),
+    }
+
+
+def describe_field(run: Animation, index: int) -> dict[str, Any]:
+    """Describe a field of a run: its header, SHA-256 of its values unless their arithmetic is free, and some values."""
+    own = run.fields[index]
+    values = b"".join(struct.pack(f"<{len(frame)}{own.type}", *frame) for frame in own.frames)
+    listed = []
+    for time in dict.fromkeys(run.times[0] + (run.times[-1] - run.times[0]) * moment for moment in LISTED_TIMES):
+        row = run.field(index, time)
+        shown = row[:: -(-len(row) // MAX_LISTED_VERTICES) or 1]
+        # As text: JSON has no NaN and no infinity, and its readers round integers above 2^53.
+        listed.append([time, *(repr(value) if isinstance(value, float) else str(int(value)) for value in shown)])
+    return {
+        "name": own.name,
+        "unit": own.unit,
+        "domain": own.domain,
+        "type": "boolean" if own.type == "?" else np.dtype(own.type).name,
+        "components": own.components,
+        "objects": own.objects,
+        "range": list(own.range),
+        "bound": own.bound,
+        **({} if run.depends_on_motion(index) else {"sha256": hashlib.sha256(values).hexdigest()}),
+        "values": listed,
     }
 
 
@@ -92,10 +121,11 @@ def main(arguments: list[str]) -> None:
         return made if "--replace" in arguments else known[name]
 
     known = accepted_vectors() if MANIFEST.exists() else {}
-    files = {name: choose(name, made, known) for name, made in accepted()}
+    files = {name: choose(name, made, known) for name, made in (*accepted(), *accepted_with_fields())}
     manifest["accept"] = {name: describe(data) for name, data in files.items()}
     known = refused_vectors() if MANIFEST.exists() else {}
-    for item in refused():
+    of_fields = (Refused(*item, section="FLDS") for item in refused_with_fields())
+    for item in (*refused(), *of_fields):
         data = choose(item.name, item.data, known)
         sha256 = hashlib.sha256(data).hexdigest()
         entry = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}

@@ -20,7 +20,17 @@ from spec.decoder.motion import Float32Array, Motion
 from spec.decoder.patches import build_patches
 from spec.decoder.reference import ReferenceFrame, read_reference
 from spec.decoder.space import build_space
-from spec.decoder.storedfields import StoredField, divide_runs, read_fields
+from spec.decoder.storedfields import (
+    COPY,
+    DISPLACEMENT,
+    MAGNITUDE,
+    VELOCITY,
+    StoredField,
+    Value,
+    divide_runs,
+    read_fields,
+    value_at,
+)
 
 LISTED = 2
 
@@ -31,6 +41,7 @@ class Animation:
 
     meshes: list[Mesh]
     times: list[float]
+    jumps: list[int]
     fps: float
     remarks: dict[str, Any]
     reference: ReferenceFrame
@@ -40,6 +51,16 @@ class Animation:
     def positions(self, time: float) -> Float32Array:
         """Return (vertices, 3) float32 positions [scene units] at a time [s]; vertices of all objects in one row."""
         return self.motion.positions(time)
+
+    def field(self, index: int, time: float) -> list[Value]:
+        """Return the values of a field at a time [s], row after row."""
+        return value_at(self.fields[index], self.times, self.jumps, time)
+
+    def depends_on_motion(self, index: int) -> bool:
+        """Return whether the arithmetic of some values of a field is free, because they are computed from positions."""
+        own = self.fields[index].computed
+        sources = (self.fields[group.source].computed for group in own if group.code in (COPY, MAGNITUDE))
+        return any(group.code in (VELOCITY, DISPLACEMENT) for groups in (own, *sources) for group in groups)
 
 
 def decode(data: bytes) -> Animation:
@@ -90,7 +111,7 @@ def decode_run(
     remarks = read_remarks(sections["META"])
     motion = Motion(times, jumps, groups, model, reference, space)
     fields = read_fields(sections["FLDS"], sections.get("FDAT"), meshes, len(times), motion)
-    return Animation(meshes, times, fps, remarks, reference, motion, fields)
+    return Animation(meshes, times, jumps, fps, remarks, reference, motion, fields)
 
 
 def decode_file(path: str | Path) -> Animation:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -12,7 +13,7 @@ import numpy as np
 from spec.decoder.fieldchunks import Chunk, neighbours_of_rows, read_chunk
 from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
-from spec.decoder.motion import Motion
+from spec.decoder.motion import Motion, weigh_frames
 
 DOMAINS = ("vertex", "face", "corner", "object")
 TYPES = "fdbhiqBHIQ?"
@@ -113,6 +114,22 @@ def compute(fields: list[StoredField], own: StoredField, group: Computed, motion
         for k in range(size):
             sums = [total + np.float64(row[k]) ** 2 for total, row in zip(sums, rows, strict=True)]
         return list(np.sqrt(np.array(sums)).astype(own.type).tolist())
+
+
+def value_at(own: StoredField, times: list[float], jumps: list[int], time: float) -> list[Value]:
+    """25.3: return the values of a field at a time [s], row after row."""
+    time = min(max(time, times[0]), times[-1])
+    frame = bisect_right(times, time) - 1
+    held = own.frames[frame]
+    if own.type not in INTEGERS or time == times[frame]:
+        return held
+    weighed = zip(weigh_frames(times, jumps, time), own.frames, strict=True)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sums = sum((weight * np.array(row, np.float64) for weight, row in weighed if weight), np.zeros(len(held)))
+        mixed = sums.astype(own.type).tolist()
+    return [
+        value if is_number else before for value, is_number, before in zip(mixed, np.isfinite(sums), held, strict=True)
+    ]
 
 
 def read_text(fields: Fields) -> str:
