@@ -12,8 +12,8 @@ from unittest.mock import patch
 import numpy as np
 
 from pdecodec import ArraySequence, ChangingSequence, Connectivity, Field, MeshObject, MeshSequence, _core
-from pdecodec.codec.encode import field_sections
-from pdecodec.codec.encode.fields import FieldCoding, exact_numbers
+from pdecodec.codec.encode.field import sections as field_sections
+from pdecodec.codec.encode.field.chunks import FieldCoding, exact_numbers
 from pdecodec.codec.sections.fields import COPY, EXACT, QUANTISED
 from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, wave
 from spec.decoder.storedfields import DOMAINS
