@@ -19,10 +19,10 @@ __version__ = "0.1.0"
 
 
 def _check_interpreter() -> None:
-    """Raise ImportError where the core, whose objects rely on one lock in the process, would not be safe."""
+    """Raise ImportError if the core would not be safe: its objects rely on one interpreter lock per process."""
     if not getattr(sys, "_is_gil_enabled", lambda: True)():
         raise ImportError("pdecodec needs Python's global interpreter lock; set PYTHON_GIL=1, or use the usual build")
-    for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, before it
+    for name in ("_interpreters", "_xxsubinterpreters"):  # names from Python 3.13 on, and before it
         try:
             interpreters = importlib.import_module(name)
         except ImportError:

@@ -1,5 +1,5 @@
-# The public names of the package, and where each is defined. `__init__.py` reads this list, too, and loads a name when
-# it is first used: keep one name a line.
+# The public names of the package, and where each is defined. `__init__.py` reads this list too, and loads a name on its
+# first use: keep one name per line.
 from pdecodec.codec.array_evaluator import ArrayEvaluator as ArrayEvaluator
 from pdecodec.codec.checking import FileCheck as FileCheck
 from pdecodec.codec.checking import check_file as check_file

@@ -1,4 +1,4 @@
-"""The script `pdecodec`, and `python -m pdecodec`, which is that of this very interpreter.
+"""The script `pdecodec`, and `python -m pdecodec`, which runs the same program with the chosen interpreter.
 
 Little is imported before interrupts are handled, because importing the command takes a while.
 """
@@ -9,7 +9,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; interrupted where nothing is begun yet, end without a word."""
+    """Run the command line; if interrupted before anything has begun, end without a message."""
     try:
         from pdecodec.cli.interrupts import watch_interrupts
 
@@ -18,7 +18,7 @@ def main() -> None:
 
         command()
     except KeyboardInterrupt:
-        sys.exit(130)  # as pdecodec.cli.main.EXIT_INTERRUPTED
+        sys.exit(130)  # equals pdecodec.cli.main.EXIT_INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Types of the native core (core/bindings/python): written by hand, compared with the module by
+"""Types of the native core (core/bindings/python): written by hand, and compared with the module by
 tests/codec/test_core_types.py.
 """
 
@@ -15,33 +15,33 @@ Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
 Float32Array = NDArray[np.float32]
-Rows = NDArray[Any]  # of float32 or float64
+Rows = NDArray[Any]  # float32 or float64
 Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
 State = tuple[Float64Array, Float64Array, Float64Array]
 Scaling = tuple[float, float, float]
 
 class CodedConnectivity(NamedTuple):
-    """Sections CONN and ORDR; the latter is empty if there is no order to restore."""
+    """Sections CONN and ORDR; ORDR is empty if there is no order to restore."""
 
     conn: bytes
     ordr: bytes
 
 class CodedOrder(NamedTuple):
-    """The source's number of each vertex, face and corner, in the order in which they are coded."""
+    """The numbers that vertices, faces and corners have in the source, in the order in which they are coded."""
 
     vertices: Int32Array
     faces: Int32Array
     corners: Int32Array
 
 class CodedReference(NamedTuple):
-    """Section REST behind its header, and the predictor that makes it smallest."""
+    """Section REST after its header, and the predictor that makes it smallest."""
 
     predictor: int
     data: bytes
 
 class Smoothing(NamedTuple):
-    """Weights by class, (7, 2); the point that each vertex lies on, or nothing; grid coordinates [1/64 steps]; mean
-    error of the smoothed frame to that of the frame.
+    """Weights by class, (7, 2); the point that each vertex lies on, or nothing; smoothed grid coordinates [1/64
+    steps]; mean error of the smoothed frame divided by that of the frame.
     """
 
     weights: Int32Array
@@ -50,17 +50,17 @@ class Smoothing(NamedTuple):
     error_ratio: float
 
 class Curves(NamedTuple):
-    """Vertices of all curves, and where in them each curve begins."""
+    """The vertices of all curves, and where in this list each curve begins."""
 
     order: Int32Array
     starts: Int64Array
 
 def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes:
-    """Coded stream of section SEQN: listed times [s], and names of objects."""
+    """Return the coded stream of section SEQN: listed times [s], and names of objects."""
 
 def encode_connectivity(parts: Sequence[Part], keep_order: bool) -> CodedConnectivity: ...
 def coded_orders(parts: Sequence[Part]) -> list[CodedOrder | None]:
-    """Of each part; None where it is coded as polygons, which keep their order."""
+    """Return the coded order of each part; None for a part coded as polygons, which keep their order."""
 
 def extract_curves(parts: Sequence[Part], reference: Int64Array) -> Curves: ...
 def encode_reference(
@@ -72,7 +72,9 @@ def encode_reference(
     points: Int32Array,
     ties: Int32Array,
 ) -> CodedReference:
-    """`weights`, `points`: how the frame is smoothed, or None and nothing. `ties`: empty if no vertices are tied."""
+    """Return section REST. weights, points: how the frame is smoothed; None and nothing if it is not. ties:
+    empty if no vertices are tied.
+    """
 
 def smooth_reference(
     starts: Int64Array,
@@ -82,12 +84,16 @@ def smooth_reference(
     wanted: NDArray[np.float64],
     ties: Int32Array,
 ) -> Smoothing | None:
-    """Nothing where the frame would hardly come nearer to the coordinates that are wanted [steps], (vertices, 3)."""
+    """Return how to smooth the frame; None if that would hardly bring it nearer to the wanted coordinates
+    [steps], (vertices, 3).
+    """
 
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
 ) -> tuple[Int64Array, Int32Array]:
-    """Grid coordinates, (vertices, 3), in 1/64 steps where the predictor smooths; and ties, empty without any."""
+    """Return grid coordinates, (vertices, 3), in 1/64 steps if the predictor smooths; and ties, empty if there
+    are none.
+    """
 
 def encode_attributes(
     parts: Sequence[Part],
@@ -96,39 +102,39 @@ def encode_attributes(
     uv_tolerance: float | None,
     keeps_rows: bool,
 ) -> bytes:
-    """Section ATTR."""
+    """Return section ATTR."""
 
 def fan_numbers(vertices: Int32Array, keys: Int32Array) -> Int32Array:
-    """Of each corner, the number of its key among those of its vertex, as they come first."""
+    """Return for each corner the number of its key among the keys of its vertex, in order of first occurrence."""
 
 class PredictedFunctions(NamedTuple):
-    """Numbers, (functions, frames, axes), and what they decode to, (frames, axes, functions)."""
+    """Quantised numbers, (functions, frames, axes), and the values that they decode to, (frames, axes, functions)."""
 
     quantised: Int64Array
     decoded: Float64Array
 
 def quantise_predicted(wanted: Float64Array, rounding: float, step: float) -> PredictedFunctions:
-    """Of values in steps, (functions, frames, axes)."""
+    """Quantise values [steps], (functions, frames, axes), by prediction."""
 
 def quantise_straight(wanted: Float64Array, tolerance: float) -> Int64Array:
-    """Of values in steps, (functions, frames, axes): changes of speed in sixteenths of a step a frame."""
+    """Quantise values [steps], (functions, frames, axes), as changes of speed [1/16 step per frame]."""
 
 def time_function_values(method: int, quantised: Int64Array, step: float) -> Float64Array:
-    """(frames, axes, functions) of (functions, frames, axes)."""
+    """Return the values, (frames, axes, functions), of quantised numbers, (functions, frames, axes)."""
 
 def encode_time_functions(method: int, quantised: Int64Array) -> bytes:
-    """A chunk of section TIME; empty where all numbers are zero."""
+    """Return a chunk of section TIME; empty if all numbers are zero."""
 
 def measure_time_functions(quantised: Int64Array) -> float:
-    """Bits that `encode_time_functions` would take."""
+    """Return the number of bits that `encode_time_functions` would take."""
 
 def cosine_wave(frames: int) -> Float64Array:
-    """cos(2 pi j / (4 frames)), (4 frames,)."""
+    """Return cos(2 pi j / (4 frames)), (4 frames,)."""
 
 def encode_coefficients(
     coefficients: Int64Array, starts: Int64Array, kinds: Int64Array, parents: Int64Array, axes: int
 ) -> bytes:
-    """A chunk of section COEF, of (functions, channels) quantised coefficients; empty where all are zero."""
+    """Return a chunk of section COEF for (functions, channels) quantised coefficients; empty if all are zero."""
 
 def measure_coefficients(
     coefficients: Int64Array,
@@ -138,10 +144,10 @@ def measure_coefficients(
     axes: int,
     copies: Float64Array | None = None,
 ) -> float:
-    """Bits that `encode_coefficients` would take with so many copies of each subband."""
+    """Return the number of bits that `encode_coefficients` would take with this many copies of each subband."""
 
 class Residuals:
-    """Residuals and raw vertices of consecutive frames. Places ascend within a frame; arrays cannot be written.
+    """Residuals and raw vertices of consecutive frames. Places ascend within a frame. The arrays are read-only.
 
     Raises
     ------
@@ -160,7 +166,7 @@ class Residuals:
     ) -> None: ...
     @property
     def frame_starts(self) -> Int64Array:
-        """(frames + 1,): residuals of frame f are those from ``frame_starts[f]`` to ``frame_starts[f + 1] - 1``."""
+        """(frames + 1,): the residuals of frame f are numbers ``frame_starts[f]`` to ``frame_starts[f + 1] - 1``."""
     @property
     def places(self) -> Int32Array:
         """(residuals,)."""
@@ -172,7 +178,7 @@ class Residuals:
         """(frames + 1,)."""
     @property
     def raw_places(self) -> Int32Array:
-        """(raw vertices,): none of them with a residual in the same frame."""
+        """(raw vertices,): no residual has the same place in the same frame."""
     @property
     def raw_positions(self) -> NDArray[np.float32]:
         """(raw vertices, 3) [scene units]."""
@@ -180,13 +186,13 @@ class Residuals:
     def frames(self) -> int: ...
     @property
     def count(self) -> int:
-        """Residuals and raw vertices."""
+        """Number of residuals and of raw vertices."""
     @property
     def nbytes(self) -> int: ...
 
 class FieldChunk(NamedTuple):
-    """Values of a field, int64 (frames, rows, components); their kinds, uint8, None if all are numbers; and the step
-    that they were encoded with.
+    """Values of a field, int64 (frames, rows, components); their kinds, uint8, None if all are finite; and the
+    step that they were encoded with.
     """
 
     values: Int64Array
@@ -194,21 +200,21 @@ class FieldChunk(NamedTuple):
     step: int
 
 class FieldRows:
-    """Rows of a field, of all objects given, and which rows are neighbours. domain: 0 vertices, 1 faces, 2 corners,
-    3 objects.
+    """The rows of a field in some objects, and which rows are neighbours. domain: 0 vertices, 1 faces, 2
+    corners, 3 objects.
     """
 
     def __init__(self, domain: int, parts: Sequence[Part]) -> None: ...
     @property
     def count(self) -> int: ...
     def some(self, numbers: Int64Array) -> FieldRows:
-        """Return some of the rows, given in ascending order, and which of them are neighbours."""
+        """Return some of the rows, given in ascending order, with the neighbours among them."""
 
 def encode_field_chunk(
     rows: FieldRows, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int
 ) -> bytes:
-    """A chunk of section FDAT of values (frames, rows, components). Decoded values differ by at most step // 2; of
-    values that are no numbers only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
+    """Return a chunk of section FDAT for values (frames, rows, components). Decoded values differ by at most step // 2.
+    Of values that are not finite only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
 
     Raises
     ------
@@ -225,23 +231,24 @@ def encode_transformed_field_chunk(
     levels: int,
     step: int,
 ) -> bytes:
-    """The same, from functions of time (frames, 1, functions) times coefficients (rows, components, functions) of so
-    many digits behind the point, at most 2^digits in size; what they leave is coded as a remainder.
+    """Return a chunk with functions of time (frames, 1, functions) and coefficients (rows, components,
+    functions); the rest is coded as a remainder. digits: fractional digits of the coefficients, which are at
+    most 2^digits in magnitude.
     """
 
 def decode_field_chunk(rows: FieldRows, data: bytes, frames: int, components: int) -> FieldChunk:
     """Undo `encode_field_chunk`; CorruptFileError if the chunk is damaged."""
 
 def reference_distances(residuals: Residuals) -> Int64Array:
-    """(frames,): how many frames before each the one lies that its residuals are predicted from."""
+    """Return, (frames,), how many frames back the frame lies from which each frame's residuals are predicted."""
 
 def measure_residuals(
     residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array, copies: float = 1.0
 ) -> float:
-    """Bits that `encode_residuals` would take of so many times as many residuals like these."""
+    """Return the number of bits that `encode_residuals` would take for `copies` times as many residuals like these."""
 
 def encode_residuals(residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array) -> bytes:
-    """A chunk of section CORR."""
+    """Return a chunk of section CORR."""
 
 def predict(
     positions: Float64Array,
@@ -363,15 +370,15 @@ class Patches:
     Attributes
     ----------
     order : (points,) int32
-        Vertices of the mesh, patch after patch, but for those that are tied to others.
+        Vertices of the mesh, patch after patch, without those that are tied to others.
     starts : (patches + 1,) int64
         Patch p holds ``order[starts[p]:starts[p + 1]]``.
     begins : (nodes,) int64
-        Where in `order` each node of the tree begins; node 0 is the whole.
+        Where in `order` each node of the tree begins; node 0 is the whole mesh.
     children : (nodes,) int64
-        First of the two halves of each node, the second follows it; -1 for a patch.
+        The first half of each node, which the second half follows; -1 for a patch.
     node_of : (patches,) int64
-        The node that each patch is.
+        The node of the tree that each patch is.
     """
 
     @property
@@ -392,7 +399,7 @@ def build_patches(
 def cut_curves(order: Int32Array, starts: Int64Array, points: int, ties: Int32Array) -> Patches: ...
 
 class Subbands(NamedTuple):
-    """Functions of space as they are coded together (core/sections/spatial/space_layout.hpp)."""
+    """Functions of space that are coded together (core/sections/spatial/space_layout.hpp)."""
 
     starts: Int64Array
     kinds: Int64Array
@@ -423,13 +430,15 @@ class SpaceBasis:
     def make_functions(self, threads: int) -> None: ...
     def functions_of(self, element: int) -> Float64Array: ...
     def project(self, values: FloatArray, threads: int) -> Rows:
-        """In the precision of the values."""
+        """Return coefficients in the precision of the values."""
 
     def project_some(self, values: FloatArray, subbands: Int64Array, threads: int) -> Rows:
-        """The same."""
+        """Return the coefficients of some subbands."""
 
 class Motion:
-    """What moves the vertices in a group of frames, or those of some elements (core/decode/evaluate/motion.hpp)."""
+    """The displacements of the vertices in a group of frames, or of those of some elements
+    (core/decode/evaluate/motion.hpp).
+    """
 
     def __init__(
         self,
@@ -445,10 +454,10 @@ class Motion:
 def take_displacements(
     points: NDArray[np.float32], shape: Float64Array, farthest: float, rows: FloatArray, threads: int
 ) -> float:
-    """Write (vertices, 3 frames) of points (frames, vertices, 3) less a shape; the largest magnitude."""
+    """Write (vertices, 3 frames): points (frames, vertices, 3) minus a shape. Return the largest magnitude."""
 
 class SparseCoefficients(NamedTuple):
-    """Coefficients in steps, and the largest magnitude of each channel."""
+    """Quantised coefficients [steps], and the largest magnitude in each channel."""
 
     coefficients: Int64Array
     largest: Int64Array
@@ -459,24 +468,28 @@ def quantise_sparsely(
 def give_back_memory() -> None: ...
 def product(left: Float64Array, right: Float64Array, threads: int) -> Float64Array: ...
 def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: int) -> Rows:
-    """(rows, k axes) of rows (rows, n axes), C-contiguous, times factors (n, k) on each axis, in their precision."""
+    """Return rows (rows, n axes), C-contiguous, times factors (n, k) on each axis, (rows, k axes), in their
+    precision.
+    """
 
 def sums_of_squares(rows: FloatArray, single: bool, threads: int) -> Float64Array:
-    """(n, n) of rows (rows, n), C-contiguous, added up in float32 or float64, block by block."""
+    """Return rows^T rows, (n, n), for rows (rows, n), C-contiguous, added up in float32 or float64, block by block."""
 
 def sums_of_products(rows: FloatArray, others: FloatArray, threads: int) -> Float64Array:
-    """(n, k) of rows (rows, n) and others (rows, k) of one precision, both C-contiguous, added up in it likewise."""
+    """Return rows^T others, (n, k), for rows (rows, n) and others (rows, k), both C-contiguous and of one
+    precision, in which they are added up block by block.
+    """
 
 def sum_of_products(a: Float64Array, b: Float64Array) -> float: ...
 
 class Eigen(NamedTuple):
-    """Eigenvalues, falling, and eigenvectors, a row each; no rows without vectors."""
+    """Eigenvalues, decreasing, and eigenvectors, one per row; no rows if they were not requested."""
 
     values: Float64Array
     vectors: Float64Array
 
 class OrthonormalColumns(NamedTuple):
-    """Of a matrix (rows, n), rows >= n, the transposed Q (n, rows) and R (n, n) of its QR decomposition."""
+    """QR decomposition of a matrix (rows, n), rows >= n: the transpose of Q, (n, rows), and R, (n, n)."""
 
     vectors: Float64Array
     triangle: Float64Array
@@ -484,22 +497,24 @@ class OrthonormalColumns(NamedTuple):
 def symmetric_eigen(matrix: Float64Array, with_vectors: bool, threads: int) -> Eigen: ...
 def orthonormal_columns(matrix: Float64Array) -> OrthonormalColumns: ...
 def binary_logarithms(values: Float64Array) -> Float64Array:
-    """To base 2, of (rows, n) finite numbers that are not below 2^-1022; the same bits on every machine."""
+    """Return logarithms to base 2 of (rows, n) finite numbers of at least 2^-1022, with the same bits on every
+    machine.
+    """
 
 class Excess:
-    """By how much errors of vertices exceed their target."""
+    """The parts of vertices' errors that exceed a target."""
 
     def __init__(self) -> None: ...
     def __len__(self) -> int: ...
     def add_to(self, values: FloatArray, functions: Float64Array, axes: int, push: float) -> None:
-        """Add it, `push` times, in functions of time to values on vertices."""
+        """Add `push` times the excess to the values of functions of time at the vertices."""
 
 def farthest_apart(one: Motion, other: Motion, time: Float64Array, reference: Float64Array, threads: int) -> float:
-    """How far two motions of the same vertices are apart at most, in a coordinate before residuals."""
+    """Return the largest difference of two motions of the same vertices in a coordinate, before residuals."""
 
 class MissedVertices(NamedTuple):
-    """Residuals of the vertices that may miss the bound; where errors are wanted, the largest and the sum of the
-    squared distances as a decoder has them.
+    """Residuals of the vertices that may miss the bound. If errors were requested: the largest squared distance
+    and the sum of squared distances that a decoder has.
     """
 
     residuals: Residuals
@@ -507,7 +522,7 @@ class MissedVertices(NamedTuple):
     sum_of_squares: float
 
 class GroupModel:
-    """A motion held against the positions that it is to give; residuals are those of the bound."""
+    """A model of a group, compared with the positions that it approximates; residuals keep the bound."""
 
     def __init__(
         self,
@@ -527,28 +542,28 @@ class GroupModel:
         has_errors: bool,
         threads: int,
     ) -> MissedVertices:
-        """With an aim, `excess` is filled."""
+        """If an aim is given, `excess` is filled."""
 
 def series_functions(points: Float64Array, rate: float, order: int) -> Float64Array: ...
 def arc_length_parameters(grid: Int64Array, pieces: Patches) -> Float64Array: ...
 def writable_view(array: object) -> Float32Array: ...
 
 class Run(NamedTuple):
-    """Consecutive frames of one connectivity; -1 vertices where the file is of one run."""
+    """Consecutive frames of one connectivity; `vertices` is -1 in a file with a single run."""
 
     first: int
     frames: int
     vertices: int
 
 class Section(NamedTuple):
-    """Type, and where its bytes are in the file."""
+    """The type of a section, and where its bytes are in the file."""
 
     type: str
     offset: int
     length: int
 
 class Group(NamedTuple):
-    """A group of frames, with its numbers of functions of time and of their basis."""
+    """A group of frames; functions and basis are numbers."""
 
     first: int
     frames: int
@@ -558,7 +573,7 @@ class Group(NamedTuple):
     alpha: float
 
 class GroupRange(NamedTuple):
-    """The first of some groups, and one behind the last."""
+    """First and end index of some groups."""
 
     first: int
     end: int
@@ -576,7 +591,7 @@ class Model(NamedTuple):
     layout: bytes
 
 class FacesAndLines(NamedTuple):
-    """Those of one object; arrays cannot be written."""
+    """Faces and lines of one object; the arrays are read-only."""
 
     face_counts: Int32Array
     face_indices: Int32Array
@@ -584,7 +599,7 @@ class FacesAndLines(NamedTuple):
     line_indices: Int32Array
 
 class DecodedAttribute(NamedTuple):
-    """An attribute of an object, with the number of its domain; arrays cannot be written."""
+    """An attribute of an object; `domain` is its number. The arrays are read-only."""
 
     name: str
     domain: int
@@ -593,7 +608,7 @@ class DecodedAttribute(NamedTuple):
     labels: tuple[str, ...]
 
 class Reference(NamedTuple):
-    """The reference frame: grid coordinates, origin and step; whether it is smoothed; ties, empty without any."""
+    """The reference frame: grid coordinates, origin and step; whether it is smoothed; ties, empty if there are none."""
 
     grid: Int64Array
     origin: tuple[float, float, float]
@@ -638,9 +653,9 @@ class Corrections(NamedTuple):
     offsets: Float32Array
 
 class Animation:
-    """An open file (core/decode/animation.hpp); `file` is its bytes, or a binary file that is read when needed: by its
-    descriptor (not on Windows), or as Python reads it. Of several runs each is opened by itself: what is not of all is
-    an error else.
+    """An open file (core/decode/animation.hpp). `file` is its bytes, or a binary file that is read when needed:
+    by its descriptor (not on Windows), or by its methods. In a file of several runs each run is opened
+    separately; before that, methods that need a run raise an error.
     """
 
     def __init__(self, file: bytes | int | BinaryIO, max_memory: int, threads: int, kept_bytes: int) -> None: ...
@@ -648,7 +663,7 @@ class Animation:
     def times(self) -> Float64Array: ...
     @property
     def jumps(self) -> list[int]:
-        """Frames that motion jumps to from the frame before."""
+        """Frames before which the motion is discontinuous."""
     @property
     def fps(self) -> float: ...
     @property
@@ -675,7 +690,7 @@ class Animation:
     def coefficients(self, group: int) -> Float64Array: ...
     def evaluate(self, quantity: int, times: Float64Array, object: int | None, out: Float32Array) -> None: ...
     def groups_at(self, quantity: int, time: float) -> GroupRange:
-        """Those that count at a time."""
+        """Return the groups that contribute at a time."""
     def weights(self, quantity: int, time: float, group: int) -> Float64Array:
         """(time axes, functions)."""
     def fields(self, group: int) -> Float32Array:
@@ -690,7 +705,7 @@ class Animation:
     def close(self) -> None: ...
     def verify(self) -> None: ...
     def check_section(self, type: str) -> None:
-        """Check the bytes of a section, of a run or of a file of several."""
+        """Check the bytes of a section: of the run, or of a file with several runs."""
     def check_group(self, group: int) -> None:
         """Check the bytes of a group of frames."""
     def cancel(self) -> None: ...

@@ -1,4 +1,6 @@
-"""Frames coded with the reference frame and the space basis of a file, so that they can stand in it."""
+"""Encode further frames with the reference frame and the space basis of an existing file, so that they can be
+added to it.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +23,18 @@ from pdecodec.mesh.sequence import MeshSequence, Progress
 
 
 class AppendingEncoder(AutoEncoder):
-    """One encode of frames that go into a file, within the bound of the file.
+    """An encode of frames that are added to a file, within the bound of that file.
 
     Parameters
     ----------
     sequence : MeshSequence
-        Of the file's mesh.
+        With the mesh of the file.
     animation : Animation
         The file.
     last : GroupEntry
-        The group that is tried first: mostly the last one of the file.
+        The group whose choices are tried first: usually the file's last one.
     residual_step : float [scene units]
-        Of the file's model.
+        As in the file's model.
     effort : {"fast", "default", "best"}
     progress : callable, optional
     """
@@ -82,17 +84,17 @@ class AppendingEncoder(AutoEncoder):
         return points
 
     def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
-        """Parts of the first group, in the model that is there."""
+        """Parts of the first group, coded in the model of the file."""
         self._ranges = self._group_ranges(self._plan.group_frames)
         return self._divided(self._fitter(*self._ranges[0], steps), self._usual)
 
     @property
     def jumps(self) -> Sequence[int]:
-        """Frames that motion jumps to, once all are coded."""
+        """Frames before which the motion is discontinuous, once all frames are coded."""
         return self._jumps()
 
     def coded(self) -> Iterator[EncodedGroup]:
-        """Its groups in order, as they are written."""
+        """The groups in order, as they are written."""
         frames = 0
         for group in self._groups():
             yield group

@@ -1,5 +1,5 @@
-"""Evaluate with any array library, on its device: on a GPU, a frame costs one product with arrays that are there
-already.
+"""Evaluate with any array library, on its device: on a GPU, a frame then costs one product of arrays that are
+already on the device.
 
 For a group of frames, a quantity at a time is the sum over functions of time of weights times fields. Weights depend
 on the time alone, fields do not depend on it. Positions add the reference frame and corrections of single vertices.
@@ -31,10 +31,10 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """Quantities, by the core's numbers."""
 
 GROUPS_KEPT = 4
-"""Groups whose fields stay on the device: those that meet between two frames, and the next."""
+"""Number of groups whose fields stay on the device: two that contribute between frames, and the next."""
 
 FRAMES_KEPT = 4
-"""Frames whose corrections stay on the device: those before and after a time, and the next."""
+"""Number of frames whose corrections stay on the device: those before and after a time, and the next."""
 
 
 class Corrections(NamedTuple):
@@ -173,7 +173,7 @@ class ArrayEvaluator:
         return self._weights(QUANTITIES.index(quantity), time, group)
 
     def corrections(self, group: int) -> Corrections:
-        """Return the corrections at the frames of a group. Between frames, those of both neighbours count,
+        """Return the corrections at the frames of a group. Between two frames the corrections of both count,
         weighted by time.
 
         Raises
@@ -207,14 +207,14 @@ class ArrayEvaluator:
             return self._animation._core.weights(quantity, time, group).T
 
     def _there(self, values: NDArray[Any]) -> Any:
-        """Copy an array to the device as float32; some libraries keep using its memory."""
+        """Copy an array to the device as float32. Some libraries would keep using the memory of the array itself."""
         own = np.array(values, np.float32, order="C")
         return self._library.asarray(own, dtype=self._library.float32, **self._place)
 
     def _evaluate(self, quantity: int, times: ArrayLike, outside: Outside) -> Any:
         asked = np.atleast_1d(np.asarray(times, np.float64))
         inside = self._animation._inside(asked, outside)
-        # The core clamps by itself, and knows that nothing moves there.
+        # The core clamps times itself, and knows that nothing moves outside the clip.
         wanted = (asked if outside == "clamp" else inside).tolist()
         parts = [
             self._of_groups(quantity, list(some), range(*groups))
@@ -286,7 +286,7 @@ class ArrayEvaluator:
         xp, count = self._library, self._animation.vertex_count
         order = begin + np.argsort(rows.vertices[begin:end])
         every = xp.arange(count, **self._place)
-        # Padding points at an extra vertex behind the last one.
+        # Padding refers to an extra vertex behind the last one.
         lacking = xp.asarray(np.append(rows.vertices[order], count), dtype=every.dtype, **self._place)
         offsets = self._there(np.append(rows.offsets[order], np.zeros((1, 3)), axis=0).ravel())
         at = xp.searchsorted(lacking, every)
@@ -297,7 +297,7 @@ class ArrayEvaluator:
 
 
 class _Kept(Generic[Value]):
-    """The latest values, by number."""
+    """A cache of the latest values, by number."""
 
     def __init__(self, count: int) -> None:
         self._count, self._values = max(1, count), OrderedDict[int, Value]()

@@ -110,7 +110,7 @@ class _Check:
                 self._look_at_run(own, first, run, frames)
 
     def _look_at_run(self, own: Animation, first: int, run: int | None, frames: tuple[int, int] | None) -> None:
-        # A file of one run has these sections in its own table, where they were checked.
+        # A file with a single run has these sections in its own table, which was checked before.
         for kind in own.sections if run is not None else ("REST",):
             if kind not in ("container", "FDAT", *CHUNK_SECTIONS):
                 with self._noting(run=run, frames=frames):
@@ -134,7 +134,7 @@ class _Check:
 
     @contextmanager
     def _noting(self, *, run: int | None = None, about: str = "", **place: Any) -> Iterator[None]:
-        """Record a fault raised within the context and end it, unless the fault follows from a recorded one."""
+        """Within this context, record a raised fault and go on, unless the fault follows from one that is recorded."""
         try:
             yield
         except CorruptFileError as error:
@@ -149,7 +149,7 @@ class _Check:
 
 
 def _subject(finding: Finding) -> tuple[object, ...]:
-    """Return the subject of a finding; a second finding about the same subject follows from the first."""
+    """Return the subject of a finding. A second finding on the same subject only follows from the first."""
     # Groups of fields have no number of their own: their messages name the field and its frames.
     group = (finding.group, finding.message) if finding.code in GROUP_FAULTS else None
     return finding.severity, finding.run, group, finding.section or finding.code

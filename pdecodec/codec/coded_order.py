@@ -1,4 +1,4 @@
-"""A sequence in the order in which its surfaces are coded, so that no order need be stored (`order="free"`)."""
+"""A sequence in the order in which its surfaces are coded, so that no order has to be stored (`order="free"`)."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from typing import BinaryIO, Literal, cast
 from pdecodec.system.whole_output import whole_file, write_errors
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
-"""As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
+"""Made like PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change."""
 
 MAJOR_VERSION, MINOR_VERSION = 1, 0
 
@@ -93,11 +93,13 @@ RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of in 
 """Sections of a run, in the order of section RUNS."""
 
 FIELD_SECTIONS = ("FLDS", "FDAT", "RFLD")
-"""Sections of fields. A file of several runs has FLDS and FDAT of all runs, one after the other; RFLD divides them."""
+"""Sections of fields. A file of several runs has one FLDS and one FDAT with those of all runs, one after the
+other; RFLD says where each run's part ends.
+"""
 
 CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")
-"""Sections made of chunks, one per group of frames, each with its own checksum. Everything before the first of
-them is read for any frame.
+"""Sections that consist of one chunk per group of frames, each with its own checksum. All sections before the
+first of these are needed for any frame.
 """
 
 CONSTANT_SECTIONS = frozenset(kind.type for kind in SECTION_KINDS.values() if kind.is_constant)
@@ -107,19 +109,19 @@ COPY_BLOCK_BYTES = 2**20
 
 
 SPOOL_MEMORY = 2**18
-"""Bytes up to which a section that grows without an output is kept in memory."""
+"""Largest size of a section that grows without an output file and is kept in memory [bytes]."""
 
 
 class Spool:
-    """A section that grows while frames stream by: an unnamed temporary file, next to `output` if given.
+    """A section that grows while frames stream by: an unnamed temporary file, next to `output` if that is given.
 
-    If the system refuses a write, InputError names the output, else the folder.
+    If the system refuses a write, InputError names `output`, or else the temporary folder.
     """
 
     def __init__(self, output: Path | None) -> None:
         self._named = output or Path(tempfile.gettempdir())
         with write_errors(self._named):
-            # Open as long as the spool: see close(). Runs are many, small and without an output of their own.
+            # Open until `close` is called. Files of several runs have many small spools without an output file.
             self._file = cast(
                 BinaryIO,
                 tempfile.SpooledTemporaryFile(SPOOL_MEMORY)  # noqa: SIM115
@@ -131,7 +133,7 @@ class Spool:
 
     @property
     def file(self) -> BinaryIO:
-        """The file, closed with the spool."""
+        """The file; it is closed with the spool."""
         return self._file
 
     def append(self, data: bytes) -> None:
@@ -141,7 +143,7 @@ class Spool:
         self.checksum = zlib.crc32(data, self.checksum)
 
     def pieces(self, first: int = 0, end: int | None = None) -> Iterator[bytes]:
-        """Yield the bytes from `first` on, up to `end`; afterwards it can be appended to again."""
+        """Yield the bytes from `first` up to `end`; after that, more bytes can be appended."""
         left = (self.length if end is None else end) - first
         with write_errors(self._named):
             self._file.seek(first)  # flushes buffered bytes
@@ -191,7 +193,7 @@ class StoredSection:
 
 
 def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
-    """Return the table of sections of a file that a decoder has opened and so checked."""
+    """Return the table of sections of a file. A decoder must have opened the file, and thereby checked the table."""
     file.seek(0)
     count = HEADER.unpack(file.read(HEADER.size))[3]
     found = []
@@ -207,7 +209,9 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
 
 
 def before_groups(head: bytes) -> int:
-    """Return where groups of frames begin, according to a file's unchecked first bytes; 0 if they do not tell."""
+    """Return where groups of frames begin, from the first bytes of a file, which are not checked; 0 if these do
+    not tell.
+    """
     if not head.startswith(IDENTIFIER):
         return 0
     try:

@@ -37,7 +37,7 @@ POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 
 
 def _writable(out: Any) -> NDArray[Any]:
-    """Return the array itself, or numpy's view of another library's; raise SettingsError if it is read-only."""
+    """Return the array itself, or a numpy view of another library's array; raise SettingsError if it is read-only."""
     if isinstance(out, np.ndarray):
         return out
     try:
@@ -301,7 +301,7 @@ class Animation(MeshSequence):
     def _of_core(
         self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
     ) -> Any:
-        # The core knows that nothing moves outside the clip.
+        # The core itself knows that nothing moves outside the clip.
         known = inside if quantity == POSITIONS or outside == "loop" else asked
         whole = (known.size, self.vertex_count, 3)
         shape = whole[1:] if is_one else whole
@@ -315,7 +315,7 @@ class Animation(MeshSequence):
         try:
             self._core.evaluate(quantity, known, None, found.reshape(whole))
         except Exception:
-            # Entered only after an error: it takes longer than a small frame.
+            # Only entered after an error, because entering takes longer than decoding a small frame.
             with self._naming_the_file():
                 raise
         if found is not target:
@@ -375,8 +375,8 @@ class Animation(MeshSequence):
         return float(self.times[0]), float(self.times[-1])
 
     def coefficients(self, group: int) -> PaperForm:
-        """Return the coefficients of one group as the paper writes them (Eqs. 17 and 18), with everything they
-        multiply.
+        """Return the coefficients of one group as the paper writes them (Eqs. 17 and 18), and the functions
+        that they multiply.
 
         Parameters
         ----------
@@ -405,7 +405,9 @@ class Animation(MeshSequence):
 
     @property
     def group_edges(self) -> list[int]:
-        """First frame of every group of frames, the unit that is read and decoded, and the number of all frames."""
+        """First frame of every group of frames, followed by the number of frames. Groups are what is read and
+        decoded as a unit.
+        """
         with self._naming_the_file():
             return [*(group.first for group in self._core.groups), self.frame_count]
 
@@ -445,7 +447,9 @@ class Animation(MeshSequence):
 
     @property
     def sections(self) -> dict[str, int]:
-        """Bytes of each section, and of header and table as ``"container"``; they add up to the file."""
+        """Bytes of each section, and of header and table together as ``"container"``; the sum is the size of
+        the file.
+        """
         with self._naming_the_file():
             sizes = {section.type: section.length for section in self._core.sections}
             # A run has no header of its own.
@@ -453,8 +457,8 @@ class Animation(MeshSequence):
             return {"container": container, **sizes}
 
     def info(self) -> dict[str, Any]:
-        """Return the facts in the headers as a JSON object: sections, model, settings, and why this model was
-        chosen.
+        """Return the facts in the headers as a JSON object: sections, model, settings, and why the encoder
+        chose this model.
         """
         with self._naming_the_file():
             groups, space_kind, has_ties = self._core.groups, self._core.model.kind, self._core.ties_vertices
@@ -471,7 +475,7 @@ class Animation(MeshSequence):
         }
 
     def _facts(self) -> dict[str, Any]:
-        """Return what :meth:`info` reports for files of one run or several."""
+        """Return the facts that :meth:`info` reports both for files of one run and for files of several."""
         sections, remarks = self.sections, self._remarks
         file_bytes = sum(sections.values())
         return {
@@ -500,7 +504,7 @@ class Animation(MeshSequence):
 
     @property
     def group_frames(self) -> list[tuple[int, int]]:
-        """First frame of each group of frames, and the one after its last; in a run, its own frames from 0."""
+        """First frame and end of each group of frames; of a run, counted from the run's first frame."""
         with self._naming_the_file():
             return [(group.first, group.first + group.frames) for group in self._core.groups]
 
@@ -519,22 +523,22 @@ class Animation(MeshSequence):
         return tuple(map(naming, (own.names, own.connectivity, own.reference, own.attributes)))
 
     def check_section(self, kind: str) -> None:
-        """Check the bytes of one section; raise CorruptFileError if they differ from those written."""
+        """Check the bytes of one section; raise CorruptFileError if its checksum is wrong."""
         with self._naming_the_file():
             self._core.check_section(kind)
 
     def check_group(self, group: int) -> None:
-        """Check the bytes of one group of frames; raise CorruptFileError if they differ from those written."""
+        """Check the bytes of one group of frames; raise CorruptFileError if its checksum is wrong."""
         with self._naming_the_file():
             self._core.check_group(group)
 
     def check_field_group(self, field: int, group: int, *, deep: bool = False) -> None:
-        """Check the bytes of one group of a field, and with `deep` that it decodes; raise CorruptFileError if not."""
+        """Check the bytes of one group of a field and, if `deep`, decode it; raise CorruptFileError if one fails."""
         with self._naming_the_file():
             self._core.check_field_group(field, group, deep)
 
     def verify(self) -> None:
-        """Check every byte of the file, and that every part and every group decodes.
+        """Check every byte of the file, and decode every part and every group.
 
         Raises
         ------
@@ -547,7 +551,7 @@ class Animation(MeshSequence):
 
 
 def _reopened(kind: type[Animation], path: str | bytes, limits: DecodeLimits, run: int | None) -> Animation:
-    """Restore a pickled animation; an animation of a run owns its file."""
+    """Open a pickled animation again; an animation of a run then owns its file."""
     source = open_source(path)
     core = open_core(source, limits)
     if run is None:

@@ -1,4 +1,5 @@
-"""Cut and join files: groups of frames are copied as they are coded; other frames are coded to stand next to them.
+"""Cut and join files: whole groups of frames are copied without decoding them; other frames are encoded to fit
+in next to them.
 
 A position at a frame depends on its own group alone, so it stays the same to the last bit. Between frames it follows
 the spline through all frames of the file, from one discontinuity to the next. Near a place where files were cut or
@@ -46,7 +47,7 @@ EDIT_SEPARATOR = "; then "
 """Separates the description of a file's model in its summary from that of the latest edit."""
 
 FRAME_ROUNDING = 1e-6
-"""Largest distance, in frames, of a time from a whole frame number."""
+"""Largest distance of a time from a whole frame number at which it counts as that frame [frames]."""
 
 
 @dataclass(frozen=True)
@@ -186,18 +187,18 @@ class CodedFile:
 
 
 FieldPart = tuple[CodedFile | MeshSequence, int, int]
-"""Where frames of fields come from, their first frame, and the one after the last."""
+"""A part of the frames of fields: where they come from, the first frame, and the one after the last."""
 
 
 class _Described(MeshSequence):
-    """Times, names and discontinuities for the header of a file."""
+    """Times, names and discontinuities for the header of a file; a sequence without positions."""
 
     def __init__(self, head: Animation, times: Float64Array, jumps: list[int]) -> None:
         self.objects, self.times, self.fps, self.jumps = head.meshes, times, head.fps, jumps
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
-        raise NotImplementedError  # a header has no positions, and they are never read
+        raise NotImplementedError  # only a header is written, for which positions are never read
 
 
 def cut_animation(
@@ -402,11 +403,11 @@ def _write(
 
 
 def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tuple[str, ...]]:
-    """Write the chunks of fields that all parts have; return section FLDS and the names of other fields.
+    """Write the chunks of the fields that all parts have; return section FLDS and the names of the fields left out.
 
-    Chunks of files are copied whole, whatever their frames; fields of sequences are encoded within the bound before.
-    Values that are computed from the motion are stored exactly where frames are cut or joined: the motion's derivative
-    at the edges, and its first frame, become others.
+    Chunks of files are copied whole, even if some of their frames are cut off. Fields of sequences are encoded
+    within the bound of the file before. At a cut or a join, values that are computed from the motion are stored
+    exactly instead: the motion's derivative at the edges changes, and so does its first frame.
     """
     having = [part.animation if isinstance(part, CodedFile) else part for part, _, _ in parts]
     shared = [field for field in having[0].fields if all(field in one.fields for one in having)]
@@ -449,7 +450,7 @@ def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tupl
 
 
 def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
-    """Name the group borders nearest to a frame."""
+    """Describe the group borders nearest to a frame, for messages."""
     at = int(np.searchsorted(edges, frame))
     times = animation.times
     near = [
@@ -459,7 +460,7 @@ def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
 
 
 def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.PathLike[str] | None) -> None:
-    """Refuse frames of another mesh before any other difference: coding them again would not help."""
+    """Refuse frames of another mesh, before any other difference is examined: coding them again would not help."""
     if not sequence.connectivity.same_as(head.animation.connectivity):
         raise InputError(
             f"is of another mesh than {head.path}: faces and lines differ", code="object-mismatch", path=path
@@ -469,7 +470,7 @@ def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.Pat
 def _following(
     before: Float64Array, times: Float64Array, fps: float, *, shift: bool, path: str | os.PathLike[str] | None
 ) -> Float64Array:
-    """Return times of frames that follow others; raise SettingsError if they do not follow and may not be moved."""
+    """Return the times of frames that follow others; raise SettingsError if they do not follow and `shift` is off."""
     if not shift:
         if times[0] - before[-1] < SHORTEST_TIME_STEP:
             raise SettingsError(
@@ -480,7 +481,7 @@ def _following(
     moved: Float64Array
     last, numbers = np.rint(before[-1] * fps), np.rint(times * fps)
     if abs(before[-1] * fps - last) < FRAME_ROUNDING and np.abs(times * fps - numbers).max() < FRAME_ROUNDING:
-        # Times that are frame numbers stay frame numbers and take no room in the file.
+        # Times that are frame numbers stay frame numbers, so that they take no bytes in the file.
         moved = (numbers - numbers[0] + last + 1.0) / fps
         return moved
     moved = times - times[0] + before[-1] + 1.0 / fps

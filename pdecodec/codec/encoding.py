@@ -1,10 +1,10 @@
-"""The encoder: a mesh sequence in, a `.pdeanim` file out, a group of frames in memory at a time.
+"""The encoder: a mesh sequence in, a `.pdeanim` file out, with one group of frames in memory at a time.
 
-The way of a position: frame 0 becomes the reference frame on a grid (REST); each group of frames is fitted with
-functions of time and of space, which the profile chooses (:mod:`pdecodec.codec.encode.pipeline`,
-:mod:`pdecodec.codec.encode.paper`); its coefficients are quantised and coded (TIME, COEF), and what then misses
-the bound gets a residual (CORR): all of that is :mod:`pdecodec.codec.encode.fit`.
-:mod:`pdecodec.codec.encode.pipeline` goes from group to group and gathers the sections.
+The steps: frame 0 becomes the reference frame on a grid (REST). Each group of frames is fitted with functions of
+time and of space, which the profile chooses (:mod:`pdecodec.codec.encode.pipeline`,
+:mod:`pdecodec.codec.encode.paper`). Their coefficients are quantised and coded (TIME, COEF), and vertices that then
+miss the bound get residuals (CORR); all of that is in :mod:`pdecodec.codec.encode.fit`.
+:mod:`pdecodec.codec.encode.pipeline` goes from group to group and collects the sections.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pdecodec.system.storage import is_address, remote_output
 from pdecodec.system.whole_output import check_writable, whole_file
 
 Source = MeshSequence | ArrayLike | str | os.PathLike[str]
-"""What is encoded: a sequence, an array of positions, or the path of a file that is opened and closed."""
+"""What can be encoded: a sequence, an array of positions, or the path of a file, which is opened and closed."""
 
 
 def encode(
@@ -124,13 +124,13 @@ def encode(
         found = _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
         if normals is None:
             return found
-        assert found.data is not None  # encoded without a path
+        assert found.data is not None  # without a path the report has the bytes
         return replace(found, normal_p99=measure_normals(found.data, said))
 
     report = replace(encode_within(limit, encode_at, progress), size_limit=size, preset=preset)
     if target is None:
         return report
-    assert report.data is not None  # encoded without a path
+    assert report.data is not None  # without a path the report has the bytes
     with whole_file(target, overwrite=overwrite) as partial:
         partial.write_bytes(report.data)
     return replace(report, path=target, data=None)
@@ -138,7 +138,7 @@ def encode(
 
 def _opened(source: ArrayLike | str | os.PathLike[str]) -> MeshSequence:
     if isinstance(source, str | os.PathLike):
-        # The public name: formats build on the codec, which knows none of them.
+        # Imported from the public module, because formats build on the codec and the codec knows no formats.
         from pdecodec import open_sequence
 
         return open_sequence(source)

@@ -18,8 +18,8 @@ FEWEST_FUNCTIONS = 16
 SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
 """Largest memory of a group, as a multiple of its displacements in float64: if the search keeps intermediate
 results; if memory matters more than time, or there is no search; and if motion is smooth. Noise takes the most:
-at bounds of 1e-5, for which float32 is too coarse, 18 to 25 times, 5 to 8 times, and 2 times for a sheet that
-swings. Cloth, which few functions describe well, takes a quarter to two thirds of that, but this is not known
+at bounds of 1e-5, for which float32 is too coarse, it took 18 to 25 times, 5 to 8 times, and 2 times for a
+swinging sheet. Cloth, which needs many functions, takes a quarter to two thirds of that, but this is not known
 before it is read.
 """
 
@@ -31,19 +31,19 @@ in 16.
 
 TABLE_COPIES = 32
 """Memory of tables, as a multiple of the products of functions of time with one another, or with vertices if
-there are fewer: sums of squares, their decomposition and the functions, for both origins. With 1,024 vertices
-and 512 frames this is more than half of the total.
+there are fewer vertices. Tables are the sums of squares, their decomposition and the functions, for both
+origins. With 1,024 vertices and 512 frames they are more than half of the total.
 """
 
 FIXED_BYTES = 9 * 2**23
 """Memory of the interpreter and the libraries [bytes]; measured: 65 to 75 MiB."""
 
 VERTEX_BYTES = 900
-"""Memory of a vertex that does not depend on frames: its faces, reference frame and patches [bytes]."""
+"""Memory per vertex that does not depend on the number of frames: faces, reference frame and patches [bytes]."""
 
 BASIS_SHARE = 4
-"""Largest part of a limit for the functions of patches, as a divisor. Groups can shrink to one frame, functions
-cannot.
+"""The functions of patches may take at most 1 / BASIS_SHARE of a limit: groups can shrink to one frame, but
+functions cannot shrink.
 """
 
 
@@ -87,7 +87,7 @@ def _group_bytes(frames: int, vertices: int, tuning: Tuning, *, is_searched: boo
 
 
 class _Need:
-    """The memory that a clip needs, depending on the frames of its groups."""
+    """The memory that a clip takes, as a function of the length of its groups."""
 
     def __init__(self, vertices: int, frames: int, settings: EncodeSettings) -> None:
         self._vertices, self._frames = max(1, vertices), max(1, frames)
@@ -100,7 +100,7 @@ class _Need:
         )
 
     def of_mesh(self, functions: int) -> int:
-        """Return the memory that does not depend on frames [bytes]."""
+        """Return the memory that does not depend on the number of frames [bytes]."""
         return FIXED_BYTES + (VERTEX_BYTES + 8 * functions) * self._vertices
 
     def of_groups(self, most: int) -> int:
@@ -116,7 +116,7 @@ class _Need:
 
     @property
     def usual(self) -> int:
-        """Memory that the clip takes without a limit [bytes]."""
+        """Memory that encoding the clip takes without a limit [bytes]."""
         return self.of_mesh(self.functions) + max(self.of_groups(self.longest), self.of_smooth_groups(self.smooth))
 
 
@@ -148,8 +148,8 @@ def _functions(size: int, vertices: int) -> int:
 
 
 def encoding_bytes(frames: int, vertices: int, settings: EncodeSettings) -> int:
-    """Return about the largest memory of an encode [bytes]; it depends on the longest group, not on the clip's
-    length.
+    """Return the approximate peak memory of an encode [bytes]; it depends on the longest group, not on the
+    length of the clip.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""Read damaged `.pdeanim` files as far as possible: take header and table of sections as they are, and repair them.
+"""Read damaged `.pdeanim` files as far as possible, with a repaired header and table of sections.
 
 The decoder refuses a file with a wrong header, table or length. This module lists what is wrong with them, and
-presents the file with a sound header, zeros in place of a missing end, and nothing after its last section. Every
-section and every group of frames has its own checksum, so whatever the decoder then accepts is what was written.
+presents the file to the decoder with a valid header, zeros in place of a missing end, and nothing after its last
+section. Every section and every group of frames has its own checksum, so whatever the decoder then accepts is what
+was written.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class ListedSection(StoredSection):
-    """A row of the table of sections, as it stands in the file."""
+    """A row of the table of sections, as the file has it."""
 
     type: str
     is_required: bool
@@ -175,7 +176,7 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
 
 
 def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]:
-    """Return the table's bytes and its rows; raise if a section stands in it twice."""
+    """Return the table's bytes and its rows; raise an error if a section occurs twice."""
     rows: list[bytes] = []
     found: list[ListedSection] = []
     for _ in range(count):
@@ -203,7 +204,7 @@ def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[
     """Return findings for unknown sections, and for those whose bytes do not match the table."""
     findings = []
     for section in sections:
-        if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME stands only in section RDAT
+        if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME occurs only in section RDAT
             code = ErrorCode.SECTION_UNKNOWN_REQUIRED if section.is_required else ErrorCode.SECTION_UNKNOWN
             findings.append(
                 Finding(

@@ -1,4 +1,4 @@
-"""Open a `.pdeanim` file: an animation or, where its faces change, a timeline of animations."""
+"""Open a `.pdeanim` file: an animation or, if its faces change, a timeline of animations."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         Animation.close(self)
 
     @property
-    def meshes(self) -> tuple[MeshObject, ...]:  # each run has its own
+    def meshes(self) -> tuple[MeshObject, ...]:  # each run has its own objects
         self._only_run()
         return super().meshes
 
@@ -99,7 +99,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
     ) -> Any:
         run = self._run_of(inside)
-        # The wrapped time may fall in another run, after the last frame of that run.
+        # The wrapped time may fall after the last frame of a run, and so into the gap between two runs.
         own = inside if outside == "loop" else asked
         return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
 
@@ -142,7 +142,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         """Bytes of each section, summed over all runs; and of header and table as ``"container"``."""
         with self._naming_the_file():
             sizes = {section.type: section.length for section in self._core.sections}
-            # Runs may share a section.
+            # Runs may share a section: count it once.
             own = {section for number in range(len(self.runs)) for section in self._core.run_sections(number)}
             container = self._core.file_bytes - sum(sizes.values())
         for section in own:

@@ -108,7 +108,7 @@ def paper_form(
     if min(time_form.alpha, form.rate) < MIN_RATE:
         raise SettingsError("an alpha or r this small makes the paper's functions dependent; encode with a larger one")
     found = values.reshape(space.functions, functions, 3)
-    # psi = phi R^-1 in time; functions that a group lacks contribute nothing.
+    # psi = phi R^-1 in time. Functions that a short group lacks contribute nothing.
     time = np.zeros((TIME_FUNCTIONS, time_form.functions))
     time[: time_form.functions] = np.linalg.inv(time_form.triangle) if time_form.functions else 0.0
     to_paper_time = series_to_paper(time_form.alpha, TIME_FUNCTIONS) @ time
@@ -123,7 +123,7 @@ def paper_form(
     time_condition = np.linalg.cond(to_paper_time) if time_form.functions else 1.0
     for p, own_functions in enumerate(space.functions_of_elements()):
         rows, count = slice(starts[p], starts[p + 1]), len(own_functions)
-        # The orthonormal functions are combinations of the first series functions, as many as the piece has.
+        # The orthonormal functions are combinations of as many of the first series functions as the piece has points.
         matrix = np.zeros((SPACE_FUNCTIONS, count))
         matrix[:count] = np.linalg.lstsq(series[rows, :count], own_functions.T, rcond=None)[0]
         matrix = to_paper_space @ matrix

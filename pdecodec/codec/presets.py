@@ -19,7 +19,9 @@ from pdecodec.system.arguments import shown
 PresetName = Literal["preview", "default", "hero", "archive"]
 
 HERO_CLOSE = 0.05
-"""The normals' limit counts as met when it is used up to this share: a tenth of a degree is invisible."""
+"""The limit on normals counts as met if at least this much of it is used up: the rest, a tenth of a degree, is
+invisible.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +43,13 @@ class Preset:
 
 
 PRESETS: dict[PresetName, Preset] = {
-    # Five pixels of a mesh that fills a picture of 1000: enough to judge timing and poses.
+    # Five pixels for a mesh that fills a picture of 1000 pixels: enough to judge timing and poses.
     "preview": Preset(tolerance=5e-3, effort="fast"),
     "default": Preset(),
-    # Shading shows normals, and normals ask more of cloth and of fine meshes than of coarse ones.
+    # Shading shows normals, and keeping normals takes a finer tolerance for cloth and fine meshes than for coarse ones.
     "hero": Preset(tolerance=DEFAULT_TOLERANCE, normal_angle=2.0),
-    # A tenth of a pixel of a picture 8192 wide, and a fifth of what float16 resolves at half of the range (2^-12 / 5).
+    # A tenth of a pixel in a picture 8192 pixels wide, and a fifth of what float16 resolves at half of the range (2^-12
+    # / 5).
     "archive": Preset(tolerance=1e-5, effort="best"),
 }
 
@@ -106,7 +109,8 @@ def normal_limit(sequence: MeshSequence, preset: Preset) -> RateLimit | None:
 
 
 def normals_measured(sequence: MeshSequence, *, is_free: bool) -> Callable[[bytes, Progress | None], float | None]:
-    """Return a function of a file's bytes: what :func:`measure_corner_normals` finds when the file is decoded.
+    """Return a function that takes a file's bytes, decodes the file and returns what :func:`measure_corner_normals`
+    finds.
 
     Parameters
     ----------

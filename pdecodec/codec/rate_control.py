@@ -1,7 +1,7 @@
-"""Rate control: search the tolerance whose file has a given size, mean error or error of normals.
+"""Rate control: search for the tolerance whose file has a given size, mean error or error of normals.
 
-Every step of the search is a whole encode, since nothing short of it tells the size of a file;
-:data:`MAX_ENCODES` of them at most.
+Every step of the search is a whole encode, because nothing less tells the size of a file; it takes at most
+:data:`MAX_ENCODES` steps.
 """
 
 from __future__ import annotations
@@ -22,29 +22,38 @@ from pdecodec.system.arguments import as_number, shown
 Outcome = TypeVar("Outcome")
 
 FINEST = 1e-18
-"""Finest tolerance tried: a float32 step of coordinates of a hundred-billionth of the diagonal. Clips come back exactly
-long before it."""
+"""Finest tolerance that is tried: the float32 spacing of coordinates as small as a hundred-billionth of the
+diagonal. Clips are restored exactly long before it.
+"""
 
 COARSEST = 1.0
-"""Coarsest tolerance tried: vertices may be anywhere in the scene."""
+"""Coarsest tolerance that is tried: vertices may be anywhere in the scene."""
 
 MAX_ENCODES = 10
-"""Encodes at most: six to bracket the limit from anywhere in the range, four to close in on it."""
+"""Largest number of encodes: six to bracket the limit from anywhere in the range, four to close in on it."""
 
 CLOSE = 0.01
-"""A limit counts as met when it is kept and used up to this share, or the tolerance is known this well."""
+"""A limit counts as met if it is kept and all but this share of it is used, or if the tolerance is known this
+precisely.
+"""
 
 FIRST_STRIDE = math.log(4.0)
-"""First step away from a tolerance that misses the limit; each further one in the same direction is doubled."""
+"""First step [log tolerance] away from a tolerance that misses the limit; each further step in the same
+direction is twice as long.
+"""
 
 LEAST_MOVE = 0.1
-"""Share of the bracket that an interpolated tolerance stays away from its ends, where it would not narrow it."""
+"""An interpolated tolerance stays at least this share of the bracket away from its ends, where it would hardly
+narrow the bracket.
+"""
 
 TOLERANCE_OVER_RMS = 2.5
-"""Where the search for a mean error starts: profile "auto" leaves 0.3 to 0.5 of its bound as mean error."""
+"""Initial tolerance of the search for a mean error, over that error: profile "auto" leaves a mean error of 0.3
+to 0.5 of its bound.
+"""
 
 SMALLEST_VALUE = 1e-300
-"""In the place of an error of zero, which has no logarithm."""
+"""Stands for an error of zero, which has no logarithm."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,8 @@ class RateLimit:
 
 
 def rate_limit(*, rms: float | None = None, size: int | None = None) -> RateLimit | None:
-    """Return the limit that an encode keeps besides its settings: a mean error or a size; None for a bound alone.
+    """Return the limit that an encode must keep in addition to its settings, a mean error or a size; None if
+    there is none.
 
     Parameters
     ----------
@@ -176,17 +186,17 @@ def search_tolerance(
     coarsest: float = COARSEST,
     close: float = CLOSE,
 ) -> Outcome | None:
-    """The outcome nearest to a limit among those that keep it, in :data:`MAX_ENCODES` measurements at most.
+    """Return the outcome nearest to a limit among those that keep it, with at most :data:`MAX_ENCODES` measurements.
 
-    Brackets the limit in growing strides, then interpolates on logarithmic scales, where size and error are
-    nearly straight lines over the tolerance, and bisects where that narrows too little.
+    Brackets the limit in growing strides. Then it interpolates on logarithmic scales, on which size and error over
+    tolerance are nearly straight lines, and bisects if that narrows the bracket too little.
 
     Parameters
     ----------
     measure : callable
-        Takes a tolerance; gives an outcome, and its value over the limit.
+        Takes a tolerance; returns an outcome, and its value over the limit.
     start : float
-        First tolerance, brought into the range.
+        First tolerance, which is clamped to the range.
     falls : bool
         Whether the value falls as the tolerance grows: bytes do, errors do not.
     is_exact : callable, optional
@@ -194,12 +204,12 @@ def search_tolerance(
     coarsest : float
         No coarser tolerance is tried.
     close : float
-        The limit counts as met when it is kept and used up to this share.
+        The limit counts as met if it is kept and all but this share of it is used.
 
     Returns
     -------
     outcome or None
-        None where no tolerance from :data:`FINEST` to `coarsest` keeps the limit.
+        None if no tolerance from :data:`FINEST` to `coarsest` keeps the limit.
     """
     ends = math.log(FINEST), math.log(coarsest)
     at = min(max(math.log(start), ends[0]), ends[1])
@@ -235,7 +245,7 @@ def search_tolerance(
 
 
 def _interpolated(fine: tuple[float, float], coarse: tuple[float, float], close: float) -> float:
-    """Where the line through two (log tolerance, log value over limit) passes just under the limit."""
+    """Return where the line through two points (log tolerance, log value over limit) passes just below the limit."""
     share = (fine[1] + 0.5 * close) / (fine[1] - coarse[1])
     return fine[0] + min(max(share, LEAST_MOVE), 1.0 - LEAST_MOVE) * (coarse[0] - fine[0])
 

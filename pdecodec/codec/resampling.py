@@ -43,7 +43,7 @@ class SampledAnimation(MeshSequence):
         self._quantity = quantity
         self.objects = animation.objects
         self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
-        times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)  # refuses at once
+        times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)  # refuses now
         self._outside: Outside = outside
         self.metadata = animation.metadata
         self.notices = animation.notices
@@ -122,7 +122,7 @@ class _SampledRun(MeshSequence):
 
 
 class LinearInterpolation(MeshSequence):
-    """Frames of another sequence, interpolated linearly: the alternative to a codec's values between frames.
+    """Frames of another sequence, interpolated linearly, for comparison with a codec's values between frames.
 
     Parameters
     ----------

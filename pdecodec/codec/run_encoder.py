@@ -1,6 +1,6 @@
-"""Encoding runs of frames: one after the other, each as a file of its own would be, without what all of them share.
+"""Encode runs of frames one after the other, each like a file of its own, but without what all runs share.
 
-Only one run is in memory at a time. Sections that are the bytes of the run before are not stored again.
+Only one run is in memory at a time. A section whose bytes equal those of the run before is not stored again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence, Progress
 
 AS_BEFORE = 0
-"""In place of a length plus one: the section is that of the run before."""
+"""Stored in place of a section's length plus one: the section equals that of the run before."""
 
 
 def encode_runs(
@@ -44,11 +44,11 @@ def encode_runs(
     overwrite: bool,
     progress: Progress | None,
 ) -> EncodeReport:
-    """Encode a sequence of runs; parameters and errors as of :func:`pdecodec.encode`."""
+    """Encode a sequence of runs; for parameters and errors see :func:`pdecodec.encode`."""
     started = time.perf_counter()
     scale = frame_scale(checked_frames(sequence.runs[0], 0, 1)[0])
     bound = settings.bound(scale)
-    of_run = replace(settings, why=False)  # remarks are of all runs together, whose choices are each its own
+    of_run = replace(settings, why=False)  # remarks describe all runs, whose choices differ
     if bound is not None:
         of_run = replace(of_run, tolerance=None, max_error=bound)
     reports: list[EncodeReport] = []
@@ -104,14 +104,14 @@ def encode_runs(
 
 
 class RunTable:
-    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file next to `output`, if one is given.
+    """Sections RUNS and RDAT while they grow. RDAT is in an unnamed file, next to `output` if one is given.
 
     Attributes
     ----------
     data : Spool
         Section RDAT.
     sizes : dict of str to int
-        Bytes of it by the section of a run that they are of.
+        Bytes of RDAT, by the section of the runs that they belong to.
     """
 
     def __init__(self, output: Path | None) -> None:
@@ -122,14 +122,14 @@ class RunTable:
         self._headers, self._values, self._of_fields = b"", Spool(output), FieldWriter()
 
     def add(self, sequence: MeshSequence, sections: Sequence[Section]) -> None:
-        """Add a run, of the sections of a file of it alone."""
+        """Add a run, given the sections that a file of this run alone would have."""
         found = {section.type: section for section in sections}
         found["NAME"] = Section("NAME", encode_names(sequence))
         self._writer.count(sequence.vertex_count)
         for name in RUN_SECTIONS:
             self._add(found.get(name, Section(name, b"")))
         headers, values = (found.get(name, Section(name, b"")) for name in ("FLDS", "FDAT"))
-        assert isinstance(headers.content, bytes)  # FLDS is never streamed
+        assert isinstance(headers.content, bytes)  # FLDS is never written to a spool
         self._headers += headers.content
         self._of_fields.count(headers.length)
         self._of_fields.count(values.length)
@@ -162,7 +162,7 @@ class RunTable:
         self.sizes[section.type] = self.sizes.get(section.type, 0) + section.length
 
     def to_bytes(self) -> bytes:
-        """Section RUNS."""
+        """Return section RUNS."""
         return self._writer.to_bytes()
 
     def close(self) -> None:
@@ -173,7 +173,7 @@ class RunTable:
 def _encode_run(
     run: MeshSequence, settings: EncodeSettings, table: RunTable, first: int, progress: Progress | None
 ) -> EncodeReport:
-    """Encode a run from frame `first` on, and add it to the table."""
+    """Encode the run that begins at frame `first`, and add it to the table."""
     try:
         encoder = make_encoder(run, settings, progress)
         with encoder.encoded(None) as sections:
@@ -186,7 +186,7 @@ def _encode_run(
 
 
 def _within(progress: Progress | None, first: int, frames: int) -> Progress | None:
-    """Progress of a run as that of the whole."""
+    """Return a progress callback for one run that reports progress of the whole."""
     if progress is None:
         return None
     return lambda done, _, what: progress(first + done, frames, what)
@@ -205,7 +205,7 @@ PROFILES: dict[Profile, type[Encoder]] = {"auto": AutoEncoder, "paper": PaperEnc
 
 
 def make_encoder(sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> Encoder:
-    """Return the encoder that `settings` ask for, of a sequence of constant connectivity."""
+    """Return the encoder that `settings` ask for, for a sequence of constant connectivity."""
     if settings.order == "free":
         sequence = CodedOrderSequence(sequence)
     return PROFILES[settings.profile](sequence, settings, progress)

@@ -1,8 +1,8 @@
-"""Salvage what is undamaged of a `.pdeanim` file: every group of frames that decodes, at its original times.
+"""Salvage the undamaged parts of a `.pdeanim` file: every group of frames that decodes, at its original times.
 
-A position at a frame depends on its own group, on the mesh and on the reference frame alone, so groups are lost one
-by one. If the mesh, the reference frame, the table of groups or the times are damaged, nothing of their run can be
-saved.
+A position at a frame depends only on its own group, the mesh and the reference frame, so damage to a group loses
+only that group. If the mesh, the reference frame, the table of groups or the times are damaged, nothing of their run
+can be saved.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.system.reading import open_regular
 
 Frames = tuple[int, int]
-"""The first frame, and the one after the last."""
+"""First frame and end of a range of frames."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Salvage:
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether nothing is missing from the file."""
         return not (self.missing or self.lost)
 
 
@@ -141,7 +141,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
 
 
 class _Saved:
-    """Return the runs of an animation that decode at least in part, and a list of what does not decode."""
+    """The runs of an animation that decode at least in part, and a list of the parts that do not decode."""
 
     def __init__(self, animation: Animation) -> None:
         self.animation = animation
@@ -233,7 +233,7 @@ class _Saved:
 
     @property
     def missing(self) -> tuple[Frames, ...]:
-        """Missing frames, with consecutive ones joined."""
+        """Ranges of missing frames, joined where they are consecutive."""
         joined: list[Frames] = []
         for first, end in self._missing:
             if joined and joined[-1][1] == first:
@@ -243,7 +243,7 @@ class _Saved:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """What is missing besides frames."""
+        """Descriptions of the parts that are missing, other than frames."""
         return tuple(self._lost)
 
     def sequence(self) -> MeshSequence:

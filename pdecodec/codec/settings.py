@@ -20,37 +20,37 @@ Order = Literal["keep", "free"]
 EffortName = Literal["fast", "default", "best"]
 
 DEFAULT_FIELD_TOLERANCE = 1e-3
-"""Of the range of a field."""
+"""Default tolerance of fields, as a fraction of the range of a field."""
 
 DEFAULT_TOLERANCE = 1e-3
-"""A thousandth of frame 0's diagonal: below what is seen on a full-frame character."""
+"""Default tolerance, as a fraction of frame 0's diagonal: invisible on a character that fills the picture."""
 
 SMALLEST_BOUND = 2.0**-150
-"""Half the least distance of two float32 that differ: a smaller bound asks for nothing more."""
+"""Half the smallest difference of two float32 numbers: a smaller bound means the same."""
 
 LARGEST_BOUND = 2.0**130
-"""Farther than any two float32 positions lie apart: a larger bound allows nothing more."""
+"""More than the largest distance of two float32 positions: a larger bound means the same."""
 
 MAX_SEGMENT_FRAMES = 64
-"""Longest group of frames in closed form: four functions carry no more."""
+"""Largest number of frames of a group in closed form: its four functions cannot describe more."""
 
 PAPER_SEGMENT_FRAMES = 11
-"""Frames 0 to 10, the window of the paper's section 5."""
+"""Number of frames from 0 to 10, the window of the paper's section 5."""
 
 
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
 
 def parse_fraction(text: str) -> float:
-    """A number or a percentage: ``0.001`` or ``0.1%``; ValueError if it is neither."""
+    """Return the value of a number or a percentage, ``0.001`` or ``0.1%``; ValueError if the text is neither."""
     number = text.strip()
     return float(number[:-1]) / 100.0 if number.endswith("%") else float(number)
 
 
 def parse_byte_count(text: str) -> int:
-    """A number of bytes: ``800000000``, ``200kB``, ``1.5GiB``; ValueError if it is none.
+    """Return a number of bytes from text, ``800000000``, ``200kB`` or ``1.5GiB``; ValueError if it is none.
 
-    Units as in coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
+    Units are those of coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(|B|iB)", text.strip(), re.IGNORECASE)
     if found is None:
@@ -99,7 +99,7 @@ class PaperSettings:
 
 
 def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
-    """Numbers of other libraries become Python's own: the file records them as JSON, which knows no others."""
+    """Convert numbers of other libraries to Python's own, because the file records settings as JSON."""
     for name in names:
         value = getattr(settings, name)
         if value is None:
@@ -217,17 +217,17 @@ class EncodeSettings:
         return min(max(bound, SMALLEST_BOUND), LARGEST_BOUND)
 
     def to_json(self) -> dict[str, Any]:
-        """As a JSON object; :meth:`from_json` brings it back equal."""
+        """Return the settings as a JSON object; :meth:`from_json` restores them."""
         return asdict(self)
 
     def changed(self) -> dict[str, Any]:
-        """As :meth:`to_json`, without what is as it is by default."""
+        """Return what :meth:`to_json` returns, without the values that are the defaults."""
         usual = EncodeSettings().to_json()
         return {name: value for name, value in self.to_json().items() if value != usual[name]}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
-        """Undo :meth:`to_json`; names of later versions are passed over."""
+        """Undo :meth:`to_json`; names that only later versions know are ignored."""
         found = _known(cls, values)
         if "paper" in found:
             found["paper"] = PaperSettings(**_known(PaperSettings, found["paper"]))
@@ -235,7 +235,7 @@ class EncodeSettings:
 
 
 class EncodeOptions(TypedDict, total=False):
-    """Fields of :class:`EncodeSettings` as keywords."""
+    """The fields of :class:`EncodeSettings` as keyword arguments."""
 
     tolerance: float | None
     max_error: float | None
@@ -256,7 +256,7 @@ EXACT, DROP, UNITS = "exact", "drop", "units"
 
 
 def field_bound(asked: float | str, extent: float) -> float | None:
-    """Return the largest error of a field's values, from a setting of it; None if they are exact.
+    """Return the largest error that a field's setting allows; None if values are exact.
 
     Parameters
     ----------
@@ -270,7 +270,9 @@ def field_bound(asked: float | str, extent: float) -> float | None:
 
 
 def parse_field_setting(text: str) -> float | str:
-    """Return a field's setting from text: ``1e-4``, ``0.1%``, ``0.5 units``, ``exact``, ``drop``; ValueError else."""
+    """Parse the setting of a field: ``1e-4``, ``0.1%``, ``0.5 units``, ``exact`` or ``drop``; ValueError if it
+    is none of these.
+    """
     stripped = " ".join(text.split())
     if stripped in (EXACT, DROP):
         return stripped
@@ -282,7 +284,9 @@ def parse_field_setting(text: str) -> float | str:
 
 
 def parse_named_field_setting(text: str) -> tuple[str, float | str]:
-    """Return the name and setting of a field from ``NAME=X``, X as in :func:`parse_field_setting`; ValueError else."""
+    """Parse ``NAME=X`` into the name of a field and its setting, with X as in :func:`parse_field_setting`;
+    ValueError if it does not fit.
+    """
     name, _, asked = text.rpartition("=")
     if not name:
         raise ValueError("write NAME=X")
@@ -305,7 +309,7 @@ def _checked_fields(given: object) -> dict[str, float | str]:
 
 
 def check_one_target(targets: Mapping[str, object]) -> None:
-    """Raise SettingsError that names all targets given if more than one is not None."""
+    """Raise SettingsError if more than one target is given; the message names them."""
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:
         message = f"{' and '.join(given)} exclude each other; give one of them"

@@ -19,7 +19,7 @@ from pdecodec.system.shares import thread_count
 from pdecodec.system.storage import is_address, open_range_reader
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
-"""Bytes a file may ask for while it is opened and decoded: some five million vertices."""
+"""Default limit on the memory that opening and decoding a file may take: enough for some five million vertices."""
 
 MAX_LIMIT = 2**63 - 1
 """Largest limit [bytes] that the core can count."""
@@ -28,7 +28,9 @@ FileSource = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 """Source of a file: path, address, bytes, binary file."""
 
 DEFAULT_MAX_KEPT = 512 * 2**20
-"""Bytes of decoded groups of frames that are kept: all of most clips, some 400 frames of 100,000 vertices."""
+"""Default size of the cache of decoded groups of frames: enough for all of most clips, and for some 400 frames
+of 100,000 vertices.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,7 @@ _usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files tha
 
 @contextmanager
 def usual_limits(limits: DecodeLimits) -> Iterator[None]:
-    """Set the limits of files that are opened without limits within the context: by readers, cuts, reports."""
+    """Within this context, set the default limits for files that readers, cuts and reports open."""
     token = _usual_limits.set(limits)
     try:
         yield
@@ -73,7 +75,7 @@ def usual_limits(limits: DecodeLimits) -> Iterator[None]:
 
 
 def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
-    """Return the given limits, else those of :func:`usual_limits`, else the defaults."""
+    """Return the given limits; if None, those of :func:`usual_limits`, or else the defaults."""
     return limits or _usual_limits.get() or DecodeLimits()
 
 
@@ -112,21 +114,21 @@ def open_source(source: FileSource) -> Source:
         remote.read_ahead(before_groups(remote.head))
         return Source(cast("BinaryIO", remote), str(source), str(source))
     try:
-        file = open_regular(source, is_buffered=False)  # the animation keeps it open until it is closed
+        file = open_regular(source, is_buffered=False)  # the animation closes it
     except OSError as error:
         raise unreadable(error, source, doing="opened") from error
     return Source(file, os.fspath(source), os.path.abspath(source))
 
 
 def open_core(source: Source, limits: DecodeLimits) -> _core.Animation:
-    """Return the core's view of a file; errors as :func:`pdecodec.open`."""
+    """Return the core's view of a file; errors are those of :func:`pdecodec.open`."""
     with naming_file_of(source):
         return _core.Animation(_core_source(source.file), limits.max_memory, thread_count(), limits.max_kept)
 
 
 @contextmanager
 def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
-    """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
+    """Within this context, add the file's name to errors of the core, and the run's first frame to frames in them."""
     try:
         yield
     except (CorruptFileError, InputError) as error:
@@ -145,7 +147,9 @@ def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
 
 
 def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
-    """Return the descriptor of a plain file: the core reads it without moving its shared position."""
+    """Return the descriptor of a plain file, which the core reads without moving the file position; other files
+    unchanged.
+    """
     if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
         raw = getattr(file, "raw", file)
         if type(raw) is io.FileIO:

@@ -1,4 +1,4 @@
-"""Read how a file was encoded: its bound, and the alternatives to the encoder's choices."""
+"""Find out how a file was encoded: its bound, and the alternatives to the encoder's choices."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 
 COMPARED_FRAMES = 96
-"""First frames at most that are encoded again to find out what else there was."""
+"""Largest number of frames, from the first, that are encoded again to find alternatives."""
 
 
 def bound_of(animation: Animation) -> float | None:
-    """The bound [scene units] that a file was encoded with, or a little less; None where it says that there was none.
+    """Return the bound [scene units] that a file was encoded with, or a little less; None if it had none.
 
-    What its step of residuals keeps, where a single bound has that step. Where float32 is so coarse that all bounds
-    below some have the same, what the file's remarks say; without them it may have been the least one there is.
+    Usually the step of residuals follows from a single bound, and this bound is returned. If float32 is so coarse
+    that several bounds have the same step, the file's remarks tell the bound; without remarks, the smallest of these
+    bounds is returned.
     """
     reference, _ = animation.reference_and_space()
     points, farthest = reference.points, reference.farthest
@@ -31,7 +32,7 @@ def bound_of(animation: Animation) -> float | None:
     near, far = (
         float(np.spacing(np.float32(min(max(0.0, largest + more), LAST_BINADE)))) for more in (-farthest, farthest)
     )
-    # Undoes pdecodec.codec.sections.residuals.residual_step.
+    # The inverse of pdecodec.codec.sections.residuals.residual_step.
     of_step = math.sqrt(3.0) / 2.0 * (animation.residual_step / SAFETY + near)
     settings, is_alone = _recorded(animation), animation.residual_step > far / 4.0
     if settings is None:
@@ -40,15 +41,15 @@ def bound_of(animation: Animation) -> float | None:
     said = settings.bound(max(0.0, diagonal - 2.0 * math.sqrt(3.0) * farthest))
     if said is None:
         return None
-    # A tolerance is of a diagonal that is only about known here.
+    # A tolerance is relative to a diagonal that is known only approximately here.
     return of_step if is_alone and settings.max_error is None else min(said, of_step)
 
 
 def _recorded(animation: Animation) -> EncodeSettings | None:
-    """The settings that a file's remarks say it was made with, if they do."""
+    """The settings that a file's remarks say it was encoded with; None if they do not."""
     information = animation.info()
     if not information["generator"].startswith(GENERATOR):
-        return None  # Of settings, those that are as usual are not recorded: others' remarks would say the usual ones.
+        return None  # Remarks leave out defaults, so those of other programs would seem to say "all defaults".
     try:
         return EncodeSettings.from_json(information["settings"])
     except (SettingsError, TypeError):
@@ -56,12 +57,12 @@ def _recorded(animation: Animation) -> EncodeSettings | None:
 
 
 def alternatives_of(animation: Animation) -> list[Question]:
-    """Return the alternatives that an encoder compares in the first frames: it encodes the decoded frames again.
+    """Return the alternatives that an encoder compares in the first frames, by encoding the decoded frames again.
 
     Raises
     ------
     InputError
-        If it has several runs of frames.
+        If the file has several runs of frames.
     """
     if len(animation.runs) > 1:
         raise InputError(

@@ -20,7 +20,7 @@ from pdecodec.system.arguments import shown
 
 
 class MeshObject(Protocol):
-    """What fields need of a :class:`pdecodec.MeshObject`, whose module imports this one."""
+    """The parts of :class:`pdecodec.MeshObject` that fields need; its module imports this one."""
 
     @property
     def vertex_count(self) -> int: ...
@@ -31,7 +31,7 @@ class MeshObject(Protocol):
 FieldDomain = Literal["vertex", "face", "corner", "object"]
 
 FieldArrays = Mapping[str, ArrayLike] | Iterable[tuple["Field", ArrayLike]]
-"""What :class:`pdecodec.ArraySequence` takes: arrays by name, or each with its :class:`Field`."""
+"""Fields that :class:`pdecodec.ArraySequence` takes: arrays by name, or pairs of a :class:`Field` and its array."""
 
 DTYPES = tuple(np.dtype(name) for name in ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "?"))
 """Types of values, in the order of the format."""
@@ -90,7 +90,7 @@ class Field:
         return self.dtype.kind != "f"
 
     def row_counts(self, objects: Sequence[MeshObject]) -> list[int]:
-        """Return the number of rows in each object: 0 where the object does not have the field."""
+        """Return the number of rows in each object; 0 if the object does not have the field."""
         owners = range(len(objects)) if self.objects is None else frozenset(self.objects)
         return [rows_of_domain(item, self.domain) if index in owners else 0 for index, item in enumerate(objects)]
 
@@ -99,7 +99,7 @@ class Field:
         return sum(self.row_counts(objects))
 
     def slices(self, objects: Sequence[MeshObject]) -> list[slice]:
-        """Return which rows belong to each object; none where the object does not have the field."""
+        """Return the slice of rows that belongs to each object; empty if the object does not have the field."""
         return list(starmap(slice, pairwise(accumulate(self.row_counts(objects), initial=0))))
 
     def frame_bytes(self, objects: Sequence[MeshObject]) -> int:
@@ -201,7 +201,7 @@ def field_of_array(
                 code="invalid-field",
             )
         domain = found[0]
-    # float16, and bytes in another order, are widened to a type of this computer.
+    # float16 and values in another byte order are converted to a type of this computer.
     exact = np.dtype(np.float32) if dtype == np.float16 else dtype
     return Field(name, domain, exact, int(shape[2]) if len(shape) == 3 else 1, unit)
 
@@ -209,7 +209,7 @@ def field_of_array(
 def selected_objects(
     fields: Iterable[Field], objects: Sequence[MeshObject], chosen: Sequence[int]
 ) -> tuple[tuple[Field, ...], dict[str, Int64Array]]:
-    """Return the fields that some of the objects have, and which rows of the source they take, by name."""
+    """Return the fields that some selected objects have, and by name which rows of the source they take."""
     kept, rows = [], {}
     for field in fields:
         owners = range(len(objects)) if field.objects is None else frozenset(field.objects)

@@ -1,4 +1,4 @@
-"""Find discontinuities: frames to which the motion from the frame before is not continuous.
+"""Find discontinuities: frames before which the motion is not continuous.
 
 A cubic spline through frames overshoots near a discontinuity, by a tenth of it (Gibbs). So the splines between
 frames end and begin there (16.2 of the specification). Unlike fast motion, a discontinuity is a single long step
@@ -16,17 +16,17 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.shares import in_shares
 
 DISCONTINUITY_RATIO = 8.0
-"""Ratio of a discontinuity to the steps around it (root of the mean square over the mesh). Breaking the spline
-saves an overshoot of a tenth of the step, 0.8 of the steps around; the straight line in its place is off by an
-eighth of their change. Motion that is sampled finely enough stays far below: from rest to rest in three frames
-it is 4.
+"""Smallest ratio of a discontinuity to the steps around it (root of the mean square over the mesh). Breaking
+the spline saves an overshoot of a tenth of the step, which is 0.8 of the steps around; but the straight line
+that replaces the spline is off by an eighth of their change. Motion that is sampled finely enough stays far
+below: from rest to rest in three frames the ratio is 4.
 """
 
 NEIGHBOUR_STEPS = 2
 """Steps on either side that are compared. With one, a swing of four frames would be full of discontinuities."""
 
 COORDINATE_BLOCK = 2**16
-"""Coordinates whose steps are computed together: as many as caches hold."""
+"""Number of coordinates whose steps are computed together: as many as fit in caches."""
 
 
 class JumpFinder:

@@ -21,7 +21,7 @@ CHUNK_POINTS = 2**19
 """Vertices times frames processed together: the float64 temporaries stay near 40 MB."""
 
 SAMPLED_EDGES = 2**16
-"""Edges of a mesh from which on a part of them gives the median length."""
+"""Number of edges from which the median length is taken from a sample."""
 
 HISTOGRAM_SHIFT = 12
 """Bits of a float32 dropped for the percentile's histogram: 2**19 bins, each 2**-11 (0.05 %) wide."""

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from pdecodec.mesh.arrays import Float32Array
 
 REPORTED_ROUNDING = 1e-6
-"""Rounding over the diagonal that is reported even without a bound. Float32 numbers as far from the origin as
-the scene is large are rounded by a tenth of that at most.
+"""Smallest rounding, over the diagonal, that is reported if there is no bound. At a distance from the origin
+like the size of the scene, float32 rounds by at most a tenth of that.
 """
 
 ROWS = 2**16
@@ -45,7 +45,9 @@ _noticed: ContextVar[Rounding | None] = ContextVar("_noticed", default=None)
 
 @contextmanager
 def rounding_noticed(factor: float = 1.0) -> Iterator[Rounding]:
-    """Record the rounding of positions that are read inside; `factor` times it is recorded outside, too."""
+    """Record the rounding of positions that are read in this block. It is also recorded in an enclosing block,
+    multiplied by `factor`.
+    """
     found = Rounding()
     token = _noticed.set(found)
     try:

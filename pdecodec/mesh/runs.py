@@ -21,7 +21,7 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 OPEN_RUNS = 2
-"""Runs that stay open after use: the one at the current time, and the next."""
+"""Number of runs that stay open after use: the one at the current time, and the next."""
 
 
 class OpenedRuns(Sequence[MeshSequence]):

@@ -116,7 +116,7 @@ class Connectivity:
         """
         try:
             padded = np.asarray(faces)
-        except ValueError:  # lengths differ
+        except ValueError:  # raised if lengths differ
             padded = np.array([*zip_longest(*faces, fillvalue=-1)]).T  # type: ignore[misc]  # no number
         if padded.size == 0:
             return cls(vertex_count)

@@ -56,7 +56,7 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
             raise InputError(f"frames per second {error.message}", code="invalid-times") from error
     if times is None:
         fps = DEFAULT_FPS if fps is None else fps
-        with np.errstate(over="ignore"):  # refused below
+        with np.errstate(over="ignore"):  # an overflow is refused below
             times = np.arange(frames) / fps
     try:
         checked = np.ascontiguousarray(as_numbers(times, "times"))

@@ -28,8 +28,8 @@ RowShapes = Mapping[str, tuple[int, ...] | None]
 
 
 class State(NamedTuple):
-    """Arrays of a sweep: ``x_j`` [m], which it changes in place, ``x^n`` at the substep's start, and inverse
-    masses [1/kg].
+    """The arrays that a sweep works on: ``x_j`` [m], which it changes in place, ``x^n`` at the start of the
+    substep, and inverse masses [1/kg].
     """
 
     positions: Float64Array

@@ -48,13 +48,13 @@ DRAG = 0.05
 """Rate at which air slows the rope [1/s]."""
 
 SWING_COUNT = 1.5
-"""Swings of a held end, to either side and back, in the time of free fall over the rope's length."""
+"""How often a held end swings to either side and back, in the time of free fall over the rope's length."""
 
 END_TILTS = {"one": 1.2, "both": 0.7}
 """Angle by which a held end follows the falling rope [rad]: a clamp that stayed level would kink it."""
 
 END_PULL_RATIOS = {"one": 3.0, "both": 2.0}
-"""Largest pull on a held end over the rope's weight: three for a rope that swings down from level."""
+"""Largest pull on a held end, divided by the rope's weight; it is three for a rope that swings down from level."""
 
 END_APPROACH_RATIO = 0.2
 """Fraction of the length by which two held ends approach each other, so that the rope between them can swing."""

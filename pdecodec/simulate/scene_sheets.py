@@ -22,7 +22,9 @@ DENSITY = 0.2
 
 STRETCH_STIFFNESS = 5e3
 SHEAR_STIFFNESS = 5e2
-"""Force over width for a strain of one, along and across the threads [N/m]. A thread's links have it at any spacing."""
+"""Force per width at a strain of one, along the threads and across them [N/m]. The links of a thread have it at
+any spacing.
+"""
 
 BENDING_RIGIDITY = 5e-5
 """Bending rigidity of cotton [J]."""

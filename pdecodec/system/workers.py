@@ -41,7 +41,9 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CAN_HOLD_INTERRUPTS = hasattr(signal, "pthread_sigmask")
-"""Whether interrupts can be held back. Not on Windows, where a starting process prints where an interrupt hit it."""
+"""Whether interrupts can be held back. Not on Windows, where an interrupt makes a starting process print a
+traceback.
+"""
 
 _LENGTH_BYTES = 8
 
@@ -171,7 +173,7 @@ class Worker:
     def _ended(self, process: subprocess.Popen[bytes]) -> WorkerEndedError:
         """Return the error for a process that no longer answers."""
         if not self._arrays_only:
-            process.wait()  # it closed its pipes because it is ending; its exit code tells why
+            process.wait()  # it closed its pipes, so it is ending; its exit code says why
         self._stop(process)
         with self._changing:
             return WorkerEndedError(None if self._is_over else process.returncode)

@@ -25,8 +25,8 @@ DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 
 NORMAL_GROUP = "normal_group"
-"""Corners of a vertex with equal numbers share a normal; numbered at each vertex from 0, in the order of its
-corners.
+"""Name of the attribute that says which corners of a vertex share a normal: those with equal numbers, which
+count from 0 at each vertex, in the order of its corners.
 """
 
 
@@ -64,7 +64,7 @@ def encode_attributes(
 
 
 def reorder_attributes(item: MeshObject, rows: Mapping[AttributeDomain, Int64Array]) -> tuple[Attribute, ...]:
-    """Return the attributes of an object whose vertices, faces and corners are put in another order.
+    """Return the attributes of an object whose vertices, faces and corners are reordered.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reading and writing the fields of a section: little-endian numbers, and byte strings with their length."""
+"""Read and write the fields of a section: little-endian numbers, counts, texts and byte strings with their length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGEST_STEP = 2.0**160
 """Largest quantisation step: float32 positions end at 2^128, and products with it stay far from overflow."""
 
 COUNT_BITS = 63
-"""Bits of the largest count: nine bytes."""
+"""Number of bits of the largest count, which takes nine bytes."""
 
 
 def section_fault(section: str, message: str) -> CorruptFileError:
@@ -32,18 +32,18 @@ class FieldWriter:
         self._parts.append(struct.pack("<" + layout, *values))
 
     def sized(self, data: bytes) -> None:
-        """Write a byte string after its length (u64)."""
+        """Write a byte string, preceded by its length (u64)."""
         self.numbers("Q", len(data))
         self._parts.append(data)
 
     def text(self, text: str) -> None:
-        """Write UTF-8 after its length, a count."""
+        """Write a text as UTF-8, preceded by its length as a count."""
         data = text.encode()
         self.count(len(data))
         self._parts.append(data)
 
     def count(self, value: int) -> None:
-        """Write a number of 0 or more, 7 bits per byte, low bits first."""
+        """Write an integer of 0 or more: 7 bits per byte, low bits first."""
         while value > 127:
             self.numbers("B", value & 127 | 128)
             value >>= 7
@@ -87,11 +87,11 @@ class FieldReader:
         return values
 
     def sized(self) -> bytes:
-        """Read a byte string after its length."""
+        """Read a byte string, preceded by its length (u64)."""
         return self._take(self.integers("Q")[0])
 
     def count(self) -> int:
-        """Read a number of 0 or more, 7 bits per byte; CorruptFileError beyond 63 bits."""
+        """Read an integer of 0 or more, 7 bits per byte; CorruptFileError if it has more than 63 bits."""
         value = 0
         for shift in range(0, COUNT_BITS, 7):
             byte = self._take(1)[0]

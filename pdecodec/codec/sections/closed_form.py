@@ -151,7 +151,7 @@ class ClosedForm:
 
     @property
     def half_length(self) -> float:
-        """Half of the time from the first to the last frame [s]; 1 for a single frame."""
+        """Half of the time from the first to the last frame [s]; 1 if there is only one frame."""
         return float(self.times[-1] - self.times[0]) / 2.0 if self.times.size > 1 else 1.0
 
     @property
@@ -171,7 +171,7 @@ class ClosedForm:
         r = _core.orthonormal_columns(self._series(self.times)).triangle
         diagonal = np.diagonal(r)
         upper: Float64Array = r * np.where(diagonal < 0.0, -1.0, 1.0)[:, None]
-        # Frames that float64 can hardly tell apart leave only rounding, which must not be amplified.
+        # If float64 can hardly tell the times apart, only rounding errors are left, which must not be amplified.
         np.fill_diagonal(upper, np.maximum(np.abs(diagonal), np.finfo(np.float64).eps))
         return upper
 

@@ -52,15 +52,15 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
 
 
 def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
-    """Return the order in which each object's faces are coded if no order is kept; None if that is the original
-    order.
+    """Return the order in which each object's faces are coded if no order is kept; None for an object that
+    keeps its order.
     """
     return _core.coded_orders(core_parts(parts))
 
 
 def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
-    """Return the connectivity of objects as arguments of the core; InputError if one has more corners than
-    int32 can number.
+    """Return the connectivity of objects as the core takes it; InputError if one has more corners than int32
+    can number.
     """
     for part in parts:
         if max(part.face_indices.size, part.line_indices.size) > MAX_CORNERS:

@@ -1,5 +1,5 @@
-"""Coding of everything around the motion: times and names of objects (SEQN, `core/sections/description/`),
-remarks (META).
+"""Coding of a clip's description: times and names of objects (SEQN, `core/sections/description/`), and remarks
+(META).
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence
 
 TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
-"""Rules by which times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1
-/ rate)``, which rounds differently.
+"""Rules by which times are stored: ``start + i / rate``, ``(start + i) / rate``, in a list, or ``start + i (1 /
+rate)``, which rounds differently.
 """
 
 TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
 """The rules in the order in which they are tried."""
 
 AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS = 4, 8, 16, 32
-"""Flags added to the rule: the rule's rate is the frame rate and is not stored again; the frame rate is a whole
-number of 0 or more, stored as a count; so is the start; jumps follow.
+"""Flags next to the rule: the rule's rate is the frame rate, which is then stored once; the frame rate is a
+whole number of 0 or more, stored as a count; so is the start; discontinuities follow.
 """
 
 LARGEST_EXACT_INTEGER = 2**53
@@ -40,13 +40,13 @@ MAX_JSON_BYTES = 16 * 2**20
 """Largest size of a JSON text (metadata) after unpacking [bytes]; a person's remarks are a few kilobytes."""
 
 JSON_MEMORY = 64
-"""Most memory per byte of JSON, as Python objects [bytes]; the worst are many small dictionaries."""
+"""Largest memory of Python objects per byte of JSON [bytes]; the worst case is many small dictionaries."""
 
 ZSTANDARD_LEVEL = 12
-"""zstandard level: on pdance's streams 2 % larger than level 19, and five times as fast."""
+"""zstandard level: output is 2 % larger than at level 19, and compression five times as fast."""
 
 MAX_JSON_DEPTH = 32
-"""Deepest nesting of lists and objects: programs that read JSON recurse into them."""
+"""Deepest nesting of lists and objects that is allowed, because programs that read JSON recurse into them."""
 
 
 def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = ()) -> bytes:
@@ -90,12 +90,14 @@ def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = (
 
 
 def encode_names(sequence: MeshSequence) -> bytes:
-    """Return section NAME: names of the objects of a run; errors as of :func:`encode_sequence_description`."""
+    """Return section NAME: the names of the objects of a run; errors are those of
+    :func:`encode_sequence_description`.
+    """
     return _core.encode_description(np.zeros(0), checked_texts(item.name for item in sequence.objects))
 
 
 def checked_texts(texts: Iterable[str]) -> list[str]:
-    """Return the texts as a list; InputError for one that cannot be encoded as UTF-8."""
+    """Return texts as a list; InputError if one cannot be encoded as UTF-8."""
     checked = list(texts)
     for text in checked:
         try:
@@ -176,7 +178,9 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
 
 
 def _find_fault(remarks: Mapping[str, Any]) -> str | None:
-    """Return the first thing in a JSON object that other programs, or a terminal, cannot handle."""
+    """Describe the first item in a JSON object that other programs, or a terminal, cannot handle; None if there
+    is none.
+    """
     level: list[Any] = [remarks]
     for _ in range(MAX_JSON_DEPTH):
         inside: list[Any] = []
@@ -225,7 +229,7 @@ def decompress(data: bytes, most: int) -> bytes:
         size = zstandard.frame_content_size(data)
         if not 0 < size <= most:
             raise section_fault("META", f"declares {size} bytes of text where 1 to {most} can be")
-        # Unpack in one call, which stops a frame that holds more than it declares.
+        # Unpack in one call, which refuses a frame that holds more than it declares.
         return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise section_fault("META", f"holds a damaged text ({error}); get the file again") from error

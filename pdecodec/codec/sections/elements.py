@@ -22,7 +22,9 @@ Patches = _core.Patches
 
 
 def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
-    """Return patches before the reference frame is decoded; None if a vertex has no neighbour."""
+    """Return the patches that follow from connectivity, before the reference frame is decoded; None if a vertex
+    has no neighbour.
+    """
     return _core.early_patches(core_parts([item.connectivity for item in objects]), points)
 
 

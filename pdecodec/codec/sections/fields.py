@@ -14,11 +14,11 @@ from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
 
 DOMAINS: tuple[FieldDomain, ...] = get_args(FieldDomain)
-"""Domains, by their numbers in the file."""
+"""Domains in the order of their numbers in the file."""
 
 EXACT, HALVES, QUANTISED, COPY, MAGNITUDE, VELOCITY, DISPLACEMENT = range(7)
-"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit; or values computed
-when they are decoded, from another field or from the motion.
+"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit. The others
+have no chunk: values are computed when they are decoded, from another field or from the motion.
 """
 
 FROM_FIELDS = (COPY, MAGNITUDE)
@@ -115,14 +115,14 @@ def encode_field_headers(entries: Iterable[FieldEntry]) -> bytes:
 
 
 def field_of(stored: _core.StoredField) -> Field:
-    """Return the description of a field of a file."""
+    """Return the field that a file's header describes."""
     objects = tuple(stored.objects) or None
     dtype = DTYPES[stored.type]
     return Field(stored.name, DOMAINS[stored.domain], dtype, stored.components, stored.unit, objects)
 
 
 def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) -> tuple[FieldEntry, list[int]]:
-    """Return the header of some frames of a stored field, and the numbers of the groups whose chunks it needs."""
+    """Return the header for some frames of a stored field, and the indices of the groups whose chunks these need."""
     groups, used = [], []
     for number, group in enumerate(stored.groups):
         low = max(first - group.first, 0)
@@ -141,7 +141,7 @@ def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) 
 
 
 def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
-    """Return the header of a field whose frames follow each other in several files."""
+    """Return the header of a field whose frames come from several files, one after the other."""
     return FieldEntry(
         parts[0].field,
         min(part.smallest for part in parts),
@@ -152,7 +152,7 @@ def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
 
 
 def computation(code: int, source: str, component: int) -> str:
-    """Describe how values of a coding are computed, in words."""
+    """Describe in words how the values of a computed coding arise."""
     return {
         COPY: f"copy of {source!r}, from component {component}",
         MAGNITUDE: f"magnitude of {source!r}",
@@ -162,7 +162,7 @@ def computation(code: int, source: str, component: int) -> str:
 
 
 def computed_words(stored: _core.StoredField, fields: Sequence[Field]) -> str:
-    """Return how a field of a file is computed, in words; empty if it is stored."""
+    """Describe in words how a field of a file is computed; empty if it is stored."""
     return " and ".join(
         dict.fromkeys(
             computation(group.code, fields[group.source].name, group.component)

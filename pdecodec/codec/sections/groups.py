@@ -5,11 +5,11 @@ A group has one of four time bases:
 * ``trajectories``: principal trajectories, one function of time for each axis, with one coefficient for all three;
 * ``shapes``: principal functions of time that all axes share, with a coefficient for each axis;
 * ``cosines``: the cosines ``cos(alpha_j x)`` of Eq. 12 at the harmonics ``alpha_j = j pi`` (the DCT-II);
-* ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores (the paper's).
+* ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores, as in the paper.
 
-The first three are sampled at the frames; between frames positions follow the C2 spline through all frames of the
-clip (core/decode/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form
-is evaluated at any time (:mod:`pdecodec.codec.sections.closed_form`).
+The first three are sampled at the frames. Between frames, positions then follow the C2 spline through all frames of
+the clip (core/decode/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed
+form can be evaluated at any time (:mod:`pdecodec.codec.sections.closed_form`).
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ FloatArray = Float32Array | Float64Array
 
 TimeBasis = Literal["trajectories", "shapes", "cosines", "closed form"]
 TIME_BASES: tuple[TimeBasis, ...] = get_args(TimeBasis)
-"""Time bases by their number in the file."""
+"""Time bases in the order of their numbers in the file."""
 
 SAMPLED_BASES: tuple[TimeBasis, ...] = ("trajectories", "shapes")
 """Time bases whose functions are stored, frame by frame, in section TIME."""
 
 FLOAT64_FLAG = 4
-"""Bit of a group's kind, next to its time basis: positions are summed in float64 instead of float32."""
+"""Flag in a group's kind, next to its time basis: positions are summed in float64 instead of float32."""
 
 FLOAT32_MIN_BOUND_RATIO = 2.0**-13
-"""Displacements are summed in float32 if the bound is at least this fraction of the largest one. The motion of
-an element as a whole is always summed in float64 (core/decode/evaluate/motion.hpp). The rounding of the rest
-rarely exceeds the margin; the encoder detects it if it does.
+"""Displacements are summed in float32 if the bound is at least this fraction of the largest displacement. The
+motion of an element as a whole is always summed in float64 (core/decode/evaluate/motion.hpp). The rounding
+errors of the rest rarely exceed the margin; if they do, the encoder detects it.
 """
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
-"""Largest difference between decoders in a coordinate before it is rounded to float32, in residual steps, for
-groups summed in float32 and in float64.
+"""Largest difference between decoders in a coordinate before it is rounded to float32 [residual steps], for
+groups summed in float32 and for groups summed in float64.
 """
 
 ROUNDING = 2.0**-44
-"""Difference that decoders may always have, as a fraction of the sum of all absolute terms."""
+"""Difference that is always allowed between decoders, as a fraction of the sum of all absolute terms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,10 +194,10 @@ def cosines(frames: int, functions: int) -> Float64Array:
 
 
 def normalise(time_functions: Float64Array) -> Float64Array:
-    """Return functions of time scaled to unit length, (frames, axes, functions) float64; those that are all zero stay
-    so.
+    """Return functions of time scaled to unit length, (frames, axes, functions) float64; functions that are zero stay
+    zero.
 
-    Squares are summed frame after frame, in the order x y z within each.
+    Squares are summed frame after frame, and within each frame in the order x, y, z.
     """
     flat = time_functions.reshape(time_functions.shape[0] * time_functions.shape[1], time_functions.shape[2])
     lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])

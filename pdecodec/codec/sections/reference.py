@@ -21,25 +21,26 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.mesh.sequence import MeshObject
 
 WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
-"""Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier ones, the
-decoded frame is smoothed, welded vertices may be tied."""
+"""Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier
+ones, the decoded frame is smoothed, vertices on one point may be tied.
+"""
 
 PREDICTORS = 16
 """Number of combinations of these flags."""
 
 SMOOTH_DIVISIONS = 64
-"""Grid coordinates of a smoothed frame count in this fraction of a step."""
+"""Grid coordinates of a smoothed frame are in steps divided by this."""
 
 LARGEST_BITS = 40
-"""Bits of a coordinate in quantisation steps: products of three stay exact enough in float64, and any float32
-shape keeps all of its 24 bits.
+"""Largest number of bits of a coordinate in quantisation steps. Products of three coordinates are still exact
+enough in float64, and any float32 shape keeps all of its 24 bits.
 """
 
 HEADER_BYTES = 33
-"""Size of step, origin and predictor [bytes]."""
+"""Size of the step, the origin and the predictor together [bytes]."""
 
 NO_TIES: Int32Array = np.zeros(0, np.int32)
-"""Ties where no vertices are tied."""
+"""Value of `ties` if no vertices are tied."""
 
 
 class CodedGrid(NamedTuple):
@@ -93,12 +94,12 @@ class ReferenceFrame:
 
     @property
     def coded_step(self) -> float:
-        """Step in which coordinates are coded [scene units]."""
+        """Step in which coordinates are coded before smoothing [scene units]."""
         return self.step * SMOOTH_DIVISIONS if self.is_smoothed else self.step
 
     @property
     def farthest(self) -> float:
-        """Largest distance of a coordinate from that of the source [scene units]."""
+        """Largest difference of a coordinate from that of the source [scene units]."""
         return self.coded_step if self.is_smoothed else self.step / 2.0
 
     @property
@@ -195,7 +196,8 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
 
 
 class Polygons(NamedTuple):
-    """Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered in one row.
+    """Faces of all objects, then lines cut into pieces of two corners. The vertices of all objects are numbered in one
+    row.
 
     Attributes
     ----------

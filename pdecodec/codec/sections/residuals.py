@@ -1,12 +1,12 @@
-"""Residuals: corrections of single vertices in single frames, so that the bound holds (section CORR).
+"""Residuals: corrections of single vertices at single frames, so that the bound holds (section CORR).
 
-A vertex beyond the bound gets its residual in steps chosen so that rounding alone stays within the bound. If even
-that misses (coordinates whose float32 spacing is wider than the bound, values far larger than the rest of the clip),
-the vertex is kept raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards
-the frames before and after it fades linearly to nothing (a hat function).
+A vertex beyond the bound gets a residual in steps so small that rounding alone stays within the bound. If even that
+misses (coordinates whose float32 spacing is wider than the bound, values far larger than the rest of the clip), the
+vertex is kept raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards the
+frames before and after it fades linearly to nothing (a hat function).
 
-Vertices are named by their *position* in the order of the patches: misses cluster in space as well as in time, and
-the coder exploits both. The coder is native: `core/sections/residuals/`.
+Vertices are identified by their *position* in the order of the patches: misses cluster in space as well as in time,
+and the coder exploits both. The coder is native: `core/sections/residuals/`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ SAFETY = 0.98
 """Fraction of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
 
 MIN_PREDICTED_FRACTION = 0.3
-"""Fraction of the vertices below which residuals are not predicted: the previous one is too far away."""
+"""Smallest fraction of vertices with a residual at which residuals are predicted: with fewer, the previous one
+is too far away.
+"""
 
 LAST_BINADE = 2.0**127
-"""From here on all float32 have the same spacing, and the next one after the largest is infinite."""
+"""From here on all float32 numbers have the same spacing, and the number after the largest is infinite."""
 
 
 def residual_step(bound: float, largest: float) -> float:
@@ -48,7 +50,7 @@ def residual_step(bound: float, largest: float) -> float:
     """
     spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
     step = SAFETY * (2.0 * bound / math.sqrt(3.0) - spacing)
-    return step if step > spacing / 4.0 else spacing / 4.0  # a quarter of the spacing rounds to the input itself
+    return step if step > spacing / 4.0 else spacing / 4.0  # with a quarter, the sum rounds to the input
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ class ResidualPlan:
 
 
 def plan_residuals(residuals: Residuals, starts: Int64Array) -> ResidualPlan:
-    """Choose the way to code the residuals of a group that takes the fewest bits.
+    """Choose the coding of a group's residuals that takes the fewest bits.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def plan_residuals(residuals: Residuals, starts: Int64Array) -> ResidualPlan:
 
 
 def prediction_choices(residuals: Residuals, vertices: int) -> tuple[bool, ...]:
-    """Return the values of `ResidualPlan.predicted` that are worth measuring on a mesh of `vertices` vertices."""
+    """Return the values of `ResidualPlan.predicted` that are worth comparing on a mesh of `vertices` vertices."""
     return (False,) if residuals.count < MIN_PREDICTED_FRACTION * residuals.frames * vertices else (False, True)
 
 

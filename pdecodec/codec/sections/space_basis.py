@@ -40,19 +40,23 @@ Rows = NDArray[Any]
 SpaceKind = Literal["patch", "curve"]
 
 SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
-"""Kinds by their number in the file."""
+"""Kinds in the order of their numbers in the file."""
 
 MAX_POINTS = {"patch": 256, "curve": 65535}
-"""Largest number of vertices of a patch; largest approximate number of a piece of a curve."""
+"""Largest number of vertices of a patch, and largest approximate number of vertices of a piece of a curve."""
 
 MAX_FUNCTIONS = 128
-"""Largest number of functions of an element: building them costs the square of their number."""
+"""Largest number of functions of an element, limited because building them takes time that grows with the square."""
 
 THRESHOLDS = 8
-"""Number of thresholds that an encoder can choose from: number k is the usual one less k sixteenths."""
+"""Number of thresholds that an encoder can choose from: threshold k is lower than the usual one by k sixteenths
+of it.
+"""
 
 MIN_THRESHOLD_DISTANCE = 2.0**-18
-"""Smallest distance of a new fraction from its threshold, relative to it: then every decoder drops the same columns."""
+"""Smallest relative distance of a column's new fraction from the threshold at which every decoder surely drops
+the same columns.
+"""
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,7 @@ class SpaceBasis:
         return self.core.subbands()
 
     def functions_of_elements(self) -> Iterator[Float64Array]:
-        """Return the functions of each element, (functions, points) float64."""
+        """Yield the functions of each element, (functions, points) float64."""
         self.core.make_functions(thread_count())
         return map(self.core.functions_of, range(self.element_count))
 
@@ -158,10 +162,10 @@ class SpaceBasis:
         return self.nearest > MIN_THRESHOLD_DISTANCE
 
     def project(self, values: Rows) -> Rows:
-        """Return the coefficients, (functions, channels), of values on vertices, (vertices, channels) in mesh order.
+        """Return the coefficients, (functions, channels), of values at vertices, (vertices, channels) in mesh order.
 
-        Sums are computed in the precision of the values, except for those that elements share; the result has the
-        same precision.
+        Sums are computed in the precision of the values, except sums that elements share. The result has the
+        precision of the values.
         """
         contiguous: Rows = np.ascontiguousarray(values)
         return self.core.project(contiguous, thread_count())
@@ -174,8 +178,8 @@ class SpaceBasis:
         return self.core.project_some(values, subbands, thread_count())
 
     def subbands_of(self, elements: Int64Array, *, least_depth: int | None = None) -> Int64Array:
-        """Return the subbands of the whole, some elements, the nodes above them, and all nodes (down to a
-        depth), ascending.
+        """Return, ascending, the subbands of the whole mesh, of some elements and of the nodes above them; and
+        of all nodes down to `least_depth`, if given.
         """
         _, kinds, parents = self.subbands
         nodes = kinds.size - self.element_count
@@ -195,7 +199,7 @@ class SpaceBasis:
 
     @cached_property
     def layout(self) -> bytes:
-        """Number of local coordinates of elements, and which of 1, x, y, z the nodes keep: a coded stream."""
+        """The coded layout: number of local coordinates of each element, and which of 1, x, y, z the nodes keep."""
         return self.core.encode_layout()
 
 
@@ -210,7 +214,7 @@ def build_space_basis(
     affine: bool = True,
     ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
-    """Build a space basis for an encoder: one that all decoders build alike.
+    """Build a space basis for an encoder, which all decoders build alike.
 
     Parameters
     ----------
@@ -232,7 +236,7 @@ def build_space_basis(
 
 
 def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
-    """Return the space basis, with another threshold if needed, so that all decoders build it alike.
+    """Return the space basis with a threshold, changed if needed, at which all decoders build it alike.
 
     Parameters
     ----------
@@ -258,8 +262,8 @@ def trial_space_basis(
     early: EarlyPatches | None = None,
     ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
-    """Build a space basis for estimates. If it is chosen, :func:`clear_space_basis` must check it, which takes most of
-    the work because it makes the functions.
+    """Build a space basis for estimates only. If it is chosen, :func:`clear_space_basis` must check it, which
+    takes most of the work because it makes the functions.
     """
     form = SpaceForm(kind, points, functions)
     patches = early.of(points) if early and kind == "patch" else None

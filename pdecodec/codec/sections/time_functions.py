@@ -25,25 +25,25 @@ from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import side_by_side, thread_count
 
 PREDICTED, TRANSFORMED, STRAIGHT = 0, 1, 2
-"""The method, which is the first byte."""
+"""The methods, by their number in a stream's first byte."""
 
 LONGEST_TRANSFORM = 1024
-"""Largest number of frames for a transform: a decoder's work grows with its square."""
+"""Largest number of frames that are transformed: the work of a decoder grows with the square."""
 
 MAX_STEPS = 2.0**30
-"""Largest magnitude of a number, in steps. float32 itself is coarser than that."""
+"""Largest magnitude of a number [steps]; the spacing of float32 is coarser than a step there."""
 
 ROUNDING = 0.4
-"""Added to a magnitude in steps before its fraction is dropped. At equal error, 0.5 takes 3 % more bytes at one
-bit per number and above, about as many at four; 0.33 takes 2 % more at any rate.
+"""Added to a magnitude in steps before its fraction is dropped. Compared at equal error: 0.5 takes 3 % more
+bytes at one bit per number or more, and about as many at four bits; 0.33 takes 2 % more at any rate.
 """
 
 MAX_TURN_FRACTION = 1.0 / 3.0
-"""Largest fraction of the numbers that may change the speed; with more changes, straight lines are no candidate."""
+"""Largest fraction of the numbers at which the speed may change; with more changes, straight lines are no candidate."""
 
 SAMPLING_STRIDE, MIN_SAMPLED_FUNCTIONS = 3, 8
-"""One function in this many is coded by every method to choose one for all, if the sample has at least this
-many functions.
+"""One function in SAMPLING_STRIDE is coded by every method, to choose one method for all functions; only if at
+least MIN_SAMPLED_FUNCTIONS are sampled.
 """
 
 BITS_PER_SQUARED_ERROR = 6.0 / math.log(2.0)
@@ -132,11 +132,11 @@ class TimeFunctionCost:
         self._factor = found.bits / rough if rough else 0.0
 
     def bits(self, used: NDArray[np.intp], step: float) -> float:
-        """Estimate the bits of some of the functions at a step."""
+        """Estimate the bits of the functions `used` at a step."""
         return self._factor * _count_digits(self._off[:, :, used] / step)
 
     def rounded(self, used: NDArray[np.intp], step: float) -> Float64Array:
-        """Return some of the functions with an error as after coding."""
+        """Return the functions `used` with the error that coding at a step gives them."""
         values = self._scaled[:, :, used]
         rounded: Float64Array = np.copysign(step * np.floor(np.abs(values) / step + ROUNDING), values)
         return rounded
@@ -145,7 +145,7 @@ class TimeFunctionCost:
 def quantise_by_each_method(scaled: Float64Array, step: float, only: int | None = None) -> list[QuantisedTimeFunctions]:
     """Quantise functions of time by every possible method, or only by one; see :func:`quantise_time_functions`.
 
-    Falls back to prediction if that one is not possible.
+    If the one method is not possible, prediction is used.
     """
     step, frames = _representable_step(step, scaled), scaled.shape[0]
     wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
@@ -168,15 +168,16 @@ def quantise_by_each_method(scaled: Float64Array, step: float, only: int | None 
     def measured(way: Callable[[], QuantisedTimeFunctions]) -> QuantisedTimeFunctions:
         found = way()
         if only is None:
-            _ = found.bits  # measure now, in parallel; cached
+            _ = found.bits  # measures in this thread, in parallel; the property caches it
         return found
 
     return side_by_side(*(partial(measured, way) for way in ways))
 
 
 def _representable_step(step: float, scaled: Float64Array) -> float:
-    """Return the step, or a coarser one if numbers would exceed :data:`MAX_STEPS`. A motion that many vertices share
-    is larger than each vertex's by the root of their number, so the error of each vertex hardly grows.
+    """Return the step, or a coarser one if numbers would exceed :data:`MAX_STEPS`. A motion that many vertices
+    share is larger than that of each vertex by the square root of their number, so the error of each vertex
+    hardly grows.
     """
     if not 0.0 < step < math.inf:
         raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
@@ -184,7 +185,7 @@ def _representable_step(step: float, scaled: Float64Array) -> float:
 
 
 def _count_digits(steps: Float64Array) -> float:
-    """Estimate the binary digits of numbers: the sum of the logarithms of 1 plus each."""
+    """Estimate the number of binary digits of numbers: the sum of log2(1 + magnitude)."""
     return float(_core.binary_logarithms(1.0 + steps.reshape(len(steps), -1)).sum())
 
 
