@@ -75,6 +75,37 @@ export interface Attribute {
   labels: string[];
 }
 
+export type FieldValues =
+  | Float32Array
+  | Float64Array
+  | Int8Array
+  | Int16Array
+  | Int32Array
+  | BigInt64Array
+  | Uint8Array
+  | Uint16Array
+  | Uint32Array
+  | BigUint64Array;
+
+/** Describes values that change in time. */
+export interface Field {
+  name: string;
+  /** Such as "Pa"; empty if unknown. */
+  unit: string;
+  domain: "vertices" | "faces" | "corners" | "object";
+  type: "float32" | "float64" | "int8" | "int16" | "int32" | "int64" | "uint8" | "uint16" | "uint32" | "uint64" | "bool";
+  /** Numbers of each row. */
+  components: number;
+  rows: number;
+  /** Smallest and largest value of the source. */
+  smallest: number;
+  largest: number;
+  /** Largest error at frames; 0: values are exact. */
+  bound: number;
+  /** The objects that have the field, ascending; its rows stand object after object. */
+  objects: number[];
+}
+
 export interface FrameGroup {
   firstFrame: number;
   frameCount: number;
@@ -129,7 +160,7 @@ export class PdeAnimation {
   /** Size of the file [bytes]. */
   readonly fileSize: number;
 
-  prepare(time: number): Promise<void>;
+  prepare(time: number, options?: { fields?: string[] }): Promise<void>;
   at(time: number): PdeAnimation;
   firstFrameOfRun(run: number): number;
   run(index: number): PdeAnimation;
@@ -140,6 +171,13 @@ export class PdeAnimation {
   positions(time: number, options?: EvaluateOptions): Float32Array;
   velocities(time: number, options?: EvaluateOptions): Float32Array;
   accelerations(time: number, options?: EvaluateOptions): Float32Array;
+
+  readonly fieldList: Field[];
+  field<Values extends FieldValues = FieldValues>(
+    name: string,
+    time: number,
+    options?: { derivative?: 0 | 1 | 2; out?: Values },
+  ): Values;
 
   readonly groups: FrameGroup[];
   groupOf(frame: number): number;

@@ -28,6 +28,21 @@ const DOMAINS = ["vertices", "faces", "corners", "object"];
 const TYPES = [Float32Array, Float64Array, Int32Array, BigInt64Array, Uint8Array];
 const WORDS_PER_CORRECTION = 5;
 
+/** Types of a field's values in the order of the C interface, each with its array. */
+const FIELD_TYPES = [
+  ["float32", Float32Array],
+  ["float64", Float64Array],
+  ["int8", Int8Array],
+  ["int16", Int16Array],
+  ["int32", Int32Array],
+  ["int64", BigInt64Array],
+  ["uint8", Uint8Array],
+  ["uint16", Uint16Array],
+  ["uint32", Uint32Array],
+  ["uint64", BigUint64Array],
+  ["bool", Uint8Array],
+];
+
 export class PdeAnimation {
   /**
    * Open a file, given its bytes, its URL or a source. From a URL only the headers are read.
@@ -47,6 +62,7 @@ export class PdeAnimation {
   #runs = new Map();
   #objects = new Map();
   #groups = null;
+  #stored = null;
 
   /** Called by `open` and `run` only. */
   constructor(core, handle) {
@@ -79,8 +95,10 @@ export class PdeAnimation {
   /**
    * Fetch everything that positions, velocities and accelerations at a time [s] need, and the mesh and its attributes.
    * Returns at once if the file is in memory.
+   * @param {number} time
+   * @param {{ fields?: string[] }} options names of fields whose values at the time are fetched, too
    */
-  async prepare(time) {
+  async prepare(time, { fields = [] } = {}) {
     await this.#core.retryUntilFetched(() => {
       const run = this.at(time);
       for (let object = 0; object < run.objectCount; object++) {
@@ -89,6 +107,7 @@ export class PdeAnimation {
       }
       if (run.vertexCount > 0) run.accelerations(time);
       run.positions(time);
+      for (const name of fields) run.field(name, time);
     });
   }
 
@@ -199,6 +218,63 @@ export class PdeAnimation {
     core.view.setFloat64(core.scratch, time, true);
     const work = (at) => core.call("evaluate", this.#handle, quantity, core.scratch, 1, which, at);
     return core.readArray(Float32Array, 3 * vertices, work, out);
+  }
+
+  /**
+   * Fields: values on vertices, faces, corners or objects that change in time, such as stresses. Each has a name, a
+   * unit ("" if unknown), a domain, a type, numbers per row (components), rows, the smallest and largest value of the
+   * source, the largest error at frames (0: exact), and the objects that have it; rows stand object after object.
+   */
+  get fieldList() {
+    this.#stored ??= this.#readFields();
+    return this.#stored;
+  }
+
+  #readFields() {
+    const core = this.#core;
+    const at = core.scratch;
+    core.call("field_count", this.#handle, at);
+    return Array.from({ length: core.number(at) }, (_, index) => {
+      core.call("get_field", this.#handle, BigInt(index), at);
+      const { view } = core;
+      const [smallest, largest, bound] = [40, 48, 56].map((place) => view.getFloat64(at + place, true));
+      const count = core.number(at + 64);
+      const objects = [...core.copy(BigInt64Array, core.pointer(at + 72), count)].map(Number);
+      return {
+        name: core.text(core.pointer(at)),
+        unit: core.text(core.pointer(at + 4)),
+        domain: DOMAINS[view.getInt32(at + 8, true)],
+        type: FIELD_TYPES[view.getInt32(at + 12, true)][0],
+        rows: core.number(at + 16),
+        components: core.number(at + 24),
+        smallest,
+        largest,
+        bound,
+        objects: count ? objects : Array.from({ length: this.objectCount }, (_, object) => object),
+      };
+    });
+  }
+
+  /**
+   * Return the values of a field at a time [s], row after row. Between frames floats follow a smooth curve; other types
+   * keep the values of the frame before.
+   * @param {string} name
+   * @param {number} time [s]
+   * @param {{ derivative?: 0 | 1 | 2, out?: ArrayBufferView }} options derivatives of floats [1 / s, 1 / s^2]; array of
+   *     the field's type to write to
+   * @returns {ArrayBufferView} an array of the field's type; bytes 0 and 1 for "bool"
+   */
+  field(name, time, { derivative = 0, out } = {}) {
+    const core = this.#core;
+    const index = this.fieldList.findIndex((field) => field.name === name);
+    if (index < 0) throw new PdeanimError(`there is no field "${name}"`, "argument");
+    const { type, rows, components } = this.fieldList[index];
+    const Type = FIELD_TYPES.find(([own]) => own === type)[1];
+    const count = rows * components;
+    const bytes = count * Type.BYTES_PER_ELEMENT;
+    core.view.setFloat64(core.scratch, time, true);
+    const work = (at) => core.call("evaluate_field", this.#handle, BigInt(index), core.scratch, 1, derivative, at, bytes);
+    return core.readArray(Type, count, work, out);
   }
 
   /** Groups of frames: their frames, their number of functions of time, and the components (1 or 3) of their fields. */

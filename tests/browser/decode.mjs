@@ -4,6 +4,9 @@ import { text } from "node:stream/consumers";
 
 import { PdeAnimation } from "../../player/pdeanim.js";
 
+// JSON has neither NaN nor 64-bit whole numbers.
+const numbersOf = (values) => Array.from(values, (value) => (Number.isNaN(value) ? "NaN" : String(value)));
+
 function meshOf(animation) {
   return animation.objects.map((object, index) => ({
     name: object.name,
@@ -27,7 +30,7 @@ async function decoded({ path, address, times }) {
   try {
     const animation = await PdeAnimation.open(address ?? (await readFile(path)), address ? {} : undefined);
     if (!address) animation.verify();
-    const found = { times: [...animation.times], frameRate: animation.frameRate, runs: [], at: [] };
+    const found = { times: [...animation.times], frameRate: animation.frameRate, runs: [], fields: [], at: [] };
     for (const time of times) {
       await animation.prepare(time);
       const run = animation.at(time);
@@ -35,10 +38,13 @@ async function decoded({ path, address, times }) {
         positions: [...run.positions(time)],
         velocities: [...run.velocities(time)],
         accelerations: [...run.accelerations(time)],
+        fields: run.fieldList.map(({ name }) => numbersOf(run.field(name, time))),
       });
     }
     for (let run = 0; run < (address ? 0 : animation.runCount); run++) {
-      found.runs.push(meshOf(animation.runCount === 1 ? animation : animation.run(run)));
+      const own = animation.runCount === 1 ? animation : animation.run(run);
+      found.runs.push(meshOf(own));
+      found.fields.push(own.fieldList);
     }
     animation.close();
     return found;

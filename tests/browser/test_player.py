@@ -117,6 +117,42 @@ def test_meshes_and_attributes_are_those_of_the_library(accepted: dict[str, Any]
                     assert found["indices"] == indices
 
 
+def test_fields_are_those_of_the_library(tmp_path: Path) -> None:
+    path, times = tmp_path / "fields.pdeanim", [0.0, 0.3, 1.0, 2.0]
+    random = np.random.default_rng(0)
+    objects = [
+        pdecodec.MeshObject(name, pdecodec.Connectivity.from_padded(4, np.array([[0, 1, 2, 3]]))) for name in "ab"
+    ]
+    heat = random.normal(size=(3, 8)).astype(np.float32)
+    heat[1, 2] = np.nan
+    fields = [
+        (pdecodec.Field("heat", "vertex", unit="K"), heat),
+        (pdecodec.Field("stress", "face", np.float64, 6, objects=(1,)), random.normal(size=(3, 1, 6))),
+        (pdecodec.Field("id", "corner", np.int64), random.integers(-(2**62), 2**62, (3, 8))),
+        (pdecodec.Field("touches", "object", bool), random.integers(0, 2, (3, 2))),
+    ]
+    clip = pdecodec.ArraySequence(
+        random.normal(size=(3, 8, 3)).astype(np.float32), objects=objects, times=np.arange(3.0), fields=fields
+    )
+    encode(clip, path)
+    (found,) = decode_in_node([{"path": str(path), "times": times}])
+    assert "error" not in found, found
+    with open_animation(path) as animation:
+        for described, field, stored in zip(found["fields"][0], animation.fields, animation.stored_fields, strict=True):
+            objects_of_field = [0, 1] if field.objects is None else list(field.objects)
+            described |= {name: float(described[name]) for name in ("smallest", "largest", "bound")}
+            assert described == {
+                "name": field.name, "unit": field.unit, "type": str(field.dtype), "components": field.components,
+                "domain": {"vertex": "vertices", "face": "faces", "corner": "corners"}.get(field.domain, field.domain),
+                "rows": field.row_count(animation.objects), "objects": objects_of_field,
+                "smallest": stored.smallest, "largest": stored.largest, "bound": stored.bound,
+            }  # fmt: skip
+        for time, here in zip(times, found["at"], strict=True):
+            for field, texts in zip(animation.fields, here["fields"], strict=True):
+                values = np.array(texts, np.float64 if field.dtype.kind == "f" else np.int64).astype(field.dtype)
+                np.testing.assert_array_equal(values, animation.field(field.name, time).ravel())
+
+
 def test_refused_vectors_end_in_the_pinned_error(tmp_path: Path) -> None:
     expected = MANIFEST["reject"]
     jobs = [{"path": str(path), "times": []} for path in write_vectors(tmp_path, "reject").values()]

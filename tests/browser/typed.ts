@@ -11,6 +11,9 @@ async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<numb
   const animation = await PdeAnimation.open("cloth.pdeanim", { maxMemory: 2 ** 30 });
   await animation.prepare(1.25);
   const out: Float32Array = animation.positions(1.25, { object: 0, out: new Float32Array(3) });
+  const [field] = animation.fieldList;
+  const values = animation.field<Float64Array>(field!.name, 1.25, { derivative: 1, out: new Float64Array(field!.rows) });
+  values.fill(field!.bound);
   const { triangles } = trianglesOf(animation.objects);
   normalsOf(out, triangles);
   const drawn = new GpuMotion(gl, animation);

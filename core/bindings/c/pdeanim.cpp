@@ -181,7 +181,9 @@ pdeanim_status pdeanim_get_field(pdeanim_animation *handle, int64_t index, pdean
                   .value_bytes = static_cast<size_t>(size_of_type(found.type)),
                   .smallest = found.smallest,
                   .largest = found.largest,
-                  .bound = found.bound};
+                  .bound = found.bound,
+                  .object_count = static_cast<int64_t>(found.objects.size()),
+                  .objects = found.objects.data()};
     });
 }
 

@@ -245,6 +245,8 @@ typedef struct pdeanim_field {
     size_t value_bytes;              /* size of one number [bytes] */
     double smallest, largest;        /* smallest and largest value of the source */
     double bound;                    /* largest error at the frames; 0: values are exact */
+    int64_t object_count;            /* 0: all objects have the field, and its rows stand object after object */
+    const int64_t *objects;          /* [object_count] otherwise the objects that have it, ascending */
 } pdeanim_field;
 
 PDEANIM_API pdeanim_status pdeanim_field_count(pdeanim_animation *animation, int64_t *count, pdeanim_error *error);
