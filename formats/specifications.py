@@ -1,6 +1,7 @@
-"""What each format can hold by its own specification, in its own words, and what becomes of it when it is read.
+"""What each format can hold by its own specification, in its own words, and what happens to it when it is read.
 
-`docs/formats.md` shows it; `tests/formats/test_specifications.py` reads a file with each thing in it and compares.
+`docs/formats.md` shows this; `tests/formats/test_specifications.py` reads a file with each of these things and
+compares.
 """
 
 from __future__ import annotations
@@ -11,20 +12,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Specification:
-    """Things that a format can hold, by what becomes of them.
+    """The things that a format can hold, by what happens to them.
 
     Attributes
     ----------
     coded : tuple of str
-        Kept, through `.pdeanim` files too.
+        Kept, also through `.pdeanim` files.
     carried : tuple of str
-        Kept from a file to one of the same format; else as what is dropped.
+        Kept from a file to another one of the same format; otherwise dropped.
     dropped : tuple of str
-        Not kept; a notice names what a file has of it.
+        Not kept; a notice names those that a file has.
     refused : tuple of str
-        Files with it are refused, or what has it is left out on request.
+        Files with them are refused; on request, the objects with them are left out instead.
     implied : tuple of str
-        Passed over, for it follows from what is kept, or is for people who read the file.
+        Ignored, because they follow from what is kept, or are for people who read the file.
     """
 
     coded: tuple[str, ...]

@@ -322,7 +322,7 @@ def _check_sources(dataset: Any, scope: FileScope, depth: int) -> None:
                 count_there = -(-(dataset.shape[open_axes[0]] - start[open_axes[0]]) // stride[open_axes[0]])
                 numbers = range(count_there)
                 if _has_later_file(pattern, path, count_there):
-                    numbers = range(count_there + 1)  # HDF5 ends the dataset before the first missing file
+                    numbers = range(count_there + 1)  # HDF5 ends the virtual dataset before the first missing file
         count = 0 if is_open else space.get_select_npoints()
         covered += count
         for number in numbers if "%b" in pattern + source_name else (0,):

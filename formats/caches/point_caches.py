@@ -185,13 +185,13 @@ def _write_cache(sequence: MeshSequence, output: Output, what: str, header: byte
 
 
 def _remove_rounding(stored: Float64Array, fps: float | None) -> tuple[Float64Array, float | None]:
-    """Return times without float32 rounding, and the frame rate that reveals it."""
+    """Return times with the rounding to float32 undone, and the frame rate of which they are multiples."""
     if stored.size < 2 or not np.isfinite(stored).all() or (np.diff(stored) <= 0).any():
         return stored, None
     slack = FLOAT32_ROUNDING * float(np.abs(stored).max())
     spacing = float(np.median(np.diff(stored)))
     rough = (stored.size - 1) / float(stored[-1] - stored[0])
-    # Times identify a rate only if rounding is far below their spacing.
+    # A rate can be recognised only if rounding is far below the spacing of the times.
     rates = (float(round(rough)), round(rough * 1.001) / 1.001, round_rate(rough)) if slack / spacing < 0.01 else ()
     for rate in (fps, *rates):
         if rate:

@@ -1,4 +1,4 @@
-"""Everything that a glTF file lists, by its place in the JSON, and what becomes of it."""
+"""List everything that a glTF file holds, by its place in the JSON, and what happens to it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from pdecodec.formats.gltf.inventory import OWN_EXTRAS, is_as_written
 from pdecodec.mesh.sequence import Content, Fate
 
 _CONTAINERS = ("accessors", "bufferViews", "buffers")
-"""Lists of what others refer to."""
+"""Lists whose entries only hold data for other entries."""
 
 _SURFACE = (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN)
 
 
 class Contents:
-    """What a glTF file holds.
+    """Everything that a glTF file holds.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ class Contents:
     clip_number : int
         The animation that is read.
     moving : collection of int
-        Nodes that meshes that are read stand on or under, their joints among them.
+        Nodes that move meshes that are read: those with the meshes, their ancestors, and joints.
     left_out : mapping of int to sequence of str
-        Words for what is not kept, by the node of each mesh that is read.
+        For each node with a mesh that is read, names of what is not kept.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Contents:
         }
 
     def list(self) -> tuple[Content, ...]:
-        """Return entries of all lists, what meshes, animations and materials have, extensions and extras."""
+        """Return the entries of all lists, the parts of meshes, animations and materials, extensions and extras."""
         return tuple(self._all())
 
     def _all(self) -> Iterator[Content]:
@@ -116,7 +116,7 @@ class Contents:
             for name in target:
                 fate = self._attribute(name, mesh, is_surface=is_surface)
                 if name == "NORMAL" and fate == "coded":
-                    # Normals follow the shape.
+                    # Normals follow from the shape.
                     fate = "implied"
                 elif any(f"change {name} with time" in word for word in self._words.get(mesh, ())):
                     fate = "dropped"
@@ -126,14 +126,14 @@ class Contents:
         if mesh not in self._words:
             return "dropped"
         if name.startswith(("JOINTS_", "WEIGHTS_")):
-            # They say nothing without a skin.
+            # Joints and weights have no effect without a skin.
             return "coded" if mesh in self._skinned else "implied"
         if name == "NORMAL" or name.startswith("TEXCOORD_"):
             return _fate(is_surface and name not in self._words[mesh])
         return _fate(name == "POSITION" or (name.startswith("COLOR_") and name not in self._words[mesh]))
 
     def _additions(self, path: str, kind: str, entry: Mapping[str, Any], *, is_read: bool = True) -> Iterator[Content]:
-        """List the extensions and the extras of an object, and those of objects in its extensions."""
+        """List the extensions and the extras of an object, and those of the objects in its extensions."""
         extensions = entry.get("extensions")
         for name, value in extensions.items() if isinstance(extensions, dict) else ():
             yield Content(f"{path}/extensions/{name}", name, _fate(is_read and name in READABLE_EXTENSIONS))

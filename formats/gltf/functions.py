@@ -10,19 +10,25 @@ import numpy as np
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
 FIRST_SKETCH_RANK = 32
-"""First rank that the randomised search for singular vectors tries: decoded objects have a rank of about 12."""
+"""Rank that the randomised search for singular vectors tries first: decoded objects have a rank of about 12."""
 
 LEAST_PROBED_COLUMNS = 512
-"""Coordinates in the first sample that functions are found from. It doubles until it has two for each function."""
+"""Number of coordinates in the first sample from which functions are found. The sample doubles until it has two
+coordinates for each function.
+"""
 
 PROBING_ROUNDS = 12
-"""Times that functions of a sample are sought for one bound: more samples would hold most coordinates."""
+"""How often functions are searched for in a growing sample, for one bound: a larger sample would hold most
+coordinates.
+"""
 
 READ_BYTES, FIT_BYTES = 2**21, 2**24
 """Bytes of float32 rows that are read at once, and of float64 shapes that are summed at once."""
 
 Blocks = Callable[[], Iterable[tuple[int, Float32Array]]]
-"""Returns consecutive blocks of positions (n, vertices, 3), each with its first index; called for every reading."""
+"""A function that returns consecutive blocks of positions (n, vertices, 3), each with its first index; called
+for every pass.
+"""
 
 
 @dataclass(frozen=True)
@@ -172,8 +178,9 @@ def find_functions(
 ) -> tuple[Float64Array, Float32Array] | None:
     """Find the fewest functions of time that give positions as ``rest + functions @ shapes`` within a bound.
 
-    Functions come from a sample of the coordinates. All are then fitted and compared; those that are not within the
-    bound join the sample, and functions are sought again. So a motion is read a few times, and never held.
+    Functions are found in a sample of the coordinates. Then all coordinates are fitted and compared. Those that are
+    not within the bound join the sample, and functions are searched for again. So a motion is read a few times, and
+    never held in memory.
 
     Parameters
     ----------
@@ -181,23 +188,23 @@ def find_functions(
     *bounds : float
         Largest errors of a coordinate, increasing; the first that can be reached with `most` functions is used.
     most : int
-        Largest number of functions besides the known ones; None is returned if more are needed.
+        Largest number of functions in addition to the known ones; None is returned if more are needed.
     cubic : bool
         Whether samples lie at frames and at the thirds between them, with cubics through them.
     known : (samples, count) float64, optional
-        Functions to begin with. Without them, and with a motion, at least one is found.
+        Functions to begin with. Without them, at least one function is found for anything that moves.
 
     Returns
     -------
     functions : (samples, count) float64
-        The known ones and those found, which are exact in float32, and in [0, 1], also between samples.
+        The known functions and those found. The latter are exact in float32, and within [0, 1], also between samples.
     shapes : (1 + count, vertices, 3) float32
         The rest shape, and the shape of each function.
     """
     given = np.zeros((samples.count, 0)) if known is None else known
     if known is None and not samples.moves():
         return given, samples.first()[None].astype(np.float32)
-    # With the rest shape, no more than as many functions as samples are independent.
+    # Together with the rest shape, at most as many functions as samples are independent.
     most = min(most, samples.count - 1 - given.shape[1])
     # A fixed seed: the same motion gives the same functions.
     order = np.random.default_rng(0).permutation(samples.columns)
@@ -246,7 +253,7 @@ class _Probe:
     def add(self, rows: Float64Array) -> None:
         """Add coordinates (samples, columns)."""
         rank = self.estimate(self._bounds[0])
-        self._vectors = np.zeros((0, 0))  # Free them: the next ones are as large.
+        self._vectors = np.zeros((0, 0))  # Free the old vectors first: the new ones are as large.
         self._rows = np.hstack([self._rows, rows])
         self._analyse(rank)
 
@@ -254,7 +261,7 @@ class _Probe:
         wide = self._rows - self._basis @ (self._basis.T @ self._rows)
         energies, self._vectors = _leading_vectors(wide, self._bounds[0], self._allowed, rank)
         self._most = min(self._allowed, len(energies))
-        # RMS error that remains if only the vectors before each one are used.
+        # For each number of vectors, the RMS error that remains if only these are used.
         self._left = np.sqrt(np.cumsum(energies[::-1])[::-1] / max(1, wide.size))
         self._least_error = np.inf
         if len(self._left) > self._most and self._left[self._most] > self._bounds[-1]:
@@ -264,7 +271,9 @@ class _Probe:
         self._least_error = float(np.abs(wide, out=wide).max(initial=0))
 
     def estimate(self, bound: float) -> int:
-        """Return how many vectors are needed for half a bound as RMS error: a few more are for all errors."""
+        """Return how many vectors bring the RMS error to half a bound; a few more bring every error within the
+        bound.
+        """
         return int(np.count_nonzero(self._left > bound / 2))
 
     def find_fewest(self, bound: float, *, least: int) -> Float64Array | None:
@@ -299,10 +308,11 @@ class _Probe:
 
 
 def _leading_vectors(wide: Float64Array, bound: float, most: int, rank: int) -> tuple[Float64Array, Float64Array]:
-    """Return energies (count,), falling, and left singular vectors (samples, count) of rows: all, or the leading ones.
+    """Return energies (count,), decreasing, and left singular vectors (samples, count) of rows: all, or the leading
+    ones.
 
-    If the rank is low, and at least `rank`, they are computed in the span of random combinations of the columns (Halko,
-    Martinsson and Tropp 2011), which takes a fraction of the time of a full decomposition.
+    If the rank is low, and at least `rank`, they are computed in the span of random combinations of the columns
+    (Halko, Martinsson and Tropp 2011), which takes a fraction of the time of a full decomposition.
     """
     samples, columns = wide.shape
     width = max(FIRST_SKETCH_RANK, rank)
@@ -310,7 +320,7 @@ def _leading_vectors(wide: Float64Array, bound: float, most: int, rank: int) -> 
     while 4 * width <= min(samples, columns):
         directions = np.random.default_rng(0).standard_normal((columns, width))
         basis = np.linalg.qr(wide @ (wide.T @ np.linalg.qr(wide @ directions)[0]))[0]
-        # Twice as many directions as are wanted hold the leading vectors, however large the remainder is.
+        # Twice as many directions as wanted contain the leading vectors, however large the remainder is.
         if width >= 2 * most or np.abs(wide - basis @ (basis.T @ wide)).max() <= bound / 4:
             break
         width *= 2

@@ -214,7 +214,7 @@ class _Reader:
             values = np.concatenate(
                 [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
             )
-            # The row of each vertex's value, or -1 if it has none.
+            # For each vertex, the row of its value; -1 if it has none.
             rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
             role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
             name = role_name(role, name, (main,))

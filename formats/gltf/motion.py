@@ -111,7 +111,7 @@ class Motion:
         return len(self.targets) - self.is_away_from_rest if self.functions is None else 0
 
     def normals_at(self, samples: Int64Array) -> Float32Array:
-        """Return normals (n, rows, 3) at samples (n,) of a motion by functions of time, not normalised."""
+        """Return normals (n, rows, 3) at samples (n,) of a motion by functions of time; their lengths are not 1."""
         assert self.functions is not None
         assert self.normals is not None
         assert isinstance(self.normal_targets, np.ndarray)
@@ -145,7 +145,7 @@ def motion_of(frames: Float32Array, thirds: Blocks | None, rows: NormalRows | No
         if len(shapes) == 1:
             return Motion(rest, shapes[1:], functions, first, np.zeros((0, rows.count, 3), np.float32))
         normals = Samples(samples.count, 3 * rows.count, lambda: _read_normals(samples, rows))  # noqa: B023
-        # Invisible differences may take half as many functions as visible ones.
+        # Invisible differences are worth half as many functions as visible ones.
         more, few = None, max(MAX_NORMAL_FUNCTIONS, functions.shape[1] // 2)
         for errors, extra in ((NORMAL_ERROR_BOUNDS[:1], few), (NORMAL_ERROR_BOUNDS[1:], functions.shape[1])):
             more = more or find_functions(normals, *errors, most=max(few, extra), cubic=cubic, known=functions)

@@ -250,7 +250,7 @@ class _Onto(GltfScene):
 
 
 def _blocks(thirds: Float32Array | None) -> Blocks | None:
-    """Return the function that reads positions between frames that are held."""
+    """Return a function that reads the positions between frames that are held in memory."""
     return None if thirds is None else lambda: ((0, thirds),)
 
 

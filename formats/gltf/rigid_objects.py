@@ -23,7 +23,7 @@ from pdecodec.mesh.sequence import MeshObject
 OUTERMOST_DIRECTIONS = np.array(
     [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float
 )
-"""Directions in which a part's outermost vertices are found: these deviate most between frames."""
+"""Directions in which the outermost vertices of a part are found: these vertices deviate most between frames."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def _make_mover(part: RigidPart, some: Int64Array) -> Mover:
     shape, matrices = part.shape[some], part.matrices
     keys = keys_of_motion(shape, matrices, float(part.off[some].max()))
     outermost = some[np.unique((shape.astype(np.float64) @ OUTERMOST_DIRECTIONS.T).argmax(axis=0))]
-    # No vertex moves farther than a corner of its bounding box.
+    # No vertex of the part moves farther than some corner of its bounding box.
     low, high = shape.min(axis=0).astype(np.float64), shape.max(axis=0).astype(np.float64)
     corners = np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low)
     moved = corners @ matrices[:, :3, :3] + matrices[:, 3:, :3] - corners

@@ -50,7 +50,9 @@ MAX_MOTION_BYTES = 4 * 2**30
 """Largest size of positions and normals held in memory [bytes]: no viewer plays a larger glTF file."""
 
 HELD_THIRDS_BYTES = 2**22
-"""Positions between frames that are held for several objects, if a quarter of all are fewer [bytes]."""
+"""Positions between frames are held in memory for small objects, up to this size or a quarter of all positions,
+whichever is larger [bytes].
+"""
 
 JOINTS = "rigid_parts"
 """Name of the node above the joints; skins want a common root."""

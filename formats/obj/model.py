@@ -24,7 +24,7 @@ from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, Content, MeshObject
 
 GEOMETRY_NOT_READ = frozenset({"curv", "curv2", "surf", "fo", "bzp", "bsp", "cdc", "cdp", "res", "call", "csh"})
-"""Statements that carry geometry: a file read without them would be another model, so they are refused."""
+"""Statements with geometry that is not read. Without it the file would be another model, so these are refused."""
 
 
 _STATEMENT = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -83,13 +83,13 @@ def _smoothing_group(text: ObjText, offset: int, argument: str) -> str | None:
 class ObjModel:
     """Objects, attributes, metadata and notices of a file; objects are built on first use.
 
-    Each ``o`` becomes an object where its elements use only vertices declared under it; otherwise the file is
-    one object and the names are a face attribute ``"object"``.
+    Each ``o`` statement becomes an object if its elements use only vertices declared under it. Otherwise the file is
+    one object, and the names become a face attribute ``"object"``.
 
     Raises
     ------
     InputError
-        With file and line, for statements that carry geometry we do not read, or that are none at all.
+        With file and line, for statements with geometry that is not read, or text that is no statement.
     """
 
     def __init__(self, text: ObjText, scan: ObjScan) -> None:
@@ -130,7 +130,7 @@ class ObjModel:
         ]
         self._whole = _Part(None, (0, scan.vertex_sizes.size), (0, scan.element_sizes.size))
         self._is_separate = self._are_separate(self._parts)
-        # A part with all vertices and no elements only names the whole object, as our writer does.
+        # A part with all vertices and no elements only names the whole object, as our writer writes it.
         named = [
             part for part in self._parts if part.elements[0] < part.elements[1] or part.vertices != self._whole.vertices
         ]
@@ -158,7 +158,9 @@ class ObjModel:
             yield Content("/comments", "comments", "implied")
 
     def changes_to(self, other: ObjModel) -> Iterator[tuple[str, bool]]:
-        """Yield what differs in a file of the same connectivity, and whether this file has it at all."""
+        """Yield the kinds of data that differ in a file of the same connectivity, each with whether this file
+        has any.
+        """
         if self._parts != other._parts or self._names_differ("object", other):
             yield "objects", True
         for name, words in (("group", "groups"), ("material", "materials"), ("smoothing", "smoothing groups")):
@@ -178,7 +180,9 @@ class ObjModel:
             yield "names of mtllib", bool(self.metadata)
 
     def _names_differ(self, name: str, other: ObjModel) -> bool:
-        """Return whether names of a kind differ on elements, regardless of the order that files introduce them in."""
+        """Return whether the names of a kind differ on some element; the order in which files introduce names
+        does not matter.
+        """
         numbers = {label: number for number, label in enumerate(self._labels[name])}
         renumbered = np.array([*(numbers.get(label, -2) for label in other._labels[name]), -1], np.int32)
         return not np.array_equal(self._states[name], renumbered[other._states[name]])
@@ -194,7 +198,9 @@ class ObjModel:
         return True
 
     def _build_whole(self, parts: list[_Part], vertices: tuple[int, int]) -> MeshObject:
-        """Return the file as one object, named by the part with all vertices or by the only name of elements."""
+        """Return the file as one object. Its name is that of the part with all vertices, or the only name of
+        elements.
+        """
         name = next((part.name for part in parts if part.vertices == vertices), None)
         names = np.unique(self._states["object"])
         only_name = names.size == 1 and names[0] >= 0 and name is None

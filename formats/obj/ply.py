@@ -72,7 +72,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _mesh(data: Any) -> MeshFile:
-    # The columns of each element that were not read so far; what remains in the end is not kept.
+    # The columns of each element that have not been read yet; those that remain in the end are not kept.
     elements = {
         element.name: {name: element.data[name] for name in element.data.dtype.names} for element in data.elements
     }

@@ -256,7 +256,7 @@ def _changes(
     *,
     with_objects: bool,
 ) -> dict[int, str]:
-    """Return statements to write before faces, where the name of a face differs from that of the face before.
+    """Return the statements to write before each face whose name differs from that of the face before.
 
     `names_held` has the kinds of names that are set at the end of the previous objects. They are unset if this
     object has none; the set is updated.

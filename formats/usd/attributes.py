@@ -32,7 +32,7 @@ NORMALS = "normals"
 """Name of the primvar that takes precedence over the attribute of that name."""
 
 _OTHERS_OWN = ("skel:",)
-"""Prefixes of primvars that are already applied to the points."""
+"""Prefixes of primvars whose effect is already in the points."""
 
 
 def read_extras(
@@ -91,9 +91,11 @@ def read_directions(attribute: Any, extras: Extras, span: tuple[float, float], *
 def _values_in_time(
     attributes: Sequence[Any], span: tuple[float, float], width: int = 1
 ) -> tuple[Callable[[float], NDArray[Any] | None], list[float]]:
-    """Return a function that reads an attribute, and its indices if it has some, at a code, and when it is sampled.
+    """Return a function that reads an attribute at a code, through its indices if it has any, and the codes at which it
+    is sampled.
 
-    `width` elements are one row. Codes after the last sample in the span read that one: the next may be of other faces.
+    A row consists of `width` elements. Codes after the last sample in the span read that sample, because the next
+    one may belong to other faces.
     """
     codes = merged_codes(attributes, span)
 
@@ -139,7 +141,7 @@ def _read_field(primvar: Any, name: str, extras: Extras, span: tuple[float, floa
 
 
 def field_name(name: str, type_name: Any) -> str:
-    """Return the name of the field that a primvar of a name and type is."""
+    """Return the name of the field that a primvar becomes."""
     directions = {Sdf.ValueRoleNames.Vector: VECTOR, Sdf.ValueRoleNames.Normal: NORMAL}
     return f"{directions[type_name.role]}:{name}" if type_name.role in directions else _attribute_name(name, type_name)
 
@@ -169,7 +171,7 @@ def _read_primvar(
         return
     stored = value_at(primvar.GetAttr(), at)
     if at is not None and not np.size(stored):
-        # Only other runs of frames have it.
+        # Only other runs of frames have this primvar.
         return
     labels: tuple[str, ...] = ()
     if type_name.scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):

@@ -137,7 +137,7 @@ def _cube() -> _Solid:
 
 
 def _plane() -> _Solid:
-    """Along Z, the plane's width is along X and its length along Y; along X, width is along Z; along Y, length is."""
+    """Width and length lie along X and Y if the axis is Z, along Z and Y if it is X, and along X and Z if it is Y."""
     width, length = np.zeros((4, 3)), np.zeros((4, 3))
     width[:, 0], length[:, 1] = [-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]
     return {"width": width, "length": length}, [[0, 1, 2, 3]], [0]

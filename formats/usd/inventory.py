@@ -1,4 +1,5 @@
-"""Everything that a USD stage holds, and what becomes of it: what no reader here asks for is dropped, and told by name.
+"""Everything that a USD stage holds, and what happens to it. Whatever no reader here asks for is dropped, and named in
+a note.
 
 Stages are listed as they are composed: prims, their properties and metadata, variants that are not selected, and the
 metadata of the stage.
@@ -35,17 +36,17 @@ class Fate(Enum):
 
 
 class Item(NamedTuple):
-    """Something that a stage holds.
+    """A thing that a stage holds.
 
     Attributes
     ----------
     path : str
-        Of a prim, or of a property; ``/`` is the stage.
+        Path of the prim or the property; ``/`` is the stage.
     key : str
-        Name of the metadata, or of the variant set; none of prims and properties.
+        Name of the metadata, or of the variant set; empty for prims and properties.
     fate : Fate
     word : str
-        What the note about dropped things calls it.
+        Its name in the note about dropped things.
     """
 
     path: str
@@ -63,7 +64,7 @@ _IN_CONTENTS: dict[Fate, ContentFate] = {
     Fate.TOLD: "dropped",
     Fate.DROPPED: "dropped",
 }
-"""Fates in the words that sequences of all formats use."""
+"""The same fates in the words that sequences of all formats use."""
 
 _EVERYWHERE = {
     "visibility": Fate.TOLD,
@@ -101,10 +102,10 @@ _BY_SHAPE = {
     "tetVertexIndices": "tetrahedra (their surface is kept)",
     "material:binding": "material",
 }
-"""Names that shapes give to properties that they do not keep."""
+"""What shapes call properties that they do not keep."""
 
 _STRUCTURE = ("", "Xform", "Scope", "SkelRoot")
-"""Types of prims that only hold other prims."""
+"""Types of prims that only group other prims."""
 
 _READ_SCHEMAS = ("SkelBindingAPI", "MaterialBindingAPI")
 """API schemas whose properties are read."""
@@ -128,21 +129,21 @@ _OWN_DATA = {METADATA, SAMPLED, OWN, NAME, ADDED}
 
 
 class Inventory:
-    """What a stage holds.
+    """Everything that a stage holds.
 
     Parameters
     ----------
     stage : Usd.Stage
     shapes : sequence of UsdShape
-        What was read of it.
+        The shapes that were read.
     refusals : Refusals
-        What was refused of it, and left out.
+        The shapes that were refused and left out.
 
     Attributes
     ----------
     items : list of Item
     others : Counter
-        Prims that are dropped, by type.
+        Number of dropped prims by type.
     """
 
     def __init__(self, stage: Any, shapes: Sequence[UsdShape], refusals: Refusals) -> None:
@@ -170,7 +171,7 @@ class Inventory:
         self._look_at_metadata("/", metadata, _STAGE_METADATA, "metadata of the stage")
 
     def lost_textures(self) -> tuple[str, ...]:
-        """Return the line that names textures; nothing if there are none."""
+        """Return a one-line note that names textures; empty if there are none."""
         return lost_textures(len(self._textures), [*self._textures])
 
     def contents(self) -> tuple[Content, ...]:

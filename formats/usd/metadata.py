@@ -19,7 +19,7 @@ NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
 """Custom data of a prim: the original name if USD could not hold it; whether the prim was added to the tree."""
 
 UNIT_KEY, DTYPE_KEY = f"{OWN}:unit", f"{OWN}:dtype"
-"""Custom data of a primvar that is a field: its unit and type; that it has a type marks it as a field."""
+"""Custom data of a primvar: its unit and type as a field. The presence of a type marks the primvar as a field."""
 
 METADATA = f"{OWN}Metadata"
 """Custom data of a layer: metadata that USD cannot hold."""
@@ -28,8 +28,9 @@ SAMPLED = f"{OWN}Sampled"
 """Custom data of a layer: whether every frame is a sample, so that no motion lies between samples."""
 
 TIME_RANGE, TIME_CODE_RATE = "time_range", "time_codes_per_second"
-"""Keys of metadata: a stage's first and last time [s] where frames do not span them, and those of the frames; its time
-codes a second where its frames a second are others."""
+"""Keys of metadata: first and last time [s] of a stage, if its frames do not span them, followed by those of
+the frames; and its time codes per second, if they differ from its frames per second.
+"""
 
 
 def valid_name(step: str) -> str:

@@ -98,7 +98,7 @@ def _anchored(layer: Any, text: str) -> str:
     found: str = layer.ComputeAbsolutePath(text)
     if os.path.isabs(found):
         return found
-    # These are names that are searched for elsewhere first, and patterns of names.
+    # These names are searched for in other places first, or are patterns.
     return os.path.normpath(Path(layer.realPath).parent / text)
 
 

@@ -1,8 +1,8 @@
 """Read USD stages on request: meshes, curves and points, with UsdSkel, blend shapes and transforms applied.
 
-There is a frame at every time code at which anything in the scene is sampled, and, if transforms or skeletons do not
-move in straight lines, between those at the stage's frame rate; or only at a requested rate. Values that are not
-sampled there are USD's own at that code.
+There is a frame at every time code at which anything in the scene is sampled. If transforms or skeletons do not move
+in straight lines, there are also frames between these at the stage's frame rate. On request, frames are at a given
+rate instead. Values that are not sampled at a frame are those that USD returns at its time code.
 """
 
 from __future__ import annotations

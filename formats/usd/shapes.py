@@ -92,7 +92,7 @@ class ShapeScan(SceneWalk):
     def look(self, prim: Any, attributes: Sequence[Any], *, by_size: bool = False) -> float | None:
         """Return the code at which to read array attributes of a prim that may change; None for their first values.
 
-        With `by_size`, only a change of their lengths counts.
+        If `by_size`, only a change of their lengths counts as a change.
         """
         path = str(prim.GetPath())
         if self.is_first:

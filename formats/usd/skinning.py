@@ -45,7 +45,7 @@ class Skinning:
 
     @property
     def sampled_by(self) -> tuple[str, bool]:
-        """Path of the animation, and whether it drives blend shapes: its time codes depend on both."""
+        """Path of the animation, and whether it drives blend shapes: together they determine its time codes."""
         return str(self._animation.GetPrim().GetPath()) if self._animation else "", self._shapes is not None
 
     def time_codes(self) -> list[float]:

@@ -238,11 +238,11 @@ class _PrimWriter(ShapeWriter):
         self._still: Float32Array | None = None
         """Positions of the first frame, as long as the shape is static under a transform that moves it."""
         self._last, self._moves = 0.0, False
-        """Time code of the last frame in which the shape was static; whether its points move."""
+        """Time code of the last frame at which the shape was static; whether its points move"""
         self._first: Any = None
-        """Time code at which the first run begins, or USD's code for values without samples."""
+        """Time code at which the first run begins, or USD's code for values without samples"""
         self._at: Any = None
-        """The same for this run."""
+        """Time code at which this run begins, or USD's code for values without samples"""
         if key.kind == "mesh":
             schemes = {ours: theirs for theirs, ours in SUBDIVISION_SCHEMES.items()}
             self._geometry.CreateSubdivisionSchemeAttr(schemes.get(key.subdivision or "", "none"))
