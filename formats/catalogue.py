@@ -255,14 +255,16 @@ BUILT_IN = (
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.vtk.exodus:ExodusSequence",
         options=("displacement",),
-        write_with="a .xdmf file",
-        keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
+        writer="pdecodec.formats.vtk.exodus_writer:write_exodus",
+        holds_fields=True,
+        keeps="shells, polygons, bars, points, the surface of solids of every order, nodes' numbers (attribute node), "
         "names of blocks (groups of faces), times, displacements (nodal variables of every axis that begin with disp, "
         "or those that a setting names), other nodal variables and element variables on faces (fields; components are "
-        "gathered to vectors and tensors)",
-        loses="element variables of inner elements and bars, other variables, "
-        "names of sets and of blocks of lines (all named), nodes that are not on the surface, "
-        "elements of splines",
+        "gathered to vectors, tensors and numbered ones); whole numbers stay what they are",
+        loses="names of objects (blocks have them), element variables of inner elements and bars, other variables, "
+        "names of sets and of blocks of lines (all named), nodes that are not on the surface, elements of splines, "
+        "fields on corners and objects, other attributes, up axis and unit; changing connectivity; written lines are "
+        "segments",
     ),
     Format(
         name="ply",

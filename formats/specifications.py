@@ -159,7 +159,16 @@ SPECIFICATIONS: Mapping[str, Specification] = {
     ),
     **dict.fromkeys(("vtu", "vtp", "vtk", "pvtu", "pvd", "series"), _VTK),
     "exodus": Specification(
-        ("coord", "connect", "time_whole", "displacements", "eb_names", "nodal variables", "element variables"),
+        (
+            "coord",
+            "connect",
+            "node_num_map",
+            "time_whole",
+            "displacements",
+            "eb_names",
+            "nodal variables",
+            "element variables",
+        ),
         (
             "variables of sets, edges and the whole",
             "node sets",

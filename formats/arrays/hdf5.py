@@ -154,15 +154,18 @@ class _DeferredErrorFile(io.FileIO):
 
 
 @contextmanager
-def new_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
-    """Create an HDF5 file; yield it with a function that raises the OSError of a failed write, as closing does."""
+def new_hdf5(path: Path, *, track_order: bool = False) -> Iterator[tuple[Any, Callable[[], None]]]:
+    """Create an HDF5 file; yield it with a function that raises the OSError of a failed write, as closing does.
+
+    `track_order` records in which order datasets were created.
+    """
     with _DeferredErrorFile(path, "w+") as written:
 
         def check() -> None:
             if written.failure is not None:
                 raise written.failure
 
-        with h5py.File(written, "w") as file:
+        with h5py.File(written, "w", track_order=track_order) as file:
             yield file, check
         check()
 

@@ -94,6 +94,7 @@ class Cells:
         self._faces: list[tuple[Int64Array, Int64Array]] = []
         self._lines: list[Int64Array] = []
         self._solids: list[tuple[str, Int64Array, Int64Array]] = []
+        self._is_curved = False
         self.owners: Int64Array = np.zeros(0, np.int64)
         self.count = 0
 
@@ -120,11 +121,29 @@ class Cells:
                     f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read",
                     code="unsupported-feature",
                 )
+            self._is_curved |= nodes.shape[1] > 4 and len(nodes) > 0
             nodes = nodes[:, list(_FLAT[kind, nodes.shape[1]])]
         if kind in ("polyline", "line"):
             self._lines.append(nodes)
         else:
             self._faces.append((nodes, numbers))
+
+    def add_polygons(self, counts: NDArray[np.integer], nodes: NDArray[np.integer]) -> None:
+        """Add polygons of different sizes, of which `nodes` holds the borders one after the other.
+
+        Raises
+        ------
+        InputError
+            If the counts are not those of so many nodes.
+        """
+        if counts.ndim != 1 or (counts < 1).any() or counts.sum() != nodes.size:
+            raise damaged("polygons have other numbers of nodes than they declare; export the file again")
+        ends = np.cumsum(counts)
+        cuts = [0, *(np.flatnonzero(np.diff(counts)) + 1).tolist(), counts.size]
+        for first, end in pairwise(cuts):  # polygons of one size that follow each other
+            if first < end:
+                own = nodes[ends[first] - counts[first] : ends[end - 1]]
+                self.add("polygon", own.reshape(end - first, -1))
 
     def inner_notice(self, cells: str, data: str) -> tuple[str, ...]:
         """Return a notice that counts the `cells` without faces, whose `data` have no place; call it after
@@ -144,10 +163,9 @@ class Cells:
         """
         nodes = len(points)
         faces = [*self._faces, *self._surface(points)]
-        curved = any(len(border) and border.shape[1] > 4 for border, _ in self._faces)
         whole = join_cells(nodes, [rows for rows, _ in faces], self._lines)
         self.owners = np.concatenate([np.zeros(0, np.int64), *(numbers for _, numbers in faces)])
-        if not (self._solids or curved or only_used):
+        if not (self._solids or self._is_curved or only_used):
             return whole, None
         used = np.zeros(nodes, bool)
         used[whole.face_indices] = True

@@ -31,7 +31,7 @@ from pdecodec.formats.vtk.exodus_variables import (
 )
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, not_kept_data
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
-from pdecodec.mesh.fields import Field
+from pdecodec.mesh.fields import DTYPES, Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
 from pdecodec.system.reading import FileScope, open_regular
@@ -71,9 +71,12 @@ _SETS = (
 _KNOWN = re.compile(
     r"coord[xyz]?|coor_names|connect\d+|time_whole|time_step|four|(num|len)_\w+|(eb|ns|ss)_(names|status|prop\d+)"
     r"|(node|dist_fact)_ns\d+|(elem|side|dist_fact)_ss\d+|attrib(_name)?\d+|\w+_var_tab|name_\w+_var|vals_\w+"
-    r"|(node|elem)_num_map|elem_map|info_records|qa_records"
+    r"|(node|elem)_num_map|elem_map|ebepecnt\d+|info_records|qa_records"
 )
 """Names of arrays that are read, and of those that describe what :data:`_VARIABLES` and :data:`_SETS` name."""
+
+PROGRAM = "pdecodec"
+"""Name of the program in the records of files that we write."""
 
 _RECORDS = ("info_records", "qa_records")
 """Arrays in which programs record what they did."""
@@ -136,7 +139,11 @@ class ExodusSequence(MeshSequence):
             used.append(nodal[number - 1])
         cells, spans = self._cells()
         connectivity, self._gather = cells.connectivity(self._rest)
-        attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
+        numbers = self._numbers_of_nodes()
+        if self._gather is not None:
+            numbers = numbers[self._gather]
+        is_plain = self._gather is None and np.array_equal(numbers, np.arange(1, numbers.size + 1))
+        attributes = () if is_plain else (node_attribute(numbers),)
         blocks = self._block_names(spans, cells.owners)
         self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
         kept = self._find_fields(times, len(coordinates), used, spans, cells.owners)
@@ -203,7 +210,11 @@ class ExodusSequence(MeshSequence):
             self._check_variable(variable, steps, name)
         except InputError:
             return False
-        return bool(len(variable.shape) == 2 and variable.shape[1] == part.values and dtype_of(variable).kind == "f")
+        return bool(
+            len(variable.shape) == 2
+            and variable.shape[1] == part.values
+            and dtype_of(variable).newbyteorder("=") in DTYPES
+        )
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         try:
@@ -237,7 +248,7 @@ class ExodusSequence(MeshSequence):
             kind: [name for name in self._names(place) if name not in kept.get(kind, ())]
             for place, kind in places.items()
         }
-        kinds["records"] = [name for name in _RECORDS if name in self._variables]
+        kinds["records"] = [name for name in _RECORDS if name in self._variables and not self._is_ours()]
         kinds["blocks"] = [name for name in self._names("eb_names") if name and name not in kept["blocks"]]
         for kind, names, pattern in _SETS:
             numbers = sorted(int(found[1]) for place in self._variables if (found := re.fullmatch(pattern, place)))
@@ -246,6 +257,11 @@ class ExodusSequence(MeshSequence):
                 listed.get(number) or str(number) for number in sorted({*numbers, *(k for k in listed if listed[k])})
             ]
         return kinds | {"other arrays": [name for name in self._variables if not _KNOWN.fullmatch(name)]}
+
+    def _is_ours(self) -> bool:
+        """Return whether the only record is that of our writer, which tells nothing more."""
+        records = np.asarray(self._variables["qa_records"][:]) if "qa_records" in self._variables else np.zeros(0)
+        return records.ndim == 3 and len(records) == 1 and _text(records[0, 0]) == PROGRAM
 
     def _names(self, place: str) -> list[str]:
         """Return the names that an array of the file lists; empty if the array does not exist."""
@@ -285,6 +301,11 @@ class ExodusSequence(MeshSequence):
             rows = np.asarray(block[:], np.int64) - 1
             name = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
             kind = next((kind for kind, names in KINDS.items() if name in names), None)
+            if name == "NSIDED" and rows.ndim == 1:
+                first = cells.count
+                cells.add_polygons(np.asarray(self._variables[f"ebepecnt{number}"][:], np.int64), rows)
+                spans[number] = slice(first, cells.count)
+                continue
             if name == "SHELL":
                 kind = _SHELLS.get(rows.shape[1])
             if kind is None or rows.ndim != 2:
@@ -379,4 +400,8 @@ def _kind_of(block: Any) -> Any:
 
 def _text(row: NDArray[Any]) -> str:
     """Return characters or their codes as text, up to the first zero."""
-    return np.asarray(row).tobytes().partition(b"\0")[0].decode("latin-1").strip()
+    raw = np.asarray(row).tobytes().partition(b"\0")[0]
+    try:
+        return raw.decode().strip()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1").strip()

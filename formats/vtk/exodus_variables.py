@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import unique_name
+from pdecodec.formats.base.frame_data import ON_FACES
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import Field, FieldDomain
 
@@ -32,6 +33,19 @@ _TENSORS = tuple(
 
 _TENSOR_NAME = re.compile(r"(?P<base>.+?)_?(?P<pair>[xyz]{2})", re.IGNORECASE | re.DOTALL)
 """Pattern of the name of a variable that is one component of a tensor."""
+
+
+_NUMBERED = re.compile(r"(?P<base>.+)_(?P<number>[1-9]\d*)", re.DOTALL)
+"""Pattern of the name of a variable that is one of several numbered from 1, as SEACAS names arrays of values."""
+
+
+def component_names(name: str, components: int) -> list[str]:
+    """Return the names of the variables of a field, of which :func:`gathered` makes one field again."""
+    if components == 1:
+        return [name]
+    pairs = next((one for one in _TENSORS[:2] if len(one) == components), None)
+    ends = list(AXES) if components == len(AXES) else pairs or list(map(str, range(1, components + 1)))
+    return [f"{name}_{end}" for end in ends]
 
 
 def vectors_of(names: Sequence[str], axes: int) -> dict[str, dict[int, int]]:
@@ -80,7 +94,8 @@ def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
     """Return the numbers of variables, from 1, by the names of the vectors and tensors that they form.
 
     A tensor is taken as one only with exactly the components of one of :data:`_TENSORS`, a vector with one for every
-    axis; other variables stand alone. A name that is taken already gets a number. Variables without names are left out.
+    axis; variables numbered from 1 without a gap are one field. Other variables stand alone. A name that is taken
+    already gets a number. Variables without names are left out.
     """
     tensors: dict[tuple[str, bool], tuple[str, dict[str, int]]] = {}
     for number, name in enumerate(names, 1):
@@ -101,6 +116,17 @@ def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
             ["" if number in used else name for number, name in enumerate(names, 1)], axes
         ).items()
         if len(group := list(parts.values())) >= max(axes, 2)
+    ]
+    used |= {number for _, group in groups for number in group}
+    numbered: dict[str, dict[int, int]] = {}
+    for number, name in enumerate(names, 1):
+        part = None if number in used else _NUMBERED.fullmatch(name)
+        if part is not None:
+            numbered.setdefault(part["base"], {}).setdefault(int(part["number"]), number)
+    groups += [
+        (base, [parts[place] for place in sorted(parts)])
+        for base, parts in numbered.items()
+        if len(parts) > 1 and max(parts) == len(parts)
     ]
     used |= {number for _, group in groups for number in group}
     groups += [(name, [number]) for number, name in enumerate(names, 1) if name and number not in used]
@@ -137,11 +163,14 @@ class StoredField:
 
     def read(self, start: int, stop: int, rows: int, fill: Callable[[Any], float]) -> NDArray[Any]:
         """Return the values (frames, rows[, components]); those that were never written, as `fill`, are NaN."""
-        values = np.full((stop - start, rows, self.field.components), np.nan, self.field.dtype)
+        missing = 0 if self.field.is_exact else np.nan
+        values = np.full((stop - start, rows, self.field.components), missing, self.field.dtype)
         for part, arrays in self.parts:
             for component, array in enumerate(arrays):
                 stored = np.asarray(array[start:stop], self.field.dtype)[:, part.columns]
-                values[:, part.rows, component] = np.where(stored == fill(array), np.nan, stored)
+                if not self.field.is_exact:
+                    stored = np.where(stored == fill(array), np.nan, stored)
+                values[:, part.rows, component] = stored
         return values if self.field.components > 1 else values[:, :, 0]
 
 
@@ -155,8 +184,8 @@ def store_fields(
 ) -> list[str]:
     """Add the fields that variables form to those that are stored, and return the names of the variables.
 
-    `find` returns the array of a name if it has the values of a part, else None. A field has the type of its widest
-    array. Components that different parts have are fields of their own.
+    `find` returns the array of a name if it has the values of a part, else None. A field has the common type of its
+    arrays. Components that different parts have are fields of their own.
     """
     arrays: dict[int, list[tuple[Part, Any]]] = {}
     for number, name in enumerate(names, 1):
@@ -168,11 +197,16 @@ def store_fields(
         owners = [[part for part, _ in arrays[number]] for number in group]
         alone = any(one != owners[0] for one in owners)
         for numbers in [[number] for number in group] if alone else [group]:
-            label = unique_name(names[numbers[0] - 1] if alone else name, set(stored), " ")
+            label = names[numbers[0] - 1] if alone else name
+            label = unique_name(
+                ON_FACES.format(label) if domain == "face" and label in stored else label, set(stored), " "
+            )
             columns = zip(*([array for _, array in arrays[number]] for number in numbers), strict=True)
             whole = list(zip((part for part, _ in arrays[numbers[0]]), columns, strict=True))
-            widest = max(dtype_of(array).itemsize for _, one in whole for array in one)
-            field = Field(label, domain, np.dtype("f8" if widest > 4 else "f4"), len(numbers))
+            dtype = np.result_type(*(dtype_of(array).newbyteorder("=") for _, one in whole for array in one))
+            if len(whole) < len(parts):  # the values of other parts are NaN
+                dtype = np.result_type(dtype, np.float32)
+            field = Field(label, domain, dtype, len(numbers))
             stored[label] = StoredField(field, whole)
     return [names[number - 1] for number in arrays]
 

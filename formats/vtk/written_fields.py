@@ -68,30 +68,35 @@ class WrittenFields:
         """Return the names of the data of a domain."""
         return [one.name for one in self.fields if one.field.domain == domain]
 
+    def read(self, one: WrittenField, start: int, stop: int) -> NDArray[Any]:
+        """Return values (frames, rows[, components]) for all objects: NaN or 0 for those without the field."""
+        values = self._sequence.read_field(one.field.name, start, stop).astype(one.dtype, copy=False)
+        has_it = self._owned.get(one.field.name)
+        if has_it is None:
+            return values
+        whole = np.full((len(values), has_it.size, *values.shape[2:]), _missing(values), values.dtype)
+        whole[:, has_it] = values
+        return whole
+
     def at(self, frame: int) -> Iterator[tuple[WrittenField, NDArray[Any]]]:
         """Yield the fields with their values in a frame, (rows[, components]).
 
-        Rows on faces are cells: faces, then lines, which have no values. These, and objects without the field, have
-        NaN or 0.
+        Rows on faces are cells: faces, then lines, which have no values: NaN or 0.
         """
         if not self._start <= frame < self._start + self._at_a_time or not self._block:
             self._start = frame
             stop = min(frame + self._at_a_time, self._sequence.frame_count)
-            self._block = {
-                one.field.name: self._sequence.read_field(one.field.name, frame, stop) for one in self.fields
-            }
+            self._block = {one.field.name: self.read(one, frame, stop) for one in self.fields}
         lines = self._sequence.connectivity.line_count
         for one in self.fields:
-            values = self._block[one.field.name][frame - self._start].astype(one.dtype, copy=False)
-            missing = np.nan if values.dtype.kind == "f" else 0
-            has_it = self._owned.get(one.field.name)
-            if has_it is not None:
-                whole = np.full((has_it.size, *values.shape[1:]), missing, values.dtype)
-                whole[has_it] = values
-                values = whole
+            values = self._block[one.field.name][frame - self._start]
             if one.field.domain == "face" and lines:
-                values = np.append(values, np.full((lines, *values.shape[1:]), missing, values.dtype), axis=0)
+                values = np.append(values, np.full((lines, *values.shape[1:]), _missing(values), values.dtype), axis=0)
             yield one, values
+
+
+def _missing(values: NDArray[Any]) -> float:
+    return np.nan if values.dtype.kind == "f" else 0
 
 
 def _owned_rows(field: Field, objects: Sequence[MeshObject]) -> NDArray[np.bool_]:

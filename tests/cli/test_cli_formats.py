@@ -18,7 +18,10 @@ from pdecodec.mesh.sequence import MeshObject
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import IRREGULAR, WITH_EXTRA, assert_same_scene, body, needed, scene
 
-TARGETS = ["obj/", "npz", "h5", "mdd", "pc2", "pvd", "xdmf", "glb", "gltf", "####.vtu", "####.ply", *sorted(WITH_EXTRA)]
+TARGETS = [
+    *("obj/", "npz", "h5", "mdd", "pc2", "pvd", "xdmf", "exo", "glb", "gltf", "####.vtu", "####.ply"),
+    *sorted(WITH_EXTRA),
+]
 
 
 @pytest.fixture(autouse=True)

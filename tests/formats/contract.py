@@ -13,7 +13,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
-import h5py
 import meshio
 import numpy as np
 from numpy.typing import NDArray
@@ -224,19 +223,6 @@ def _write_series(sequence: MeshSequence, path: str) -> None:
     Path(path).write_text(json.dumps({"files": steps}))
 
 
-def _write_exodus(sequence: MeshSequence, path: str) -> None:
-    points, whole = sequence.read_frames(0, sequence.frame_count).astype(np.float64), sequence.connectivity
-    with h5py.File(path, "w") as file:
-        file["coord"], file["time_whole"] = np.zeros(points[0].T.shape), sequence.times
-        file["name_nod_var"] = np.array([list(f"DISP{axis}".ljust(33, "\0")) for axis in "XYZ"], "S1")
-        for axis in range(3):
-            file[f"vals_nod_var{axis + 1}"] = points[..., axis]
-        rows = _split(whole.face_counts, whole.face_indices) + _split(whole.line_counts, whole.line_indices)
-        for number, (size, part) in enumerate(groupby(rows, len), 1):
-            file[f"connect{number}"] = np.array([*part], np.int32) + 1
-            file[f"connect{number}"].attrs["elem_type"] = np.bytes_("BAR" if size < 3 else f"SHELL{size}")
-
-
 def _write_pdeanim(sequence: MeshSequence, path: str) -> None:
     encode(sequence, path, tolerance=1e-6)
 
@@ -284,7 +270,7 @@ CONTRACT = (
     Holds(file="x/", attributes=_OBJ, metadata=False, runs=True, infinite=False, attribute_error=1e-7),
     _ONE(file="x.xdmf", fields=("vertex", "face", "object")),
     _ONE(file="x.pvd", runs=True, fields=_DOMAINS[:2]),
-    _ONE(file="x.e", write=_write_exodus, written=False, shapes=tuple(one for one in _OF_TWO if one != "polygons")),
+    _ONE(file="x.e", shapes=_OF_TWO, attributes=("group",), fields=_DOMAINS[:2]),
     _ONE(file="x.vtu.series", write=_write_series, written=False, runs=True),
     _COUNTED(file="x.####.vtu", fields=_DOMAINS[:2]),
     _COUNTED(file="x.####.ply", shapes=("vertex", "points", *FACES), attributes=_PLY, attribute_error=1 / 509),

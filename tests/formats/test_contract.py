@@ -136,7 +136,7 @@ def test_times_come_back_that_no_rate_counts(held: Holds, times: NDArray[np.floa
         assert_same_motion(read, expected, held)
 
 
-@each_format("x.npz", "x.h5", "x/", "x.pvd", "x.xdmf", times="all", written=True)
+@each_format("x.npz", "x.h5", "x/", "x.pvd", "x.xdmf", "x.e", times="all", written=True)
 def test_times_that_would_fall_together_are_refused_and_rounding_is_told(held: Holds, tmp_path: Path) -> None:
     path, is_float32 = held.path(tmp_path), held.file.endswith(("mdd", "glb", "gltf"))
     # glTF stores times relative to the first one.

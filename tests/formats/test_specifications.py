@@ -100,6 +100,12 @@ def xdmf(folder: Path, within: str = "", kind: str = "Triangle") -> Path:
     return folder / "x.xdmf"
 
 
+def numbered(folder: Path) -> Path:
+    with h5py.File(exodus(folder), "a") as file:
+        file["node_num_map"] = np.array([4, 3, 2, 9], np.int32)
+    return folder / "x.e"
+
+
 def exodus(folder: Path, *records: str, **options: Any) -> Path:
     write_exodus(folder / "x.e", options.pop("nodal", {}), **options)
     with h5py.File(folder / "x.e", "a") as file:
@@ -240,6 +246,7 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
     "exodus": {
         "coord": (exodus, counts(4)),
         "connect": (exodus, counts(4)),
+        "node_num_map": (numbered, has("node vertex")),
         "time_whole": (
             lambda folder: exodus(
                 folder, nodal={"disp_x": np.arange(3.0), "disp_y": np.zeros(3), "disp_z": np.zeros(3)}
