@@ -144,13 +144,14 @@ BUILT_IN = (
         write_options=("web", "quantize", "meshopt", "straight", "rigid"),
         finds_rigid_parts=True,
         starts_at_zero=True,
+        holds_fields=True,
         keeps="the tree and its names, faces and vertex order (stored next to the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
-        "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; Draco and meshopt "
-        "compression are read (pip install 'pdecodec[gltf]'), quantised values too; GPU instances become objects",
+        "rate, times (float32); skins, morph targets and moving nodes are applied at the frame rate; colours and UVs "
+        "that targets change are fields, written as in the first frame; Draco and meshopt compression are read (pip "
+        "install 'pdecodec[gltf]'), quantised values too; GPU instances become objects",
         loses="textures, materials except for their names, cameras, lights, other scenes and animations, extras, "
-        "tangents, other attributes, colours and UVs that change with time (each named when read); the scene is turned "
-        "Y-up",
+        "tangents, other attributes, other fields; the scene is turned Y-up",
     ),
     Format(
         name="xdmf",

@@ -24,7 +24,8 @@ from pdecodec.formats.base.attribute_roles import (
     reversed_corners,
     unique_name,
 )
-from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
+from pdecodec.formats.base.looks import SharedRows
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Connectivity
 
@@ -71,26 +72,6 @@ def _role_kind(field: Field) -> str | None:
     return _ROLE_KINDS.get((role, field.dtype.str[1:], field.components))
 
 
-class SharedRows:
-    """Which corners share a row of UVs: those of one vertex whose UVs have been equal since the rows were found.
-
-    Programs take corners that share no row for the border of a patch.
-    """
-
-    def __init__(self) -> None:
-        self._vertices: Int32Array | None = None
-        self._firsts = self._rows = np.zeros(0, np.int64)
-
-    def of(self, vertices: Int32Array, values: NDArray[Any]) -> tuple[Float32Array, Int64Array]:
-        """Return rows (n, 2), and the row of each corner (corners,), for the UVs (corners, 2) of one frame."""
-        bits = np.ascontiguousarray(values, np.float32).view(np.int32)
-        if vertices is not self._vertices or not (bits[self._firsts][self._rows] == bits).all():
-            keys = np.column_stack([vertices, bits])
-            _, self._firsts, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-            self._rows, self._vertices = rows.reshape(-1), vertices
-        return values[self._firsts], self._rows
-
-
 class FieldsWriter:
     """Writer of the fields of one shape.
 
@@ -107,7 +88,7 @@ class FieldsWriter:
     def __init__(self, handle: Any, sampling: int, taken: set[str]) -> None:
         self._handle, self._sampling, self._taken = handle, sampling, taken
         self._known: dict[str, tuple[ParameterKind, ParameterWriter]] = {}
-        self._shared: dict[str, SharedRows] = {}
+        self._shared: dict[str, tuple[Connectivity, SharedRows]] = {}
         self._frames = 0
 
     def write(self, fields: Sequence[tuple[Field, NDArray[Any]]], frames: int, connectivity: Connectivity) -> list[str]:
@@ -167,8 +148,12 @@ class FieldsWriter:
     def _shared_rows(
         self, field: Field, rows: NDArray[Any], connectivity: Connectivity, order: Int64Array
     ) -> tuple[Float32Array, Int64Array]:
-        found, indices = self._shared.setdefault(field.name, SharedRows()).of(connectivity.face_indices, rows)
-        return found, indices[order]
+        known = self._shared.get(field.name)
+        if known is None or known[0] is not connectivity:
+            known = self._shared[field.name] = connectivity, SharedRows(connectivity.face_indices)
+        shared = known[1]
+        shared.add(rows)
+        return rows[shared.firsts], shared.rows[order]
 
     def uv_sample(self, field: Field, rows: NDArray[Any], connectivity: Connectivity, keep: Keep) -> Any:
         """Return the UVs (rows, 2) of one frame as an Alembic sample for the shape's own UVs."""

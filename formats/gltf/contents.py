@@ -118,8 +118,6 @@ class Contents:
                 if name == "NORMAL" and fate == "coded":
                     # Normals follow from the shape.
                     fate = "implied"
-                elif any(f"change {name} with time" in word for word in self._words.get(mesh, ())):
-                    fate = "dropped"
                 yield Content(f"{path}/targets/{number}/{name}", f"morphed {name}", fate)
 
     def _attribute(self, name: str, mesh: int, *, is_surface: bool) -> Fate:

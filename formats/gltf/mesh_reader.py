@@ -5,8 +5,9 @@ In files of other programs, vertices that were split at hard edges and UV seams 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,11 +36,45 @@ from pdecodec.formats.gltf.primitives import (
     triangles_of,
     turned_normals,
 )
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.fields import FieldDomain
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
 MAX_UNUSED_VALUES = 2**22
 """Largest count of recorded values beyond one per drawn corner: single points, UV rows that no corner uses."""
+
+
+@dataclass(frozen=True)
+class Morphed:
+    """Colours or UVs that morph targets change.
+
+    Attributes
+    ----------
+    domain : str
+    targets : frozenset of int
+        Numbers of the targets.
+    at : callable
+        Returns the values (rows of the domain, components) under weights (targets,).
+    """
+
+    domain: FieldDomain
+    targets: frozenset[int]
+    at: Callable[[Float64Array], Float32Array]
+
+
+@dataclass(frozen=True)
+class _MorphedRows:
+    """An accessor of colours or UVs, and what each morph target adds to it, by its number."""
+
+    stored: Float32Array
+    added: Mapping[int, Float32Array]
+    is_color: bool
+
+    def at(self, weights: Float64Array) -> Float32Array:
+        values = self.stored.copy()
+        for number, rows in self.added.items():
+            values[:, : rows.shape[1]] += np.float32(weights[number]) * rows
+        return np.clip(values, 0, 1) if self.added and self.is_color else values
 
 
 @dataclass(frozen=True)
@@ -63,7 +98,7 @@ class GltfMesh:
     corner_rows : (corners,) int32
         Row of each corner of the object's faces.
     morphed : mapping
-        Numbers of the morph targets that change each colour or UV set, by its name.
+        What morph targets change, by the names of attributes.
     turned : (corners,) float64
         Angles [degrees] between stored normals and those computed from faces, NaN if there is none.
     """
@@ -76,7 +111,7 @@ class GltfMesh:
     left_out: tuple[str, ...]
     starts: tuple[int, ...]
     corner_rows: Int32Array
-    morphed: Mapping[str, Sequence[int]]
+    morphed: Mapping[str, Morphed]
     turned: Float64Array
 
 
@@ -100,7 +135,7 @@ def read_mesh(file: GltfFile, index: int, weights: Float64Array) -> GltfMesh:
 class _Reader:
     def __init__(self, file: GltfFile, entry: Mapping[str, Any], weights: Float64Array) -> None:
         self._file, self._entry, self._weights = file, entry, weights
-        self._morphed: dict[str, list[int]] = {}
+        self._morphed: dict[str, Morphed] = {}
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
         self._rows = 0
@@ -210,28 +245,35 @@ class _Reader:
                         found.append(shared)
                 continue
             parts = [self._read(source, name) for source in self._sources if name in source.accessors]
-            width = max(part.shape[1] for part in parts)
-            values = np.concatenate(
-                [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
-            )
             # For each vertex, the row of its value; -1 if it has none.
             rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
             role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
             name = role_name(role, name, (main,))
+            values = _joined_rows(parts, self._weights, role)
             if role == UV:
-                found.append(Attribute(name, "corner", flipped(values), rows[connectivity.face_indices]))
+                found.append(Attribute(name, "corner", values, rows[connectivity.face_indices]))
             else:
                 found.append(Attribute(name, "vertex", values, None if has.all() else rows))
+            self._note_morphs(name, "vertex", parts, partial(_rows_of_all, parts, has, role))
         return found
 
-    def _read(self, source: PrimitiveRows, name: str) -> Float32Array:
-        """Return the rows of an attribute with the morph targets added."""
-        values, count = source.read(name).astype(np.float32), len(self._weights)
-        for number, target in enumerate(source.targets[:count]):
-            if name in target and (added := self._file.accessor(target[name]).astype(np.float32)).any():
-                self._morphed.setdefault(name, []).append(number)
-                values[:, : added.shape[1]] += np.float32(self._weights[number]) * added
-        return np.clip(values, 0, 1) if name in self._morphed and name.startswith("COLOR_") else values
+    def _read(self, source: PrimitiveRows, name: str) -> _MorphedRows:
+        """Return the rows of an attribute, and what morph targets add to them."""
+        targets = enumerate(source.targets[: len(self._weights)])
+        added = {k: self._file.accessor(one[name]).astype(np.float32) for k, one in targets if name in one}
+        added = {number: rows for number, rows in added.items() if rows.any()}
+        return _MorphedRows(source.read(name).astype(np.float32), added, name.startswith("COLOR_"))
+
+    def _note_morphs(
+        self,
+        name: str,
+        domain: FieldDomain,
+        parts: Sequence[_MorphedRows],
+        at: Callable[[Float64Array], Float32Array],
+    ) -> None:
+        """Note the morph targets that change the attribute of a name; `at` returns its values under weights."""
+        if targets := frozenset(number for part in parts for number in part.added):
+            self._morphed[name] = Morphed(domain, targets, at)
 
     def _materials(self, of_primitives: list[Int64Array]) -> list[Attribute]:
         of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
@@ -271,20 +313,24 @@ class _Reader:
             if uv["accessor"] not in there:
                 self._left_out[name] = None
                 continue
-            by_corner = flipped(self._read(self._sources[0], uv["accessor"]))[rows]
-            attributes.append(_restore_uv_rows(name, by_corner, uv))
+            stored = self._read(self._sources[0], uv["accessor"])
+            of_corners = partial(_chosen_rows, stored, rows, UV)
+            attributes.append(_restore_uv_rows(name, of_corners(self._weights), uv))
+            self._note_morphs(name, "corner", [stored], of_corners)
         for name, color in own.get("colors", {}).items():
             if color["accessor"] not in there:
                 self._left_out[name] = None
                 continue
-            shades = self._read(self._sources[0], color["accessor"])
+            stored = self._read(self._sources[0], color["accessor"])
             domain = color.get("domain", "vertex")
             # Values of faces and objects were written to all their corners: read the first.
             firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
             chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
-            rows_of = shades[chosen[domain]] if domain in chosen else shades[:vertices]
+            shades = partial(_chosen_rows, stored, chosen.get(domain, slice(vertices)), COLOR)
+            rows_of = shades(self._weights)
             missing = read_integers(color["missing"], len(rows_of)) if "missing" in color else np.zeros(0, np.int32)
             attributes.append(_remove_missing(Attribute(name, domain, rows_of), missing))
+            self._note_morphs(name, domain, [stored], shades)
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
@@ -312,6 +358,28 @@ class _Reader:
             self._morphed,
             np.zeros(0),
         )
+
+
+def _joined_rows(parts: Sequence[_MorphedRows], weights: Float64Array, role: str) -> Float32Array:
+    """Return the rows of several accessors under weights of morph targets; narrower ones are padded with ones."""
+    found = [part.at(weights) for part in parts]
+    width = max(part.shape[1] for part in found)
+    values = np.concatenate([np.pad(one, ((0, 0), (0, width - one.shape[1])), constant_values=1) for one in found])
+    return flipped(values) if role == UV else values
+
+
+def _rows_of_all(parts: Sequence[_MorphedRows], has: BoolArray, role: str, weights: Float64Array) -> Float32Array:
+    """Return a row for each vertex, NaN for those without."""
+    found = _joined_rows(parts, weights, role)
+    rows = np.full((has.size, found.shape[1]), np.nan, np.float32)
+    rows[has] = found
+    return rows
+
+
+def _chosen_rows(stored: _MorphedRows, chosen: Any, role: str, weights: Float64Array) -> Float32Array:
+    """Return some of the rows of an accessor."""
+    rows: Float32Array = _joined_rows([stored], weights, role)[chosen]
+    return rows
 
 
 def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]]) -> list[Attribute]:

@@ -18,7 +18,7 @@ import numpy as np
 from pdecodec.errors import InputError, Notice, damaged
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.registry import Transforms
-from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES, SceneSequence, Shape, hidden_notices
+from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES, SceneSequence, Shape, ShapeField, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS
 from pdecodec.formats.base.times import (
     FLOAT32_ROUNDING,
@@ -35,10 +35,11 @@ from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_c
 from pdecodec.formats.gltf.contents import Contents
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
-from pdecodec.formats.gltf.mesh_reader import GltfMesh, default_weights, read_mesh
+from pdecodec.formats.gltf.mesh_reader import GltfMesh, Morphed, default_weights, read_mesh
 from pdecodec.formats.gltf.primitives import Block
 from pdecodec.formats.gltf.types import INSTANCING, REAL_LIMIT, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.times import check_times
 
@@ -130,6 +131,9 @@ class GltfSequence(SceneSequence):
         words = {part.node: part.left_out for part in parts}
         self.list_contents = lambda: Contents(file, self.nodes, self.clip_number, moving, words).list()
         self.notices_with_looks = (*found_out, *not_kept(left_out), *hidden_notices(parts))
+
+    def _field_times(self, start: int, stop: int) -> Sequence[float]:
+        return [float(time) for time in self.times[start:stop] - self.start]
 
     def _pose(self, start: int, stop: int) -> Pose:
         """Return the transforms of nodes at some frames; all shapes share them."""
@@ -257,19 +261,16 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
         mesh = meshes[key]
         if mesh.connectivity.vertex_count:
             name = "/".join(_node_name(file, nodes, one) for one in reversed(above))
+            changing = {
+                one: looks for one, looks in mesh.morphed.items() if np.ptp(weights[:, [*looks.targets]], axis=0).any()
+            }
             part = _Part(
                 name=name,
                 connectivity=mesh.connectivity,
-                attributes=mesh.attributes,
+                attributes=[one for one in mesh.attributes if one.name not in changing],
+                fields=[_morphed_field(nodes, number, mesh, *one) for one in changing.items()],
                 gather=mesh.gather,
-                left_out=[
-                    *mesh.left_out,
-                    *(
-                        f"the change of {name} over time by morph targets (it stays as at the first frame)"
-                        for name, targets in mesh.morphed.items()
-                        if np.ptp(weights[:, targets], axis=0).any()
-                    ),
-                ],
+                left_out=list(mesh.left_out),
                 hidden=any(not _is_visible(nodes.entries[one]) for one in above),
                 node=number,
                 mesh=mesh,
@@ -289,6 +290,17 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
                     code="too-large",
                 )
     return parts
+
+
+def _morphed_field(nodes: Nodes, node: int, mesh: GltfMesh, name: str, looks: Morphed) -> ShapeField:
+    """Return colours or UVs that the morph targets of a node's mesh change over time."""
+
+    def read_at(time: float) -> Float32Array:
+        return looks.at(nodes.weights(node, np.array([time]), mesh.weights)[0])
+
+    rows, width = read_at(0.0).shape
+    # The times of samples tell only that it changes.
+    return ShapeField(Field(name, looks.domain, components=width), read_at, (0.0,), rows)
 
 
 def _morphs_looks(mesh: Mapping[str, Any]) -> bool:

@@ -23,6 +23,8 @@ from pdecodec.codec.decoder import Animation
 from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
+from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.looks import looks_of, objects_at
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output, frames_at_once
 from pdecodec.formats.base.rigid_motion import rigid_notices
@@ -278,8 +280,10 @@ class _Scene(GltfScene):
 
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
+        looks = looks_of(sequence)
+        items = objects_at(sequence, 0, looks)
         rigid = self._rigid_objects()
-        held = [item for index, item in enumerate(sequence.objects) if index not in rigid]
+        held = [item for index, item in enumerate(items) if index not in rigid]
         check_size(sequence.frame_count, held)
         is_held = np.repeat(
             [index not in rigid for index in range(len(sequence.objects))],
@@ -290,7 +294,7 @@ class _Scene(GltfScene):
         joints: dict[int, int] = {}
         smoothed = 0
         coarsest = steepest = 0.0
-        for index, item in enumerate(sequence.objects):
+        for index, item in enumerate(items):
             if not item.vertex_count:
                 # glTF cannot store a mesh without vertices: an empty node keeps the name.
                 self._node(item.name, {})
@@ -351,8 +355,12 @@ class _Scene(GltfScene):
                 )
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
-        self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in sequence.objects)
-        deep = dict.fromkeys(uv.name for item in sequence.objects for uv in uv_sets(item) if uv.values.shape[1] == 3)
+        self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in items)
+        if looks:
+            names = ", ".join(one.name for one in looks)
+            self._notices.append(f"fields written as in the first frame, for few viewers play their change: {names}")
+        self._notices += not_kept([one.name for one in sequence.fields if one not in looks], "fields not kept: {}")
+        deep = dict.fromkeys(uv.name for item in items for uv in uv_sets(item) if uv.values.shape[1] == 3)
         self._notices += [f"the third component of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
         self._notices += self._rigid_notices(rigid)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,11 @@ from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf.file import LINE_LOOP, LINE_STRIP, LINES, POINTS, TRIANGLES, read_gltf
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
 from tests.support.browser_tools import assert_valid
 from tests.support.gltf_files import TRIANGLE, Scene, few_functions, triangle
-from tests.support.mesh_cases import grid
+from tests.support.mesh_cases import connectivity_of, grid
 from tests.support.scene_cases import SPACE, body, scene, uv_with_seam
 
 CLOUD = [[2, 0, 0], [3, 0, 0], [2, 1, 0], [3, 1, 0]]
@@ -211,16 +214,55 @@ RED, GREEN, TO_GREEN = [[1, 0, 0]] * 3, [[0, 1, 0]] * 3, [[-1, 1, 0]] * 3
         "UVs change",
     ],
 )
-def test_morph_targets_of_colours_and_uvs_are_applied_as_at_the_first_frame(
+def test_morph_targets_of_colours_and_uvs_are_applied(
     tmp_path: Path, made: Scene, expected: Any, changing: bool
 ) -> None:
     with open_sequence(made.save(tmp_path / "x.glb")) as read:
-        (found,) = (one for one in read.objects[0].attributes if one.name in ("color", "uv"))
-        assert np.allclose(found.values, expected)
-        name = "COLOR_0" if found.name == "color" else "TEXCOORD_0"
-        line = f"not kept: the change of {name} over time by morph targets (it stays as at the first frame)"
-        assert (line in read.notices) == changing
-        assert changing == any("morph" in one for one in read.notices)
+        assert not any("kept" in one for one in read.notices)
+        assert [one.fate for one in read.contents if one.kind.startswith("morphed")] == ["coded"]
+        if not changing:
+            (found,) = (one for one in read.objects[0].attributes if one.name in ("color", "uv"))
+            assert np.allclose(found.values, expected)
+            return
+        (field,) = read.fields
+        values = read.read_field(field.name, 0, read.frame_count)
+        later = np.array(GREEN if field.name == "color" else [[0, 1]] * 3)
+        share = read.times[:, None, None]
+        assert np.allclose(values, (1 - share) * expected + share * later)
+        told = write_sequence(read, tmp_path / "y.glb")
+    assert f"fields written as in the first frame, for few viewers play their change: {field.name}" in told
+    with open_sequence(tmp_path / "y.glb") as read:
+        (static,) = (one for one in read.objects[0].attributes if one.name == field.name)
+        assert np.allclose(static.values, expected)
+
+
+def test_colours_that_our_writer_stored_change_on_their_faces(tmp_path: Path) -> None:
+    """A morph target that another program adds to our file changes the values of the elements that they belong to."""
+    shades = Attribute("color", "face", np.array([[1, 0, 0], [0, 0, 1]], np.float32))
+    clip = ArraySequence(
+        np.random.default_rng(0).random((2, 4, 3)),
+        objects=[MeshObject("a", connectivity_of(4, [[0, 1, 2], [2, 1, 3]]), (shades,))],
+        fps=1,
+    )
+    write_sequence(clip, tmp_path / "x.gltf")
+    root = json.loads((tmp_path / "x.gltf").read_text())
+    (primitive,) = root["meshes"][0]["primitives"]
+    count = root["accessors"][primitive["attributes"]["COLOR_0"]]["count"]
+    raw = np.tile(np.array([0, 0.5, 0], np.float32), (count, 1)).tobytes()
+    root["buffers"].append({
+        "byteLength": len(raw), "uri": "data:application/octet-stream;base64," + base64.b64encode(raw).decode()
+    })  # fmt: skip
+    root["bufferViews"].append({"buffer": len(root["buffers"]) - 1, "byteLength": len(raw)})
+    root["accessors"].append(
+        {"bufferView": len(root["bufferViews"]) - 1, "componentType": 5126, "count": count, "type": "VEC3"}
+    )
+    primitive["targets"][0]["COLOR_0"] = len(root["accessors"]) - 1
+    (tmp_path / "x.gltf").write_text(json.dumps(root))
+    with open_sequence(tmp_path / "x.gltf") as read:
+        assert read.fields == (Field("color", "face", components=3),)
+        values = read.read_field("color", 0, 2)
+        assert sorted(values[:, 0, 1]) == sorted(values[:, 1, 1]) == [0, 0.5]
+        assert np.array_equal(values[:, :, [0, 2]], np.tile(shades.values[:, [0, 2]], (2, 1, 1)))
 
 
 def test_two_nodes_with_weights_of_their_own_have_colours_of_their_own(tmp_path: Path) -> None:
@@ -237,14 +279,14 @@ def test_two_nodes_with_weights_of_their_own_have_colours_of_their_own(tmp_path:
 )
 def test_reported_morph_targets_come_in_right(shared_data: Path, name: str, color: Any, tops: Any) -> None:
     with open_sequence(shared_data / "reports" / "15" / f"{name}.gltf") as read:
-        attributes = {one.name: one.values for one in read.objects[0].attributes}
+        shades = {one.name: one.values for one in read.objects[0].attributes}
+        shades |= {one.name: read.read_field(one.name, 0, 1)[0] for one in read.fields}
         if color is not None:
-            assert (attributes["color"][:, :3] == color).all()
+            assert (shades["color"][:, :3] == color).all()
         if tops is not None:
             last = read.read_frames(read.frame_count - 1, read.frame_count)[0]
             assert [last[:4, 2].max(), last[4:, 2].max()] == tops
-        changing = {"cloud": "COLOR_0", "uv": "TEXCOORD_0"}.get(name)
-        assert any(changing is not None and changing in line for line in read.notices) == (changing is not None)
+        assert [one.name for one in read.fields] == {"cloud": ["color"], "uv": ["uv"]}.get(name, [])
 
 
 @pytest.mark.parametrize(

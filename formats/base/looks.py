@@ -1,0 +1,85 @@
+"""Fields that are UVs or colours, for formats that hold these as attributes: of the first frame, or frame by frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.base.attribute_roles import COLOR, UV
+from pdecodec.mesh.arrays import Int32Array, Int64Array
+from pdecodec.mesh.fields import Field
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
+
+
+def look_role(field: Field) -> str | None:
+    """Return whether a field is ``uv`` (of vertices or corners) or ``color``; None if it is neither."""
+    role = field.name.partition(":")[0]
+    if role == UV and field.domain in ("vertex", "corner") and field.components in (2, 3) and not field.is_exact:
+        return UV
+    is_color = role == COLOR and field.components in (3, 4) and (not field.is_exact or field.dtype == np.uint8)
+    return COLOR if is_color else None
+
+
+def looks_of(sequence: MeshSequence) -> list[Field]:
+    """Return the fields of a sequence that are UVs or colours."""
+    return [one for one in sequence.fields if look_role(one) is not None]
+
+
+def objects_at(sequence: MeshSequence, frame: int, looks: Sequence[Field]) -> tuple[MeshObject, ...]:
+    """Return the objects of a sequence with some fields as they are at a frame as attributes.
+
+    An object's own attribute of a name stays.
+    """
+    objects = list(sequence.objects)
+    for field in looks:
+        rows = sequence.read_field(field.name, frame, frame + 1)[0].reshape(-1, field.components)
+        for index, own in enumerate(field.slices(sequence.objects)):
+            item = objects[index]
+            if own.stop > own.start and all(one.name != field.name for one in item.attributes):
+                added = _attribute(field, rows[own], item.connectivity)
+                objects[index] = dataclasses.replace(item, attributes=(*item.attributes, added))
+    return tuple(objects)
+
+
+def _attribute(field: Field, rows: NDArray[Any], connectivity: Connectivity) -> Attribute:
+    values, indices, domain = rows, None, field.domain
+    has = np.isfinite(rows).all(axis=1) if rows.dtype.kind == "f" else np.ones(len(rows), bool)
+    if not has.all():
+        # A row that is not finite stands for none.
+        values, indices = rows[has], np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+    if look_role(field) == UV and domain == "vertex":
+        own = np.arange(len(rows), dtype=np.int32) if indices is None else indices
+        domain, indices = "corner", own[connectivity.face_indices]
+    return Attribute(field.name, domain, values, indices)
+
+
+class SharedRows:
+    """Which corners share a row of UVs: those of one vertex that have had equal UVs in every frame added so far.
+
+    Programs take corners that share no row for the border of a patch.
+
+    Attributes
+    ----------
+    firsts : (rows,) int64
+        A corner of each row.
+    rows : (corners,) int64
+        Row of each corner.
+    """
+
+    def __init__(self, vertices: Int32Array) -> None:
+        self.firsts, self.rows = _first_of_each(vertices[:, None])
+
+    def add(self, values: NDArray[Any]) -> None:
+        """Divide rows whose corners differ in the UVs (corners, k) of a frame."""
+        bits = np.ascontiguousarray(values, np.float32).view(np.int32)
+        if not (bits[self.firsts][self.rows] == bits).all():
+            self.firsts, self.rows = _first_of_each(np.column_stack([self.rows, bits]))
+
+
+def _first_of_each(keys: NDArray[np.integer]) -> tuple[Int64Array, Int64Array]:
+    _, firsts, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return firsts, rows.reshape(-1)
