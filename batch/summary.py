@@ -34,13 +34,14 @@ class Totals:
     source_bytes: int
     raw_bytes: int
     bytes: int
+    motion_bytes: int
     seconds: float
     states: Mapping[str, int]
 
     @property
     def ratio(self) -> float:
-        """Return bytes of positions divided by bytes of files."""
-        return self.raw_bytes / max(1, self.bytes)
+        """Return bytes of positions divided by bytes of files without fields and scenes."""
+        return self.raw_bytes / max(1, self.motion_bytes)
 
 
 def totals_of(results: Sequence[Result]) -> Totals:
@@ -54,6 +55,7 @@ def totals_of(results: Sequence[Result]) -> Totals:
         source_bytes=int(total("source_bytes")),
         raw_bytes=int(total("raw_bytes")),
         bytes=int(total("bytes")),
+        motion_bytes=int(sum(one.get("motion_bytes") or one.get("bytes") or 0 for one in there)),
         seconds=float(total("seconds")),
         states=dict(Counter(result.state for result in results)),
     )

@@ -43,8 +43,8 @@ from pdecodec.system.whole_output import move_into, partial_folder, write_errors
 State = Literal["done", "kept", "failed", "planned"]
 
 FIGURES = (
-    "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound", "max_error", "rms_error", "diagonal",
-    "groups", "rounding", "verified_error", "seconds", "generator", "notes",
+    "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "motion_bytes", "ratio", "bound", "max_error",
+    "rms_error", "diagonal", "groups", "rounding", "verified_error", "seconds", "generator", "notes",
 )  # fmt: skip
 """The figures in the record of a clip and in its line of the summary, if they are known."""
 
@@ -282,7 +282,8 @@ def _made(clip: Clip, work: Work) -> Result:
         figures: dict[str, Any] = {
             **_extent(sequence, _bytes_of(files)),
             "bytes": report.file_bytes,
-            "ratio": report.raw_bytes / report.file_bytes,
+            "ratio": report.raw_bytes / report.motion_bytes,
+            "motion_bytes": report.motion_bytes,
             "bound": report.bound,
             "max_error": report.max_error,
             "rms_error": report.rms_error,

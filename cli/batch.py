@@ -44,8 +44,9 @@ SAID_EVERY = 30.0
 
 _OF_CLIPS = (
     "preset", "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r",
-    "group_frames", "uv_tolerance", "field_tolerance", "fields", "order", "effort", "frames", "objects", "fps", "mesh",
-    "clip", "displacement", "transforms", "skip_unsupported", "isolate", "asset_folders", "up_axis", "scale", "unit",
+    "group_frames", "uv_tolerance", "field_tolerance", "fields", "order", "scene", "effort", "frames", "objects",
+    "fps", "mesh", "clip", "displacement", "transforms", "skip_unsupported", "isolate", "asset_folders", "up_axis",
+    "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that apply to every clip whose manifest does not set them."""
 
@@ -166,7 +167,7 @@ def batch(
     totals = totals_of(results)
     states = ", ".join(f"{count:,} {state}" for state, count in sorted(totals.states.items()))
     sizes = f"in {byte_size(totals.source_bytes)} ({byte_size(totals.raw_bytes)} of positions) -> "
-    sizes += f"out {byte_size(totals.bytes)} ({ratio(totals.raw_bytes, totals.bytes)})"
+    sizes += f"out {byte_size(totals.bytes)} ({ratio(totals.raw_bytes, totals.motion_bytes)})"
     say(f"{counted(len(results), 'clip')}: {states}" + (f"; {sizes}" if totals.clips else ""))
     rounded = sum((item.figures.get("rounding") or 0) > (item.figures.get("bound") or math.inf) for item in results)
     if rounded:

@@ -241,6 +241,18 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
+MOST_THINGS = 5
+"""Kinds of things that a line lists."""
+
+
+def things(contents: Iterable[tuple[str, int]]) -> str:
+    """Return kinds of things with their counts: ``2 cameras, 1 texture and 3 other kinds``."""
+    known = [counted(count, kind) for kind, count in contents]
+    if len(known) > MOST_THINGS + 1:
+        known = [*known[: MOST_THINGS - 1], f"{known[MOST_THINGS - 1]} and {len(known) - MOST_THINGS} other kinds"]
+    return ", ".join(known) or "custom data"
+
+
 def byte_size(count: int) -> str:
     """Return a byte count in decimal units: ``812 bytes``, ``35.8 kB``, ``0.31 MB``, ``42.0 MB``."""
     if count < 1000:

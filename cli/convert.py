@@ -54,6 +54,7 @@ def _convert(
     meshopt: bool,
     straight: bool,
     rigid: bool | None,
+    scene: str,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
@@ -84,6 +85,7 @@ def _convert(
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
             more |= {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": bound}
+            more |= {"scene": scene}
             more |= {"looks_of": whole} if is_gltf(path) else {}
             return write_sequence(chosen, path, velocities=speeds, **more)
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import click
 
@@ -138,6 +138,13 @@ def _decode(
         sequences = [positions] if speeds is None else [positions, speeds]
         _check_output(sequences, max_output, source)
         say_notices(positions.notices)
+        if (
+            writing.scene == "keep"
+            and writing.onto is None
+            and positions.carried is None
+            and animation.carried is not None
+        ):
+            say("note: the scene of the file is left out, because objects are chosen, or turned or scaled")
         say_start(job, positions)
         bound = writing.rigid_bound(animation, place.scale, job.output)
         write = partial(writing.write, bound=bound)
@@ -234,6 +241,7 @@ class _Writing(_Part):
     onto: str | None
     clip: str | None
     layer: bool
+    scene: Literal["keep", "drop"]
 
     def check(self) -> None:
         if self.onto is None and (self.layer or self.clip):
@@ -272,7 +280,7 @@ class _Writing(_Part):
         from pdecodec.formats import write_sequence
 
         settings = self._settings("web", "quantize", "meshopt", "straight")
-        return write_sequence(sequence, path, rigid=bound, **settings, **options)
+        return write_sequence(sequence, path, rigid=bound, scene=self.scene, **settings, **options)
 
     def _settings(self, *names: str) -> dict[str, Any]:
         return {name: getattr(self, name) for name in names}

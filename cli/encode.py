@@ -16,6 +16,7 @@ from pdecodec.cli.console import (
     say,
     say_alternatives,
     say_notices,
+    things,
 )
 from pdecodec.cli.jobs import SAMPLES, Job, for_each_job, job_options, say_plan, say_sizes, say_start
 from pdecodec.cli.options import (
@@ -138,6 +139,14 @@ this large for the file to grow linearly from there on: the first few frames pre
     help="keep: decode vertices and faces in their original order. free: in an order that costs no bytes.",
 )
 @click.option(
+    "--scene",
+    type=click.Choice(["keep", "drop"]),
+    default="keep",
+    show_default=True,
+    help="keep: the file also carries what surrounds the motion in IN (cameras, materials, textures, custom data), for "
+    "glTF; decoding to that format brings it back. drop: the motion alone.",
+)
+@click.option(
     "--effort",
     type=click.Choice(["fast", "default", "best"]),
     help="Profile auto: fast skips the search on large clips; best tries all bases.  [default: that of --preset, "
@@ -193,6 +202,7 @@ def _encode(
     from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target
     from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
+    from pdecodec.formats.base.frame_meshes import is_about_loss
 
     source, output = job.source, job.output
     settings, paper = (
@@ -210,7 +220,10 @@ def _encode(
     asked = InputOptions(**options)
     job.check([output], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
     with open_clip(source, asked, name=job.source_name) as sequence:
-        say_notices(sequence.notices)
+        # What is named as not kept may be in the scene.
+        lost = [one for one in sequence.notices if is_about_loss(one)]
+        is_early = checked.scene == "drop" or sequence.carried is None
+        say_notices(one for one in sequence.notices if is_early or one not in lost)
         say_start(job, sequence)
         files = input_files(source)
         source_bytes = bytes_of(source, files)
@@ -231,6 +244,8 @@ def _encode(
             )
         if as_json:
             print_json(_as_json(report, output, source_bytes, checked), outputs_are_written=True)
+    if not (is_early or report.scene_bytes):
+        say_notices(lost)
     say(report.summary)
     say_alternatives(report.alternatives)
     if report.bound is not None and (rms is not None or size is not None):
@@ -238,12 +253,12 @@ def _encode(
     if preset is not None and report.bound is not None:
         kept = "" if report.normal_p99 is None else f", 99 % of the normals within {report.normal_p99:.3g} degrees"
         say(f"preset {preset}: tolerance {report.bound / report.scale:.4g}{kept}")
-    without_fields = report.file_bytes - report.field_bytes
-    of_positions = ratio(report.raw_bytes, without_fields)
-    if report.field_bytes:
+    of_positions = ratio(report.raw_bytes, report.motion_bytes)
+    apart = {"fields": report.field_bytes, "scene": report.scene_bytes}
+    if any(apart.values()):
+        others = " and ".join(f"{byte_size(size)} of {name}" for name, size in apart.items() if size)
         of_positions = (
-            f"{byte_size(report.field_bytes)} of fields; positions {byte_size(report.raw_bytes)} -> "
-            f"{byte_size(without_fields)}, {of_positions}"
+            f"{others}; positions {byte_size(report.raw_bytes)} -> {byte_size(report.motion_bytes)}, {of_positions}"
         )
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
@@ -251,6 +266,11 @@ def _encode(
         f"out {byte_size(report.file_bytes)} ({of_positions}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
+    if report.scene_bytes:
+        say(
+            f"scene: {things(report.scene)}: {byte_size(report.scene_bytes)} of {byte_size(report.file_bytes)}; "
+            "--scene drop leaves it out"
+        )
     for one in report.fields:
         kept = f"bound {one.bound:.3g}, max error {one.max_error:.3g}" if one.bound else "exact"
         how = f"; {one.coding}" if checked.why or not one.bytes else ""
@@ -276,7 +296,8 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
         "output": output,
         "input_bytes": input_size,
         "output_bytes": report.file_bytes,
-        "ratio": report.raw_bytes / (report.file_bytes - report.field_bytes),
+        "ratio": report.raw_bytes / report.motion_bytes,
+        "scene": {"bytes": report.scene_bytes, "contents": dict(report.scene)} if report.scene_bytes else None,
         "bpvf": bits_per_vertex_frame(report.file_bytes - constant, vertices=report.raw_bytes // 12, frames=1),
         "diagonal": report.scale,
         "profile": settings.profile,

@@ -19,6 +19,7 @@ from pdecodec.cli.console import (
     ratio,
     say,
     say_notices,
+    things,
 )
 from pdecodec.cli.jobs import standard_input
 from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
@@ -256,8 +257,10 @@ def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
         ("connectivity", constant),
         *(("left out", f"{item['name']}: {item['feature']}") for item in facts["unsupported"]),
         ("file", f"{size} ({ratio(facts['raw_bytes'], facts['file_bytes'])})" if "file_bytes" in facts else size),
+        *([("motion alone", _motion(facts))] if "scene" in facts else []),
         *((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED),
         *_field_rows(facts["fields"]),
+        *_scene_rows(facts.get("scene")),
         ("metadata", _in_words(facts["metadata"])),
         *_content_rows(facts),
     ]
@@ -278,6 +281,24 @@ def _field_rows(fields: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]
         elif one["unit"]:
             parts.append(one["unit"])
         yield f"field {one['name']}", ", ".join(parts)
+
+
+def _motion(facts: Mapping[str, Any]) -> str:
+    """Return the bytes and the ratio of a file without its fields and scene."""
+    alone = round(facts["raw_bytes"] / facts["ratio"])
+    return f"{byte_size(alone)} ({ratio(facts['raw_bytes'], alone)})"
+
+
+def _scene_rows(scene: Mapping[str, Any] | None) -> Iterator[tuple[str, str]]:
+    """Yield rows about the scene that a file carries."""
+    if scene is None:
+        return
+    contents = things((one["kind"], one["count"]) for one in scene["contents"])
+    yield "scene", f"{scene['format']}, {contents}; {byte_size(scene['bytes'])}"
+    for one in scene["streams"]:
+        yield f"scene {one['name']}", f"{byte_size(one['size'])} in {byte_size(one['bytes'])}"
+    if scene["outside"]:
+        yield "not in the scene", ", ".join(scene["outside"])
 
 
 def _content_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -312,6 +333,7 @@ _TABLED = (
     "frames", "fps", "first_time", "last_time", "duration", "vertices", "faces", "lines", "raw_bytes", "file_bytes",
     "ratio", "finite_at_first_frame", "bounds_at_first_frame", "diagonal", "metadata", "objects", "source_bytes",
     "connectivity_constant", "first_changed_frame", "unsupported", "bounds", "alternatives", "contents", "fields",
+    "scene",
 )  # fmt: skip
 """Facts that the table shows in words of its own."""
 

@@ -243,6 +243,14 @@ input_options = option_group(frames_option, objects_option, read_options, place_
 write_options = option_group(
     velocities_option,
     click.option(
+        "--scene",
+        type=click.Choice(["keep", "drop"]),
+        default="keep",
+        show_default=True,
+        help="keep: if IN, a .pdeanim file, carries the scene around its motion in the format of OUT, write that scene "
+        "with the motion, as --onto does. drop: write the meshes alone.",
+    ),
+    click.option(
         "--web", is_flag=True, help="glTF: write the smallest file; the same as --quantize --meshopt --rigid."
     ),
     click.option(
@@ -293,9 +301,11 @@ def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
 def rigid_bound(source: MeshSequence, scale: float, output: str, asked: bool | None) -> float | None:
     """Return the bound for ``--rigid``: that of the decoded file, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
+    from pdecodec.formats.base.opening import carries_scene_of
     from pdecodec.formats.base.registry import format_to_write
 
-    is_unasked = asked is None and format_to_write(output).finds_rigid_parts
+    entry = format_to_write(output)
+    is_unasked = asked is None and entry.finds_rigid_parts and not carries_scene_of(source, entry)
     if not (asked or is_unasked):
         return 0.0 if asked is False else None
     from pdecodec.codec.stored_choices import bound_of  # loads the encoder, which other outputs do not need

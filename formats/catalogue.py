@@ -139,6 +139,7 @@ BUILT_IN = (
         companions="pdecodec.formats.gltf.file:named_buffers",
         writer="pdecodec.formats.gltf.writer:write_gltf",
         onto="pdecodec.formats.gltf.onto:write_gltf_onto",
+        carrier="pdecodec.formats.gltf.scene:GltfFamily",
         times="both",
         options=("clip", "transforms"),
         write_options=("web", "quantize", "meshopt", "straight", "rigid"),

@@ -65,6 +65,11 @@ class NotKept(str):
     names: tuple[str, ...]
 
 
+def is_about_loss(notice: str) -> bool:
+    """Return whether a notice names data that is not kept."""
+    return isinstance(notice, NotKept)
+
+
 def not_kept(names: Iterable[str], line: str = "not kept: {}") -> tuple[str, ...]:
     """Return the line that names data of a file that is not kept; nothing if there is none."""
     found = tuple(dict.fromkeys(names))

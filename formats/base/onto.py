@@ -68,6 +68,7 @@ def write_onto(
     meshopt: bool = False,
     straight: bool = False,
     asset_folders: Iterable[str | os.PathLike[str]] = (),
+    is_filled: bool = False,
 ) -> tuple[str, ...]:
     """Write a file with everything that another of its format has, and a sequence's motion instead of its own.
 
@@ -87,6 +88,8 @@ def write_onto(
         See :func:`pdecodec.formats.write_sequence`.
     asset_folders : iterable of path
         See :func:`pdecodec.open_sequence`; packages may refer only to files inside them.
+    is_filled : bool
+        The original's positions and normals hold nothing, as in a scene that a `.pdeanim` file carried.
 
     Returns
     -------
@@ -136,7 +139,14 @@ def write_onto(
     speeds = None if velocities is None else bake_transforms(velocities)
     rate = sequence.fps if fps is None else fps
     output = Output(
-        path=where, rate=rate, overwrite=overwrite, velocities=speeds, progress=progress, layer=layer, **asked
+        path=where,
+        rate=rate,
+        overwrite=overwrite,
+        velocities=speeds,
+        progress=progress,
+        layer=layer,
+        is_filled=is_filled,
+        **asked,
     )
     with (
         asset_folders_allowed(asset_folders),

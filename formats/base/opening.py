@@ -6,13 +6,15 @@ import os
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from pdecodec.codec.sections.scene import Carrier
 from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
 from pdecodec.formats.base.registry import (
+    Format,
     Output,
     Reader,
     Transforms,
@@ -36,6 +38,10 @@ from pdecodec.system.whole_output import check_path, finish_interrupted
 
 _FORMAT_OPTIONS = ("mesh", "clip", "displacement")
 """Options of :func:`open_sequence` that are refused for formats that do not use them."""
+
+
+CARRIED_FILE, WRITE_SCENE = (f"pdecodec.formats.base.carrying:{name}" for name in ("CarriedFile", "write_scene"))
+"""What takes the scene of a file along and what writes it, which build on this module."""
 
 
 def open_sequence(
@@ -127,6 +133,8 @@ def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate
     reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):
         sequence = reader(where, fps=fps, **{name: given[name] for name in entry.options})
+    if entry.carrier is not None and len(sequence.runs) == 1:
+        sequence.carried = load(entry, CARRIED_FILE, "read", where)(entry, where, sequence)
     if entry.frame_per_file and where.is_file():
         sequence.notices = (*sequence.notices, *other_frames(where))
     return sequence
@@ -176,6 +184,7 @@ def write_sequence(
     straight: bool = False,
     looks_of: MeshSequence | None = None,
     rigid: float | None = None,
+    scene: Literal["keep", "drop"] = "keep",
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
@@ -212,6 +221,10 @@ def write_sequence(
         glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as moving
         nodes, in glTF objects of several such parts as skins; a notice gives the largest error. 0: only objects that
         move rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
+    scene : {"keep", "drop"}
+        Of an animation that carries its scene (cameras, materials, custom data) in this format: write the scene with
+        the motion, as :func:`pdecodec.formats.write_onto` does, or the meshes alone. `quantize`, `web` and `rigid`
+        write the meshes alone.
 
     Returns
     -------
@@ -241,6 +254,7 @@ def write_sequence(
                 straight=straight,
                 looks_of=looks_of,
                 rigid=rigid,
+                scene=scene,
             )
     where = as_path(path)
     check_path(where)
@@ -271,6 +285,20 @@ def write_sequence(
     asked: dict[str, Any] = {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": rigid}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
+    carried = sequence.carried if scene == "keep" else None
+    unwritten: tuple[str, ...] = ()
+    if isinstance(carried, Carrier) and carries_scene_of(sequence, entry):
+        moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
+        if moving is None:
+            options = {"fps": fps, "velocities": velocities, "progress": progress}
+            options |= {name: asked[name] for name in ("meshopt", "straight")}
+            write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
+            found = write_scene(sequence, carried, entry, where, overwrite=overwrite, **options)
+            if not isinstance(found, InputError):
+                return found
+            unwritten = (f"the scene of the file is left out: {found.message}",)
+        else:
+            unwritten = (f"the scene of the file is left out: {moving} would move its nodes",)
     if asked.pop("web"):
         # The writer always looks for rigid parts.
         asked |= {"quantize": True, "meshopt": True}
@@ -296,10 +324,15 @@ def write_sequence(
         if entry.times != "exact":
             start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
             rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
-        lost = (*rounded, *writer(placed, output))
+        lost = (*unwritten, *rounded, *writer(placed, output))
     if not entry.holds_fields and (names := output.fields_met | {one.name for one in sequence.runs[0].fields}):
         lost = (*lost, f"fields not kept: {', '.join(sorted(names))}")
     return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
+
+
+def carries_scene_of(sequence: MeshSequence, entry: Format) -> bool:
+    """Return whether a sequence comes from a `.pdeanim` file that carries a scene of a format."""
+    return isinstance(sequence.carried, Carrier) and sequence.carried.family == entry.name
 
 
 def _users(name: str) -> str:

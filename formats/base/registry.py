@@ -65,6 +65,8 @@ class Output:
         An open file of the same format: its materials, with their textures, are written for materials of the same name.
     layer : bool
         When writing onto a file: whether to write only a layer over it.
+    is_filled : bool
+        When writing onto a file: whether its positions and normals hold nothing, as in a scene that was carried.
     fields_met : set of str
         Names of the fields of the runs that were written so far.
     """
@@ -80,6 +82,7 @@ class Output:
     rigid: float | None = None
     looks_of: MeshSequence | None = None
     layer: bool = False
+    is_filled: bool = False
     fields_met: set[str] = field(default_factory=set)
 
     def whole_file(self) -> AbstractContextManager[Path]:
@@ -135,6 +138,9 @@ class Format:
     onto : str or None
         Likewise, the function that writes motion onto a file of the format
         (:data:`pdecodec.formats.base.onto.OntoWriter`).
+    carrier : str or None
+        Likewise, the class that cuts coded arrays out of files and fills them again
+        (:class:`pdecodec.formats.base.carrying.Family`), for formats with `onto`.
     companions, written_beside : str or None
         Likewise, the function that lists the files that a file names (paths, or names in its folder), and the one that
         lists the files written together with it.
@@ -172,6 +178,7 @@ class Format:
     reader: str | None = None
     writer: str | None = None
     onto: str | None = None
+    carrier: str | None = None
     companions: str | None = None
     written_beside: str | None = None
     write_with: str = ""

@@ -189,7 +189,7 @@ def lost_textures(count: int, names: Sequence[str]) -> tuple[str, ...]:
         return ()
     textures = f"{count} texture{'s' * (count != 1)}" if count else "images"
     named = f" of {listed(names)}" if names else ""
-    return (f"not kept: {textures}{named}; writing the motion onto this file keeps them",)
+    return not_kept([f"{textures}{named}"], "not kept: {}; writing the motion onto this file keeps them")
 
 
 @dataclass(frozen=True, eq=False)

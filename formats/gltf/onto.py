@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pdecodec.formats.base.normals import NormalRows
+from pdecodec.formats.base.normals import SHARED_NORMAL, NormalRows
 from pdecodec.formats.base.onto import Fitted, ShapePlacement
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_reading import listed
@@ -36,7 +37,7 @@ from pdecodec.formats.gltf.rigid_keys import rigid_keys
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import Connectivity, MeshSequence
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
 _MIRROR = np.array([-1, 1, 1], np.float32)
 """Scale of a root node whose mesh stood under a mirroring transform: keeps the orientation of its stored faces."""
@@ -150,7 +151,7 @@ class _Onto(GltfScene):
                 del entry["extensions"]
             if part.hidden and not stays:
                 kept["extensions"] = {VISIBILITY: {"visible": False}}
-            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], points, thirds)
+            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], item, points, thirds)
             if stays:
                 number = part.node
                 entry["mesh"] = mesh
@@ -188,7 +189,7 @@ class _Onto(GltfScene):
                     del root[kind]
 
     def _write_mesh(
-        self, mesh: GltfMesh, number: int, points: Float32Array, thirds: Float32Array | None
+        self, mesh: GltfMesh, number: int, item: MeshObject, points: Float32Array, thirds: Float32Array | None
     ) -> tuple[int, Motion]:
         """Write a copy of a mesh with other positions; return its index and its motion."""
         entry = copy.deepcopy(self._original.file.listed("meshes")[number])
@@ -196,7 +197,9 @@ class _Onto(GltfScene):
         sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
         sources[mesh.corner_rows] = mesh.connectivity.face_indices
         between = _blocks(None if thirds is None else thirds[:, sources])
-        motion = motion_of(points[:, sources], between, _rows_of(mesh, stored))
+        motion = motion_of(
+            points[:, sources], between, _rows_of(mesh, stored, self._shared_normals(mesh, stored, item))
+        )
         whole: dict[int, tuple[dict[str, int], list[dict[str, int]]]] = {}
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
@@ -226,6 +229,15 @@ class _Onto(GltfScene):
             return number, motion
         return self._builder.add("meshes", entry), motion
 
+    def _shared_normals(self, mesh: GltfMesh, stored: Sequence[PrimitiveRows], item: MeshObject) -> NDArray[Any] | None:
+        """Return which rows of a mesh share a normal; None for none."""
+        if self._output.is_filled:
+            # What the original stored is in the attributes of the object.
+            return next((one.values for one in item.attributes if one.name == SHARED_NORMAL), None)
+        sources = dict(zip(mesh.starts, stored, strict=True))
+        found = normals_shared_by(mesh.blocks, [sources[start] for start in sorted(sources)])
+        return None if found is None else found.values
+
     def _write_rows(self, motion: Motion, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
         """Add accessors of positions and normals of some rows, at rest and for each target."""
         add = self._builder.floats
@@ -254,13 +266,11 @@ def _blocks(thirds: Float32Array | None) -> Blocks | None:
     return None if thirds is None else lambda: ((0, thirds),)
 
 
-def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows]) -> NormalRows | None:
-    """Return the normals of a mesh's rows, which are split at seams; None if it has none."""
+def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows], shared: NDArray[Any] | None) -> NormalRows | None:
+    """Return the normals of a mesh's rows, which are split at seams and may share some; None if it has none."""
     if not mesh.connectivity.face_count or not any("NORMAL" in one.accessors for one in stored):
         return None
     count = sum(len(block.positions) for block in mesh.blocks)
-    sources = dict(zip(mesh.starts, stored, strict=True))
-    shared = normals_shared_by(mesh.blocks, [sources[start] for start in sorted(sources)])
     connectivity = Connectivity(count, mesh.connectivity.face_counts, mesh.corner_rows)
     groups = np.zeros(mesh.corner_rows.size, np.int32)
-    return NormalRows(connectivity, groups, None if shared is None else shared.values)
+    return NormalRows(connectivity, groups, shared)

@@ -101,6 +101,9 @@ class _Check:
         if self.deep:
             with self._noting():
                 _ = animation.metadata
+        with self._noting():
+            if (scene := animation.carried) is not None and self.deep:
+                scene.files(self.limits.max_memory)
         ends = [*animation.run_starts.tolist()[1:], self.frames]
         for number, (first, end) in enumerate(zip(animation.run_starts.tolist(), ends, strict=True)):
             run, frames = (number, (first, end)) if self.runs > 1 else (None, None)

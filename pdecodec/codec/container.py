@@ -83,6 +83,7 @@ SECTION_KINDS = {
         SectionKind("FLDS", "headers of fields", "fields", is_required=False, is_constant=True),
         SectionKind("FDAT", "values of fields", "fields", is_required=False, is_constant=True),
         SectionKind("RFLD", "fields of runs", "file", is_required=False, is_constant=True),
+        SectionKind("SCEN", "scene around the motion", "file", is_required=False, is_constant=True),
     )
 }
 """Kinds by type, in the order of files, and of section RDAT for each run. A file of one run has the run's
@@ -96,6 +97,9 @@ FIELD_SECTIONS = ("FLDS", "FDAT", "RFLD")
 """Sections of fields. A file of several runs has one FLDS and one FDAT with those of all runs, one after the
 other; RFLD says where each run's part ends.
 """
+
+BESIDE_MOTION = (*FIELD_SECTIONS, "SCEN")
+"""Sections that ratios of the motion leave out."""
 
 CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")
 """Sections that consist of one chunk per group of frames, each with its own checksum. All sections before the

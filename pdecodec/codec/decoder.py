@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import FIELD_SECTIONS
+from pdecodec.codec.container import BESIDE_MOTION
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
 from pdecodec.codec.sections.fields import computed_words, field_of
 from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
+from pdecodec.codec.sections.scene import SCENE_SECTION, Carrier, decode_scene, scene_facts
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.codec.source import DecodeLimits, Source, naming_file_of, open_core, open_source
 from pdecodec.errors import InputError, LimitError, SettingsError
@@ -220,6 +221,22 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             data = self._core.remarks()
             return decode_remarks(data, self._limits.max_memory) if data else {}
+
+    @cached_property
+    def carried(self) -> Carrier | None:  # type: ignore[override]  # read when it is first needed
+        """The scene around the motion that the file carries, compressed, with its limit; None if there is none."""
+        stored = next((one for one in self._core.sections if one.type == SCENE_SECTION), None)
+        if stored is None or self._run is not None:
+            return None
+        with self._naming_the_file():
+            self._core.check_section(SCENE_SECTION)
+            file = self._source.file
+            if isinstance(file, bytes):
+                data = file[stored.offset : stored.offset + stored.length]
+            else:
+                file.seek(stored.offset)
+                data = file.read(stored.length)
+            return decode_scene(data)
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
@@ -480,13 +497,14 @@ class Animation(MeshSequence):
         file_bytes = sum(sections.values())
         return {
             "file_bytes": file_bytes,
-            "ratio": 12 * self.position_count / (file_bytes - sum(sections.get(name, 0) for name in FIELD_SECTIONS)),
+            "ratio": 12 * self.position_count / (file_bytes - sum(sections.get(name, 0) for name in BESIDE_MOTION)),
             "sections": sections,
             "summary": str(remarks.get("summary", "")),
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
             "jumps": list(self.jumps),
             "fields": self.field_facts(),
+            **({} if self.carried is None else {"scene": scene_facts(self.carried, sections[SCENE_SECTION])}),
         }
 
     def field_facts(self) -> list[dict[str, Any]]:
@@ -548,6 +566,12 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             self._core.verify()
         _ = self.objects, self._remarks
+        self._verify_scene()
+
+    def _verify_scene(self) -> None:
+        with self._naming_the_file():
+            if self.carried is not None:
+                self.carried.files(self._limits.max_memory)
 
 
 def _reopened(kind: type[Animation], path: str | bytes, limits: DecodeLimits, run: int | None) -> Animation:

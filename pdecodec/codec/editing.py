@@ -29,6 +29,7 @@ from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.fields import COPY, FROM_FIELDS, FieldEntry, encode_field_headers, entry_of, joined_entries
 from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
+from pdecodec.codec.sections.scene import SCENE_SECTION
 from pdecodec.codec.settings import EXACT, UNITS, EffortName
 from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
@@ -393,6 +394,7 @@ def _write(
             *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools[:-1], strict=True)),
             *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),
             *([Section("FLDS", headers), Section("FDAT", spools[-1])] if headers else []),
+            *([Section(SCENE_SECTION, scene)] if (scene := head.section(SCENE_SECTION)) else []),
         ]
         sizes = write_container(path, sections, overwrite=overwrite)
     finally:

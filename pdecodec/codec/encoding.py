@@ -13,17 +13,19 @@ import os
 from dataclasses import fields, replace
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from numpy.typing import ArrayLike
 
+from pdecodec.codec.container import Section
 from pdecodec.codec.encode.field.sections import check_field_names
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, preset_named, with_preset
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.run_encoder import encode_runs, make_encoder
+from pdecodec.codec.sections.scene import SCENE_SECTION, Carrier, encode_scene
 from pdecodec.codec.settings import EncodeOptions, EncodeSettings, check_one_target
-from pdecodec.errors import SettingsError
+from pdecodec.errors import InputError, MissingExtraError, SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence, Progress
@@ -114,14 +116,15 @@ def encode(
     target = None if path is None else as_path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
+    scene = _scene_of(sequence, chosen)
     normals = normal_limit(sequence, preset_named(preset))
     limit = normals or limit
     if limit is None:
-        return replace(_encode(sequence, chosen, target, overwrite=overwrite, progress=progress), preset=preset)
+        return replace(_encode(sequence, chosen, target, scene, overwrite=overwrite, progress=progress), preset=preset)
     measure_normals = normals_measured(sequence, is_free=chosen.order == "free")
 
     def encode_at(tolerance: float, said: Progress | None) -> EncodeReport:
-        found = _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
+        found = _encode(sequence, replace(chosen, tolerance=tolerance), None, scene, overwrite=False, progress=said)
         if normals is None:
             return found
         assert found.data is not None  # without a path the report has the bytes
@@ -149,6 +152,7 @@ def _encode(
     sequence: MeshSequence,
     settings: EncodeSettings,
     path: Path | None,
+    scene: _Scene,
     *,
     overwrite: bool,
     progress: Progress | None,
@@ -157,10 +161,33 @@ def _encode(
     check_field_names(settings, sequence.runs)
     with rounding_noticed() as rounding:
         if isinstance(sequence, ChangingSequence):
-            report = encode_runs(sequence, settings, path, overwrite=overwrite, progress=progress)
+            report = encode_runs(sequence, settings, path, scene.sections, overwrite=overwrite, progress=progress)
         else:
-            report = make_encoder(sequence, settings, progress).run(path, overwrite=overwrite)
-    return replace(report, rounding=rounding.largest)
+            report = make_encoder(sequence, settings, progress).run(path, scene.sections, overwrite=overwrite)
+    return replace(report, rounding=rounding.largest, scene=scene.contents, scene_note=scene.note)
+
+
+class _Scene(NamedTuple):
+    """Section SCEN, if there is one, what it holds, and why a scene is not kept."""
+
+    sections: tuple[Section, ...] = ()
+    contents: tuple[tuple[str, int], ...] = ()
+    note: str = ""
+
+
+def _scene_of(sequence: MeshSequence, settings: EncodeSettings) -> _Scene:
+    """Return what a file carries of the scene around the motion."""
+    if settings.scene == "drop" or sequence.carried is None:
+        return _Scene()
+    if settings.order == "free":
+        return _Scene(note="it needs the order of vertices and faces, which is free")
+    try:
+        carrier: Carrier | None = sequence.carried.carrier(sequence, exact_uvs=settings.uv_tolerance is None)
+    except (InputError, MissingExtraError) as error:
+        return _Scene(note=error.message)
+    if carrier is None:
+        return _Scene()
+    return _Scene((Section(SCENE_SECTION, encode_scene(carrier)),), carrier.contents)
 
 
 def encode_to_size(

@@ -165,6 +165,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         with self._naming_the_file():
             self._core.verify()
         _ = self._remarks
+        self._verify_scene()
         for run in self.runs:
             assert isinstance(run, Animation)
             run.verify()

@@ -48,6 +48,7 @@ class SampledAnimation(MeshSequence):
         self.metadata = animation.metadata
         self.notices = animation.notices
         self.fields = animation.fields if quantity == "positions" else ()
+        self.carried = animation.carried if quantity == "positions" else None
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         return self._animation.field(field.name, self.times[start:stop], outside=self._outside)
@@ -148,7 +149,7 @@ class LinearInterpolation(MeshSequence):
             )
         self.metadata = source.metadata
         self.notices = source.notices
-        self.fields = source.fields
+        self.fields, self.carried = source.fields, source.carried
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.empty(field.shape(stop - start, self.objects), field.dtype)

@@ -40,11 +40,12 @@ def encode_runs(
     sequence: ChangingSequence,
     settings: EncodeSettings,
     path: Path | None,
+    more: Sequence[Section] = (),
     *,
     overwrite: bool,
     progress: Progress | None,
 ) -> EncodeReport:
-    """Encode a sequence of runs; for parameters and errors see :func:`pdecodec.encode`."""
+    """Encode a sequence of runs, with further sections at the end; for the rest see :func:`pdecodec.encode`."""
     started = time.perf_counter()
     scale = frame_scale(checked_frames(sequence.runs[0], 0, 1)[0])
     bound = settings.bound(scale)
@@ -68,6 +69,7 @@ def encode_runs(
             Section("RUNS", table.to_bytes()),
             Section("RDAT", table.data),
             *table.field_sections(),
+            *more,
         ]
         data = None
         if path is None:

@@ -132,7 +132,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
         try:
             view, _, _ = mended(file, os.fspath(path), limits.max_memory)
             animation = stack.enter_context(open_animation(view, limits=limits))
-            saved = _Saved(animation)
+            saved = _Saved(animation, limits)
         except LimitError:
             raise
         except CorruptFileError as error:
@@ -143,7 +143,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
 class _Saved:
     """The runs of an animation that decode at least in part, and a list of the parts that do not decode."""
 
-    def __init__(self, animation: Animation) -> None:
+    def __init__(self, animation: Animation, limits: DecodeLimits) -> None:
         self.animation = animation
         self.frames: dict[int, Int64Array] = {}
         self._fields: dict[int, dict[str, list[Frames]]] = {}
@@ -154,6 +154,13 @@ class _Saved:
         except CorruptFileError as error:
             self.metadata = {}
             self._lost[f"metadata ({error.message})"] = None
+        try:
+            if (scene := animation.carried) is not None:
+                scene.files(limits.max_memory)
+        except LimitError:
+            raise
+        except CorruptFileError as error:
+            self._lost[f"the scene around the motion ({error.message})"] = None
         starts = animation.run_starts.tolist()
         faults: list[CorruptFileError] = []
         for number, (first, end) in enumerate(zip(starts, [*starts[1:], animation.frame_count], strict=True)):

@@ -17,6 +17,7 @@ from pdecodec.system.arguments import as_integer, shown
 
 Profile = Literal["auto", "paper"]
 Order = Literal["keep", "free"]
+SceneChoice = Literal["keep", "drop"]
 EffortName = Literal["fast", "default", "best"]
 
 DEFAULT_FIELD_TOLERANCE = 1e-3
@@ -57,6 +58,15 @@ def parse_byte_count(text: str) -> int:
         raise ValueError(f"{text!r} is not a number of bytes such as 800M or 1.5G")
     base = 1000 if found[3].upper() == "B" else 1024
     return int(float(found[1]) * base ** BYTE_POWERS[found[2].upper()])
+
+
+_CHOICES: tuple[tuple[str, Any], ...] = (
+    ("profile", Profile),
+    ("order", Order),
+    ("effort", EffortName),
+    ("scene", SceneChoice),
+)
+"""Settings that are one of several words, and these words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +155,9 @@ class EncodeSettings:
         ``"drop"`` to leave it out.
     order : {"keep", "free"}
         Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
+    scene : {"keep", "drop"}
+        Whether the file carries what surrounds the motion in its source (cameras, materials, textures, custom data),
+        for formats that give it: then decoding to that format brings it back.
     why : bool
         Keep in the file's remarks what else was tried, and what it would have cost.
         Not of several runs of frames, which choose each for itself.
@@ -167,6 +180,7 @@ class EncodeSettings:
     field_tolerance: float = DEFAULT_FIELD_TOLERANCE
     fields: Mapping[str, float | str] = field(default_factory=dict)
     order: Order = "keep"
+    scene: SceneChoice = "keep"
     why: bool = False
     paper: PaperSettings = field(default_factory=PaperSettings)
 
@@ -187,7 +201,7 @@ class EncodeSettings:
             if getattr(self, name) is not None and self.profile == "paper":
                 message = f"is a setting of the profile auto; the paper's {instead}"
                 raise SettingsError(message, code="setting-unsupported", setting=name)
-        for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
+        for name, kind in _CHOICES:
             known = get_args(kind)
             value = getattr(self, name)
             if not isinstance(value, str) or value not in known:
@@ -221,9 +235,9 @@ class EncodeSettings:
         return asdict(self)
 
     def changed(self) -> dict[str, Any]:
-        """Return what :meth:`to_json` returns, without the values that are the defaults."""
+        """Return what :meth:`to_json` returns, without defaults, and without the scene, which a file shows."""
         usual = EncodeSettings().to_json()
-        return {name: value for name, value in self.to_json().items() if value != usual[name]}
+        return {name: value for name, value in self.to_json().items() if value != usual[name] and name != "scene"}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
@@ -247,6 +261,7 @@ class EncodeOptions(TypedDict, total=False):
     field_tolerance: float
     fields: Mapping[str, float | str]
     order: Order
+    scene: SceneChoice
     why: bool
     paper: PaperSettings
 

@@ -44,7 +44,7 @@ class FrameSelection(MeshSequence):
         self.times, self.fps = check_times(chosen.size, source.times[chosen], _rate(chosen, source.fps))
         self.metadata = source.metadata
         self.notices = source.notices
-        self.fields = source.fields
+        self.fields, self.carried = source.fields, source.carried
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -162,6 +162,8 @@ class ObjectSelection(MeshSequence):
         self.metadata = source.metadata
         self.notices = source.notices
         self.fields, self._rows = selected_objects(source.fields, source.objects, chosen)
+        scene, is_whole = source.carried, len(chosen) == len(known)
+        self.carried = scene if is_whole or scene is None else scene.of_some_objects()
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         return self._source.read_frames(start, stop)[:, self._vertices]

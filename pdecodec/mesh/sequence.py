@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -277,6 +277,21 @@ class Content(NamedTuple):
     fate: Fate
 
 
+class SceneSource(Protocol):
+    """What surrounds the motion of a sequence (cameras, materials, custom data): a file, or a scene that a
+    `.pdeanim` file carries.
+    """
+
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Any:
+        """Return what a `.pdeanim` file of `sequence`, which comes from it, is to carry; None if that is nothing.
+
+        `exact_uvs` says whether that file keeps texture coordinates to the last bit.
+        """
+
+    def of_some_objects(self) -> SceneSource | None:
+        """Return the source for a selection of its objects; None if it needs all of them."""
+
+
 class MeshSequence(ABC):
     """Named objects and their vertex positions at a list of times.
 
@@ -298,6 +313,8 @@ class MeshSequence(ABC):
         Objects that a reader was told to leave out if they are not supported.
     fields : tuple of Field
         Values on vertices, faces, corners or objects that change in time; :meth:`read_field` reads them.
+    carried : SceneSource or None
+        What surrounds the motion, if a `.pdeanim` file can carry it.
     list_contents : callable
         Gives :attr:`contents` when they are asked for, for formats whose readers list them.
     """
@@ -309,6 +326,7 @@ class MeshSequence(ABC):
     notices: tuple[str, ...]
     unsupported: tuple[Unsupported, ...] = ()
     fields: tuple[Field, ...] = ()
+    carried: SceneSource | None = None
     list_contents: Callable[[], tuple[Content, ...]] = tuple
 
     @cached_property

@@ -61,7 +61,9 @@ def measure_between(clip: str, sequence: ArraySequence, *, effort: EffortName) -
         left_out = np.setdiff1d(np.arange(int(kept[-1])), kept)
         if left_out.size == 0:
             return
-        report = encode(FrameSelection(sequence, kept.tolist()), tolerance=BETWEEN_TOLERANCE, effort=effort)
+        report = encode(
+            FrameSelection(sequence, kept.tolist()), tolerance=BETWEEN_TOLERANCE, effort=effort, scene="drop"
+        )
         times = sequence.times[left_out]
         with open_animation(report.data or b"") as animation:
             decoded = animation.sample(times)

@@ -105,7 +105,7 @@ def _points(sequence: ChangingSequence, plan: ReportPlan) -> Iterator[ChangingPo
 
 def _measure_own(sequence: ChangingSequence, name: str, tolerance: float, plan: ReportPlan) -> ChangingPoint:
     started = time.perf_counter()
-    report = encode(sequence, tolerance=tolerance, effort=plan.effort, order=ORDERS[name])
+    report = encode(sequence, tolerance=tolerance, effort=plan.effort, order=ORDERS[name], scene="drop")
     encoded = time.perf_counter()
     with open_animation(report.data or b"") as animation:
         for _ in animation.blocks():

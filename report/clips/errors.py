@@ -70,7 +70,7 @@ def moving_errors(name: str, sequence: ArraySequence, field: ErrorField) -> str:
 
 def measure_field(sequence: ArraySequence, *, tolerance: float, effort: EffortName) -> ErrorField:
     """Encode with profile "auto", decode, and record where the errors are."""
-    report = encode(sequence, tolerance=tolerance, effort=effort)
+    report = encode(sequence, tolerance=tolerance, effort=effort, scene="drop")
     scale = frame_scale(sequence.points[0])
     meter = DistortionMeter(scale=scale)
     by_vertex = np.zeros(sequence.vertex_count)

@@ -158,7 +158,7 @@ def measure_profile(
         If decoding changed the connectivity.
     """
     started = time.perf_counter()
-    report = encode(sequence, profile=profile, tolerance=tolerance, effort=effort)
+    report = encode(sequence, profile=profile, tolerance=tolerance, effort=effort, scene="drop")
     encode_seconds = time.perf_counter() - started
     data = report.data or b""
     decoded = np.empty_like(sequence.points)
@@ -246,7 +246,7 @@ def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[f
     """Encode and decode a few frames, to load everything that is loaded at first use."""
     start = FrameSelection(sequence, range(min(WARM_UP_FRAMES, sequence.frame_count)))
     for tolerance in {min(tolerances), max(tolerances)}:
-        report = encode(start, profile=profile, tolerance=tolerance, effort=effort)
+        report = encode(start, profile=profile, tolerance=tolerance, effort=effort, scene="drop")
         with open_animation(report.data or b"") as animation:
             animation.read_frames(0, animation.frame_count)
 

@@ -13,7 +13,7 @@ from pdecodec.report.charts.figure import Figure, Table
 
 def measure_alternatives(sequence: MeshSequence, *, tolerance: float, effort: EffortName) -> tuple[Question, ...]:
     """Return what profile auto tried at a tolerance."""
-    return encode(sequence, tolerance=tolerance, effort=effort, why=True).alternatives
+    return encode(sequence, tolerance=tolerance, effort=effort, why=True, scene="drop").alternatives
 
 
 def alternatives_figure(questions: Sequence[Question], tolerance: float) -> Figure:

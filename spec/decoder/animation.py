@@ -19,6 +19,7 @@ from spec.decoder.mesh import Mesh, read_vertex_counts
 from spec.decoder.motion import Float32Array, Motion
 from spec.decoder.patches import build_patches
 from spec.decoder.reference import ReferenceFrame, read_reference
+from spec.decoder.scene import Scene, read_scene
 from spec.decoder.space import build_space
 from spec.decoder.storedfields import (
     COPY,
@@ -47,6 +48,7 @@ class Animation:
     reference: ReferenceFrame
     motion: Motion
     fields: list[StoredField]
+    scene: Scene | None = None
 
     def positions(self, time: float) -> Float32Array:
         """Return (vertices, 3) float32 positions [scene units] at a time [s]; vertices of all objects in one row."""
@@ -75,9 +77,12 @@ def decode_runs(data: bytes) -> list[Animation]:
     """Decode the bytes of a file, run by run (2.3); raise CorruptFileError if they break the specification."""
     sections = read_container(data)
     fps, frames, times, jumps, coded = read_sequence(sections["SEQN"])
+    scene = read_scene(sections["SCEN"])
     if "RUNS" not in sections:
         require(len(frames) == 1, "several runs of frames without RUNS")
-        return [decode_run(sections, fps, times, jumps, coded)]
+        found = [decode_run(sections, fps, times, jumps, coded)]
+        found[0].scene = scene
+        return found
     read_names(coded, 0)
     runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
     of_fields = [(b"", b"")] * len(runs)
@@ -92,6 +97,7 @@ def decode_runs(data: bytes) -> list[Animation]:
         own = decode_run(known, fps, times[begin:end], inside, names)
         require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
         found.append(own)
+    found[0].scene = scene
     return found
 
 

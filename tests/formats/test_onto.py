@@ -20,7 +20,7 @@ from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.mesh.selection import FrameSelection, ObjectSelection
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence
 from tests.support.browser_tools import assert_valid
-from tests.support.gltf_files import TRIANGLE, Scene
+from tests.support.gltf_files import TRIANGLE, Scene, gltf_scene
 from tests.support.scene_cases import SPACE, body, needed, scene
 
 EXTENSIONS = ["abc", "usda", "usdc", "usdz", "glb", "gltf", "obj"]
@@ -67,44 +67,6 @@ def test_what_we_wrote_gets_another_motion_and_keeps_the_rest(tmp_path: Path, ex
     assert (tmp_path / f"a.{extension}").read_bytes() == before
     with open_sequence(tmp_path / f"b.{extension}") as read:
         assert [[one.name for one in item.attributes] for item in read.objects] == attributes
-
-
-def gltf_scene(path: Path) -> Path:
-    """A skinned triangle under a turned node, next to a camera, and a triangle under a moving node."""
-    made = Scene()
-    root = made.builder.root
-    mesh = made.mesh(TRIANGLE, material=0, extras={"of": "primitive"})
-    root["meshes"][mesh]["extras"] = {"mine": 1, "targetNames": []}
-    names = root["meshes"][mesh]["primitives"][0]["attributes"]
-    names["JOINTS_0"] = made.builder.integers(np.zeros(0))
-    root["accessors"].pop()
-    root["bufferViews"].pop()
-    names["JOINTS_0"] = made.builder.add(
-        "accessors",
-        {"componentType": 5121, "count": 3, "type": "VEC4", "bufferView": made.builder.view(np.zeros((3, 4), "u1"))},
-    )
-    names["WEIGHTS_0"] = made.builder.floats([[1, 0, 0, 0]] * 3)
-    names["TANGENT"] = made.builder.floats([[1, 0, 0, 1]] * 3)
-    names["NORMAL"] = made.builder.floats([[0, 0, 1]] * 3)
-    names["TEXCOORD_0"] = made.builder.floats([[0, 0], [1, 0], [0, 1]])
-    names["_HEAT"] = made.builder.floats([1, 2, 3])
-    root["materials"] = [{"name": "glass", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
-    root["textures"] = [{"source": 0}]
-    root["images"] = [{"uri": "my%20image.png"}]
-    root["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
-    joint = made.builder.add("nodes", {"name": "joint"})
-    root["skins"] = [{"joints": [joint]}]
-    shown = made.builder.add(
-        "nodes", {"name": "shown", "mesh": mesh, "skin": 0, "rotation": [0, 0.6, 0, 0.8], "extras": {"tag": "kept"}}
-    )
-    camera = made.builder.add("nodes", {"name": "camera", "camera": 0, "translation": [0, 0, 5]})
-    carried = made.builder.add("nodes", {"name": "carried", "mesh": made.mesh(TRIANGLE)})
-    carrier = made.builder.add("nodes", {"name": "carrier", "children": [carried]})
-    root["scenes"] = [{"nodes": [joint, shown, camera, carrier], "extras": {"scene": True}}]
-    for node, far in ((carrier, 9), (joint, 5), (camera, 7)):
-        made.animate(node, "translation", [1 / 24, 4 / 24], [[0, 0, 0], [far, 0, 0]])
-    root["animations"][0]["name"] = "walk"
-    return made.save(path)
 
 
 def test_gltf_keeps_nodes_cameras_skins_materials_and_extras(tmp_path: Path) -> None:

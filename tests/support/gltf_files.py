@@ -82,3 +82,41 @@ def lifted() -> tuple[Scene, int]:
     made = Scene()
     target = made.builder.floats([[0, 0, 1]] * 3, bounds=True)
     return made, made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE, targets=[{"POSITION": target}])})
+
+
+def gltf_scene(path: Path) -> Path:
+    """A skinned triangle under a turned node, next to a camera, and a triangle under a moving node."""
+    made = Scene()
+    root = made.builder.root
+    mesh = made.mesh(TRIANGLE, material=0, extras={"of": "primitive"})
+    root["meshes"][mesh]["extras"] = {"mine": 1, "targetNames": []}
+    names = root["meshes"][mesh]["primitives"][0]["attributes"]
+    names["JOINTS_0"] = made.builder.integers(np.zeros(0))
+    root["accessors"].pop()
+    root["bufferViews"].pop()
+    names["JOINTS_0"] = made.builder.add(
+        "accessors",
+        {"componentType": 5121, "count": 3, "type": "VEC4", "bufferView": made.builder.view(np.zeros((3, 4), "u1"))},
+    )
+    names["WEIGHTS_0"] = made.builder.floats([[1, 0, 0, 0]] * 3)
+    names["TANGENT"] = made.builder.floats([[1, 0, 0, 1]] * 3)
+    names["NORMAL"] = made.builder.floats([[0, 0, 1]] * 3)
+    names["TEXCOORD_0"] = made.builder.floats([[0, 0], [1, 0], [0, 1]])
+    names["_HEAT"] = made.builder.floats([1, 2, 3])
+    root["materials"] = [{"name": "glass", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    root["textures"] = [{"source": 0}]
+    root["images"] = [{"uri": "my%20image.png"}]
+    root["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
+    joint = made.builder.add("nodes", {"name": "joint"})
+    root["skins"] = [{"joints": [joint]}]
+    shown = made.builder.add(
+        "nodes", {"name": "shown", "mesh": mesh, "skin": 0, "rotation": [0, 0.6, 0, 0.8], "extras": {"tag": "kept"}}
+    )
+    camera = made.builder.add("nodes", {"name": "camera", "camera": 0, "translation": [0, 0, 5]})
+    carried = made.builder.add("nodes", {"name": "carried", "mesh": made.mesh(TRIANGLE)})
+    carrier = made.builder.add("nodes", {"name": "carrier", "children": [carried]})
+    root["scenes"] = [{"nodes": [joint, shown, camera, carrier], "extras": {"scene": True}}]
+    for node, far in ((carrier, 9), (joint, 5), (camera, 7)):
+        made.animate(node, "translation", [1 / 24, 4 / 24], [[0, 0, 0], [far, 0, 0]])
+    root["animations"][0]["name"] = "walk"
+    return made.save(path)

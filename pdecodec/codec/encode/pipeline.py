@@ -93,10 +93,10 @@ class Encoder(ABC):
         self._questions: list[Question] = []
         self._fields: list[FieldReport] = []
 
-    def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
-        """Encode group after group and write the file."""
+    def run(self, path: Path | None, more: Sequence[Section] = (), *, overwrite: bool) -> EncodeReport:
+        """Encode group after group and write the file, with further sections at its end."""
         with self.encoded(path) as encoded:
-            sections, data = [*self._description(), *encoded], None
+            sections, data = [*self._description(), *encoded, *more], None
             if path is None:
                 data = b"".join(container_pieces(sections))
             else:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec import __version__
-from pdecodec.codec.container import FIELD_SECTIONS, SECTION_KINDS
+from pdecodec.codec.container import BESIDE_MOTION, FIELD_SECTIONS, SECTION_KINDS
 from pdecodec.codec.settings import DEFAULT_TOLERANCE
 from pdecodec.errors import Notice
 from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
@@ -189,6 +189,10 @@ class EncodeReport:
         Median length of the edges of faces in the first frame; with several runs, the smallest of their medians.
     preset : str or None
         The requested preset.
+    scene : tuple of (str, int)
+        Kinds of things around the motion that the file carries, and how many of each.
+    scene_note : str
+        Why it does not carry the scene, although the source has one and it was asked for; mostly empty.
     normal_p99 : float or None [degrees]
         Angle that 99 % of all corners' normals are off by at most, at frames; measured under preset "hero" alone.
     """
@@ -220,6 +224,8 @@ class EncodeReport:
     preset: str | None = None
     normal_p99: float | None = None
     is_still: bool = False
+    scene: tuple[tuple[str, int], ...] = ()
+    scene_note: str = ""
 
     @property
     def raw_bytes(self) -> int:
@@ -264,6 +270,8 @@ class EncodeReport:
             beyond = "" if self.bound is None else ", more than the bound, which counts from there"
             found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
         found += [f"field {one.name!r} is {one.note}" for one in self.fields if one.note]
+        if self.scene_note:
+            found.append(f"the scene around the motion is not kept: {self.scene_note}")
         return tuple(found)
 
     @property
@@ -275,6 +283,16 @@ class EncodeReport:
     def field_bytes(self) -> int:
         """Of the fields, with their headers."""
         return sum(self.sections.get(name, 0) for name in FIELD_SECTIONS)
+
+    @property
+    def scene_bytes(self) -> int:
+        """Of the scene around the motion."""
+        return self.sections.get("SCEN", 0)
+
+    @property
+    def motion_bytes(self) -> int:
+        """Of the file without fields and scene."""
+        return self.file_bytes - sum(self.sections.get(name, 0) for name in BESIDE_MOTION)
 
 
 def generator() -> str:

@@ -68,7 +68,8 @@ class FieldReader:
         self._name = name
         self._at = 0
 
-    def _take(self, size: int) -> bytes:
+    def take(self, size: int) -> bytes:
+        """Read a number of bytes."""
         if size > len(self._data) - self._at:
             raise section_fault(self._name, f"ends at its byte {len(self._data)}, {size} more are needed")
         piece = self._data[self._at : self._at + size]
@@ -77,24 +78,24 @@ class FieldReader:
 
     def integers(self, layout: str) -> tuple[int, ...]:
         """Read little-endian integers in :mod:`struct` notation."""
-        return struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
+        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
 
     def reals(self, layout: str) -> tuple[float, ...]:
         """Read little-endian floating-point numbers; NaN and infinity are refused."""
-        values = struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
+        values = struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
         if any(value - value != 0 for value in values):
             raise section_fault(self._name, "holds a number that is not finite")
         return values
 
     def sized(self) -> bytes:
         """Read a byte string, preceded by its length (u64)."""
-        return self._take(self.integers("Q")[0])
+        return self.take(self.integers("Q")[0])
 
     def count(self) -> int:
         """Read an integer of 0 or more, 7 bits per byte; CorruptFileError if it has more than 63 bits."""
         value = 0
         for shift in range(0, COUNT_BITS, 7):
-            byte = self._take(1)[0]
+            byte = self.take(1)[0]
             value |= (byte & 127) << shift
             if byte < 128:
                 return value
@@ -102,7 +103,7 @@ class FieldReader:
 
     def rest(self) -> bytes:
         """Read all remaining bytes."""
-        return self._take(len(self._data) - self._at)
+        return self.take(len(self._data) - self._at)
 
     def finish(self) -> None:
         """Raise CorruptFileError unless everything was read."""

@@ -1,0 +1,227 @@
+"""Carry the scene around the motion in a `.pdeanim` file, and write the motion back onto it.
+
+A carrier holds the files of the source without the arrays that the `.pdeanim` file codes: ``files/...``, and ``cuts``,
+a JSON text that says what was cut out. A family of formats cuts and fills (:class:`Family`). The filled files are an
+original like any other, onto which :func:`pdecodec.formats.write_onto` writes the motion.
+"""
+
+from __future__ import annotations
+
+import json
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pdecodec.codec.sections.scene import Carrier
+from pdecodec.codec.source import chosen_limits
+from pdecodec.errors import ErrorCode, InputError, damaged
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
+from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
+from pdecodec.formats.base.registry import Format, load
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
+from pdecodec.system.whole_output import move_into, output_exists, partial_folder, publish, write_errors
+
+CUTS, FILES = "cuts", "files/"
+"""Names of the stream that says what was cut out, and of those that are files."""
+
+UNFIT = frozenset({"unsupported-feature", "object-mismatch", "object-missing", "damaged-input", "ambiguous-input"})
+"""Codes of errors about a scene onto which the motion cannot be written: the mesh alone still can."""
+
+
+@dataclass(frozen=True)
+class Stripped:
+    """Files without their coded arrays.
+
+    Attributes
+    ----------
+    files : dict of str to bytes
+        By path relative to the folder of the source; names of others stay as they are in the files.
+    root : str
+        The file that names the others.
+    cuts : dict
+        JSON object from which :meth:`Family.fill` restores the arrays, and ``clip``, the animation that was read.
+    contents : dict of str to int
+        Things that the coded mesh does not hold, by a noun in the singular, with their numbers.
+    companions : tuple of str
+        Those of `files` that a written file names again, and that therefore come to lie next to it.
+    outside : tuple of str
+        Files that are named, and that are not among `files`.
+    """
+
+    files: dict[str, bytes]
+    root: str
+    cuts: dict[str, Any]
+    contents: dict[str, int]
+    companions: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
+
+
+class Family(Protocol):
+    """How the files of a format are cut and filled: a class that the format's entry names."""
+
+    def strip(self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+        """Cut the arrays of coded objects out of the files of an open sequence.
+
+        `exact_uvs` says whether the decoder returns texture coordinates to the last bit.
+        """
+
+    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject]) -> None:
+        """Fill the files in a folder from the decoded objects; the motion's arrays may hold anything of their size."""
+
+
+class CarriedFile:
+    """The scene of a file that is open: what an encoder may carry.
+
+    Parameters
+    ----------
+    entry : Format
+    path : pathlib.Path
+    original : MeshSequence
+        Referred to weakly: what is made of it keeps it.
+    """
+
+    def __init__(self, entry: Format, path: Path, original: MeshSequence) -> None:
+        self._entry, self._path, self._original = entry, path, weakref.ref(original)
+
+    def of_some_objects(self) -> CarriedFile:
+        """Return itself: shapes that are not coded stay in the carrier."""
+        return self
+
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier | None:
+        """Return the carrier of a sequence made of the file; None if there is nothing but its mesh.
+
+        Raises
+        ------
+        InputError
+            If the motion could not be written back.
+        """
+        original = self._original()
+        if original is None:
+            return None
+        family: Family = load(self._entry, self._entry.carrier, "read", self._path)()
+        fits, _ = match_objects(sequence, original, self._path)
+        found = family.strip(original, self._path, fits, exact_uvs=exact_uvs)
+        contents = {noun: count for noun, count in found.contents.items() if count}
+        if not contents and all(one.fate != "dropped" for one in original.contents):
+            return None
+        cuts = json.dumps(
+            {**found.cuts, "root": found.root, "companions": found.companions}, separators=(",", ":")
+        ).encode()
+        files = {CUTS: cuts, **{f"{FILES}{name}": data for name, data in found.files.items()}}
+        return Carrier.of(self._entry.name, contents.items(), found.outside, files)
+
+
+def write_scene(
+    sequence: MeshSequence, carrier: Carrier, entry: Format, where: Path, *, overwrite: bool, **options: Any
+) -> tuple[str, ...] | InputError:
+    """Write the scene that a file carries with a sequence's motion.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        Of all objects of the file.
+    carrier : Carrier
+    entry : Format
+        Of the carrier's family.
+    where : pathlib.Path
+        File, or for formats of one file per frame a pattern or a folder. Files that the scene consists of come to lie
+        next to it; those that lie there already and are the same stay.
+    overwrite : bool
+    **options
+        Of :func:`pdecodec.formats.write_onto`.
+
+    Returns
+    -------
+    tuple of str, or InputError
+        A line for each thing that is not kept; or why the motion does not fit the scene, and then nothing is written.
+    """
+    files = carrier.files(chosen_limits(None).max_memory)
+    family: Family = load(entry, entry.carrier, "written", where)()
+    with _frames_in_folder(where, entry) as place, partial_folder(place) as folder, write_errors(where):
+        try:
+            cuts = _cuts_of(files)
+            names = [name.removeprefix(FILES) for name in files if name.startswith(FILES)]
+            for name in names:
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(files[FILES + name])
+            if cuts["root"] not in names or not set(cuts["companions"]) <= set(names):
+                raise damaged("the scene does not hold all of its files")
+            root = folder / cuts["root"]
+            with _damage_named():
+                family.fill(folder, cuts, sequence.objects)
+            found = write_onto(sequence, root, folder / place.name, clip=cuts.get("clip"), is_filled=True, **options)
+        except InputError as error:
+            if error.code not in UNFIT:
+                raise
+            return error
+        for name in set(names) - set(cuts["companions"]):
+            (folder / name).unlink()
+        _publish(folder, place, cuts["companions"], overwrite=overwrite)
+    return found
+
+
+def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return what was cut out of a carrier's files."""
+    try:
+        found = json.loads(files[CUTS])
+        if isinstance(found["root"], str) and all(isinstance(name, str) for name in found["companions"]):
+            return dict(found)
+    except (KeyError, TypeError, ValueError, RecursionError):
+        pass
+    raise damaged("the scene does not say what was cut out of it")
+
+
+@contextmanager
+def _damage_named() -> Iterator[None]:
+    """Turn what a family stumbles over in a damaged or hostile carrier into one line."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, OSError) as error:
+        raise damaged(f"the scene is damaged ({error})") from error
+
+
+@contextmanager
+def _frames_in_folder(where: Path, entry: Format) -> Iterator[Path]:
+    """Yield the pattern of frames for a folder, which is made; any other path as it is."""
+    if not entry.frame_per_file or is_frame_pattern(where) or (where.suffix and not where.is_dir()):
+        yield where
+        return
+    is_new = not where.exists()
+    with write_errors(where):
+        where.mkdir(exist_ok=True)
+    try:
+        yield where / f"{where.resolve().name}.{FOLDER_PADDING}{entry.extensions[0]}"
+    except BaseException:
+        if is_new:
+            with suppress(OSError):
+                where.rmdir()
+        raise
+
+
+def _publish(folder: Path, place: Path, companions: Sequence[str], *, overwrite: bool) -> None:
+    """Move what was written in a folder to its parent: companions, unless the same are there, then the outputs."""
+    target = place.parent
+    outputs = [one.name for one in sorted(folder.iterdir()) if one.is_file() and one.name not in companions]
+    taken = [] if overwrite else [name for name in outputs if (target / name).exists()]
+    if taken:
+        raise output_exists(target / taken[0])
+    moved = []
+    for name in companions:
+        there = target / name
+        if not there.exists():
+            moved.append(name)
+        elif not there.is_file() or there.read_bytes() != (folder / name).read_bytes():
+            raise InputError(
+                "exists already, and is not the file of that name which the scene consists of; write to another folder",
+                code=ErrorCode.OUTPUT_EXISTS,
+                path=there,
+            )
+    for name in moved:
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        move_into(folder / name, target / name, overwrite=False)
+    stale = {one.name for one in frames_there(place)} - set(outputs) if is_frame_pattern(place) else set()
+    publish(folder, outputs, overwrite=overwrite, remove=sorted(stale))

@@ -1,0 +1,195 @@
+"""The scene around the motion in a `.pdeanim` file: encode, lose the original, decode: everything else is as it was."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec.cli.main import run
+from pdecodec.codec.sections.scene import Carrier
+from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.formats.gltf.file import read_gltf
+from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.selection import FrameSelection
+from tests.support.gltf_files import gltf_scene
+from tests.support.gltf_listing import GltfListing
+
+GLTF = (
+    *(f"files/gltf/{name}" for name in ("Fox.glb", "MorphStressTest.gltf", "robot.glb")),
+    *(f"interop/gltf/{name}.glb" for name in ("BoxMeshopt", "CesiumMan", "pirate")),
+    *(f"interop/gltf/{name}.gltf" for name in ("BoxDraco", "simple_skin")),
+    *(
+        f"interop/gltf/{name}/{name}.gltf"
+        for name in (
+            "01_morphed_cube", "03_all_animations", "03_skinned_cylinder", "06_parent-inverse-anim",
+            "23_multi_prim_vertex_attribute", "24_animation_pointer", "AnimatedMorphCube",
+            "CesiumMilkTruck", "MultiUVTest", "SimpleSparseAccessor", "VertexColorTest",
+        )
+    ),
+)  # fmt: skip
+"""The glTF files of the shared data, without one whose 1,900 instances have 4.2 million vertices."""
+
+
+def _by_name(sequence: pdecodec.MeshSequence, points: Float32Array) -> list[tuple[str, Float32Array]]:
+    """Return the positions of each object, in the order of their names."""
+    parts = zip(sequence.objects, vertex_slices(sequence.objects), strict=True)
+    return sorted(((item.name, points[:, own]) for item, own in parts), key=lambda pair: pair[0])
+
+
+def decoded(tmp_path: Path, source: Path, name: str, **options: Any) -> tuple[Path, pdecodec.EncodeReport]:
+    """Encode a file and decode it to another name, in a folder of its own; check its positions."""
+    with pdecodec.open_sequence(source) as whole:
+        few = FrameSelection(whole, range(min(3, whole.frame_count)))  # more only take longer
+        report = pdecodec.encode(few, tmp_path / "a.pdeanim", tolerance=1e-3, **options)
+    out = tmp_path / "out" / name
+    out.parent.mkdir()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        notices = pdecodec.write_sequence(animation, out, straight=name.startswith("straight"))
+        assert not [one for one in notices if "left out" in one]
+        with pdecodec.open_sequence(out) as read:
+            frames = [int(np.abs(read.times - time).argmin()) for time in animation.times]
+            found = np.stack([read.read_frames(frame, frame + 1)[0] for frame in frames])
+            ours, theirs = _by_name(animation, animation.read_frames(0, animation.frame_count)), _by_name(read, found)
+            assert [name for name, _ in ours] == [name for name, _ in theirs]
+            for (_, expected), (_, points) in zip(ours, theirs, strict=True):
+                assert np.abs(points - expected).max() <= 2e-6 * np.abs(expected).max() + 1e-6
+    return out, report
+
+
+@pytest.mark.parametrize("name", GLTF)
+def test_everything_in_a_gltf_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    source = shared_data / name
+    with pdecodec.open_sequence(source) as read:
+        assert isinstance(read, GltfSequence)
+        parts, chosen = read.shapes, read.clip_number
+        rows = {read.nodes.entries[one.node]["mesh"]: one.node for one in parts}
+    out, report = decoded(tmp_path, source, f"straight{source.suffix}")
+    if not report.scene_bytes:
+        assert not report.scene_note
+        return
+    before, after = GltfListing(source), GltfListing(out)
+    nodes, moved = len(before.root["nodes"]), {one.node for one in parts}
+    assert after.rest(nodes, moved, chosen) == before.rest(nodes, moved, chosen)
+    of_names = {one["name"]: one.get("mesh") for one in after.root["nodes"][nodes:]}
+    for mesh, node in rows.items():
+        there = after.root["nodes"][node].get("mesh")
+        number = (
+            of_names.get(next(one.name.split("/")[-1] for one in parts if one.node == node)) if there is None else there
+        )
+        if number is not None and "Draco" not in name:
+            assert after.moved_primitives(number) == before.moved_primitives(mesh)
+
+
+def carrying(tmp_path: Path, **options: Any) -> Path:
+    """Encode a scene and lose it."""
+    source = gltf_scene(tmp_path / "source.glb")
+    pdecodec.encode(source, tmp_path / "a.pdeanim", **options)
+    source.unlink()
+    return tmp_path / "a.pdeanim"
+
+
+def test_encode_says_what_the_scene_costs_and_info_lists_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = gltf_scene(tmp_path / "a.glb")
+    assert run(["encode", str(source), "-o", str(tmp_path / "a.pdeanim")]) == 0
+    said = capsys.readouterr().err
+    assert "scene: 1 camera, 1 material, 1 texture, 1 skeleton: " in said
+    assert "--scene drop leaves it out" in said
+    assert "not kept: 1 texture" not in said
+    assert run(["info", str(tmp_path / "a.pdeanim")]) == 0
+    listed = capsys.readouterr().out
+    assert "gltf, 1 camera, 1 material, 1 texture, 1 skeleton" in listed
+    assert "my%20image.png" in listed
+    assert "motion alone" in listed
+    assert run(["encode", str(source), "-o", str(tmp_path / "b.pdeanim"), "--scene", "drop", "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["scene"] is None
+    assert "not kept: 1 texture" in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "cameras", "told"),
+    [
+        ([], 1, ""),
+        (["--scene", "drop"], 0, ""),
+        (["--quantize"], 0, "left out: quantize would move its nodes"),
+        (["--object", "shown"], 0, "left out, because objects are chosen"),
+        (["--scale", "2"], 0, "left out, because objects are chosen, or turned or scaled"),
+        (["--frames", "1:3"], 1, ""),
+        (["--fps", "48", "--straight"], 1, ""),
+    ],
+)
+def test_decode_writes_the_scene_unless_it_cannot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], cameras: int, told: str
+) -> None:
+    file = carrying(tmp_path)
+    assert run(["decode", str(file), "-o", str(tmp_path / "b.gltf"), *options]) == 0
+    assert len(read_gltf(tmp_path / "b.gltf").listed("cameras")) == cameras
+    assert told in capsys.readouterr().err
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.pdeanim", "b.gltf"]
+
+
+def test_convert_and_a_second_encode_pass_the_scene_on(tmp_path: Path) -> None:
+    file = carrying(tmp_path)
+    assert run(["encode", str(file), "-o", str(tmp_path / "b.pdeanim"), "--tolerance", "0.01"]) == 0
+    assert run(["convert", str(tmp_path / "b.pdeanim"), str(tmp_path / "c.glb")]) == 0
+    assert read_gltf(tmp_path / "c.glb").root["cameras"] == read_gltf(gltf_scene(tmp_path / "d.glb")).root["cameras"]
+    assert run(["decode", str(file), "-o", str(tmp_path / "e.usda")]) == 0
+
+
+def test_a_selection_of_objects_keeps_the_others_as_they_are(tmp_path: Path) -> None:
+    source = gltf_scene(tmp_path / "source.glb")
+    file = tmp_path / "a.pdeanim"
+    assert run(["encode", str(source), "-o", str(file), "--object", "shown"]) == 0
+    assert run(["decode", str(file), "-o", str(tmp_path / "b.glb")]) == 0
+    with pdecodec.open_sequence(source) as old, pdecodec.open_sequence(tmp_path / "b.glb") as new:
+        assert {one.name.split("/")[-1] for one in new.objects} == {one.name.split("/")[-1] for one in old.objects}
+
+
+def changed(data: Path, name: str, content: bytes | None) -> None:
+    """Replace a stream of a file's scene, or remove it."""
+    with pdecodec.open(data) as animation:
+        assert animation.carried is not None
+        files = animation.carried.files(2**20)
+        clip = animation.to_array()
+    files = {key: value for key, value in files.items() if key != name}
+    clip.carried = Carrier.of("gltf", [], [], files if content is None else {**files, name: content})
+    pdecodec.encode(clip, data, overwrite=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("cuts", None),
+        ("cuts", b"[]"),
+        ("cuts", b"{"),
+        ("cuts", b"[" * 100_000),
+        ("cuts", b'{"root": "../other.gltf", "companions": []}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": ["/etc/passwd"]}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"../../x": 0}, "images": [], "arrays": []}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"0": 0}, "images": [], "arrays": []}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {}, "images": [[0, 0]], "arrays": []}'),
+        ("files/scene.gltf", b"{}"),
+        ("files/scene.gltf", b'{"accessors": [{"componentType": 5126, "count": 1e99}]}'),
+        ("files/0.bin", None),
+        ("files/0.bin", b""),
+    ],
+)
+def test_a_hostile_scene_leaves_the_meshes_and_is_named_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes | None
+) -> None:
+    file = carrying(tmp_path)
+    changed(file, name, content)
+    out = tmp_path / "out"
+    out.mkdir()
+    assert run(["decode", str(file), "-o", str(out / "b.glb")]) == 0
+    (line,) = [one for one in capsys.readouterr().err.splitlines() if "scene of the file is left out: " in one]
+    assert len(line) < 400
+    assert [one.name for one in out.iterdir()] == ["b.glb"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.pdeanim", "out"]
+    assert not read_gltf(out / "b.glb").listed("cameras")
