@@ -74,7 +74,7 @@ class ClipOptions(InputOptions):
         values = {**asdict(self), "objects": list(self.objects), "mesh": mesh}
         del values["asset_folders"]
         if self.preset is None:
-            del values["preset"]  # as records without presets were written
+            del values["preset"]  # records from before there were presets lack it
         return values
 
     def with_values(self, values: Mapping[str, Any]) -> ClipOptions:

@@ -65,7 +65,8 @@ def digest_of(path: Place) -> str:
     """Return the digest of the bytes of a file; raise InputError if it cannot be read."""
     try:
         with path.open("rb") as file:
-            # IO[bytes], as places open files, lacks what file_digest reads by; every file of theirs has it.
+            # The type IO[bytes], which places return, lacks a method that file_digest needs; all files that they open
+            # have it.
             return hashlib.file_digest(file, _ALGORITHM).hexdigest()  # type: ignore[arg-type]
     except OSError as error:
         raise unreadable(error, path) from error

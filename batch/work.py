@@ -46,7 +46,7 @@ FIGURES = (
     "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "motion_bytes", "ratio", "bound", "max_error",
     "rms_error", "diagonal", "groups", "rounding", "verified_error", "seconds", "generator", "notes",
 )  # fmt: skip
-"""The figures in the record of a clip and in its line of the summary, if they are known."""
+"""Names of the figures of a clip, in its record and in its line of the summary, as far as they are known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ def memory_of(clip: Clip, work: Work) -> Result | int:
             return encoding_bytes_of_file(RemoteFile(clip.source).size(), settings)
         with open_clip(clip.source, clip.options) as sequence:
             return encoding_bytes(sequence.frame_count, sequence.most_vertices, settings)
-    except Exception as error:  # whatever one clip meets, the others go on
+    except Exception as error:  # an error of one clip must not stop the others
         return failure(clip, error)
 
 
@@ -143,7 +143,7 @@ def make_clip(clip: Clip, work: Work) -> Result:
     """Make a clip's file and its record, replacing what is there if that is allowed."""
     try:
         return _made(clip, work)
-    except Exception as error:  # whatever one clip meets, the others go on
+    except Exception as error:  # an error of one clip must not stop the others
         return failure(clip, error)
 
 
@@ -181,7 +181,7 @@ def plan_clip(clip: Clip, work: Work) -> Result:
             with open_clip(clip.source, clip.options) as sequence:
                 figures = _extent(sequence, _bytes_of(_files(clip)))
         return Result(source=clip.source, output=clip.output, state="planned", figures=figures)
-    except Exception as error:  # whatever one clip meets, the others go on
+    except Exception as error:  # an error of one clip must not stop the others
         return failure(clip, error)
 
 
@@ -202,7 +202,9 @@ def _bytes_of(files: Iterable[Place]) -> int:
 
 @contextmanager
 def _here(clip: Clip) -> Iterator[Clip]:
-    """Yield the clip with local copies of remote files, so that the bytes digested are the bytes read."""
+    """Yield the clip with local copies of remote files, so that its digest is computed from the same bytes that
+    are read.
+    """
     if not is_address(clip.source) and not is_address(clip.options.mesh or ""):
         yield clip
         return

@@ -1,4 +1,4 @@
-"""`python -m pdecodec.cli`, as `python -m pdecodec`."""
+"""`python -m pdecodec.cli`: the same as `python -m pdecodec`."""
 
 from pdecodec.__main__ import main
 

@@ -265,7 +265,7 @@ def _said(clips: Sequence[Clip]) -> Iterator[Callable[[Result], None]]:
                 progress(done, len(clips), "clips")
             elif time.monotonic() - said >= SAID_EVERY:
                 said = time.monotonic()
-                # Clips that were kept say nothing about how long a clip takes.
+                # Clips that were kept are left out: they do not show how long a clip takes.
                 left = (said - began) / max(1, done - kept) * (len(clips) - done)
                 say(f"{done:,} of {counted(len(clips), 'clip')}, {left / 60:.0f} minutes left")
 

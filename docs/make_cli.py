@@ -25,7 +25,7 @@ _PDECODEC_COMPLETE=fish_source pdecodec | source         # ~/.config/fish/comple
 def help_pages() -> str:
     """Every command's usage, text and options, in the words of its `--help`."""
     head = ["# The command line", "", "Written by `make docs` from the commands themselves; do not edit.", ""]
-    # click keeps what the first context says of a command's help option.
+    # click keeps what the first context says about a command's help option.
     pages = _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec", **pdecodec.context_settings))
     return "\n".join([*head, *pages, COMPLETION]).rstrip("\n") + "\n"
 
@@ -48,7 +48,9 @@ def _pages(command: click.Command, context: click.Context) -> list[str]:
 
 
 def _options(command: click.Command, context: click.Context) -> list[tuple[str, str]]:
-    """Names and help texts of a command's own options; `--help` is everywhere, and arguments are in the usage."""
+    """Return names and help texts of a command's own options. `--help` is left out, which all have; arguments
+    are in the usage.
+    """
     options = [item for item in command.params if isinstance(item, click.Option)]
     return [record for item in options if (record := item.get_help_record(context)) is not None]
 

@@ -23,7 +23,7 @@ NOT_MEASURED = "-"
 
 
 def encoder_page() -> str:
-    """Return the page with its two tables, and the values of constants that its text names, written again."""
+    """Return the page with its two tables, and the values of constants that its text mentions, updated."""
     effects = {(row["name"], row["change"]): row for row in csv.DictReader(_measured())}
     page = PAGE.read_text(encoding="utf-8")
     for name, rows in (("decisions", _decisions(effects)), ("constants", _constants(effects))):

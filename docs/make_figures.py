@@ -1,4 +1,5 @@
-"""Put the tables of a corpus report into docs/results.md, between its two marks, and charts next to it: `make figures`.
+"""Put the tables of a corpus report into docs/results.md, between its two marks, and charts in files next to it: `make
+figures`.
 
 ``python docs/make_figures.py out/corpus docs/results.md``
 """
@@ -18,16 +19,16 @@ from PIL import Image
 BEGIN, END = "<!-- corpus:begin -->", "<!-- corpus:end -->"
 
 LEFT_OUT = ("tolerance", "within %")
-"""Columns that say the same in every row."""
+"""Columns that have the same value in every row."""
 
 CHARTS = {
     "bytes-max-error": ("bytes-against-error.png", "Bytes against the maximum error"),
     "speed-size": ("speed-against-size.png", "Speed against size"),
 }
-"""Charts of a clip's report: name of the file here, and what it shows."""
+"""Charts of a clip's report: the file name to store each under, and what it shows."""
 
 COLOURS = 128
-"""Of a chart: lines, and what is between them and white."""
+"""Number of colours of a chart: lines, and shades between lines and white."""
 
 
 def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:

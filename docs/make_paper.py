@@ -1,8 +1,8 @@
-"""Keep a run of `pdecodec reproduce` and `pdecodec stability` for the README: `make paper`.
+"""Keep the results of `pdecodec reproduce` and `pdecodec stability` that the README quotes: `make paper`.
 
-``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the values behind them and a few
-charts, with palettes in place of full colours, and leaves the rest: it is made again by the same commands. The page
-that answers the audit, ``docs/paper/audit.md``, is written by hand; a test holds its figures against the run.
+``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the values behind them and a
+few charts, reduced to a palette of colours. Everything else can be made again by the same commands. The page that
+answers the audit, ``docs/paper/audit.md``, is written by hand; a test compares its figures with the run.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ REPRODUCTION_CHARTS = (
 STABILITY_CHARTS = ("fit-error", "alignment-straight", "simulation-iterations", "codec-between")
 
 TABLES = ("verdicts", "one-choice-at-a-time")
-"""Kept as Markdown; the verdicts as CSV too."""
+"""Tables that are kept as Markdown; the verdicts are kept as CSV too."""
 
 COLOURS = 64
-"""Charts have few colours, and the meshes' shades few more."""
+"""Number of colours: charts have few, and the shades of meshes need few more."""
 
 
 def keep(reproduction: Path, stability: Path, target: Path) -> None:
@@ -36,7 +36,7 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
     ):
         record = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         for key, figure in record["figures"].items():
-            # Values of charts alone are many, and are made again by the command.
+            # Values behind charts are numerous, and can be made again by the command.
             if len(figure["rows"]) > MAX_ROWS:
                 del record["figures"][key]["columns"], record["figures"][key]["rows"]
         (target / name).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
@@ -53,7 +53,7 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
 
 
 MAX_ROWS = 20
-"""Rows of a table that is kept in JSON."""
+"""Largest number of rows of a table that is kept in JSON."""
 
 
 if __name__ == "__main__":

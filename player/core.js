@@ -12,7 +12,7 @@ const decoder = new TextDecoder();
 /** @type {Promise<WebAssembly.Module> | null} */
 let compiled = null;
 
-/** Compile the module once. `bytes`: the module itself, if `pdeanim.wasm` is not next to this script. */
+/** Compile the module once. `bytes` is the module, if `pdeanim.wasm` is not next to this script. */
 export function compile(bytes) {
   compiled ??= bytes ? WebAssembly.compile(bytes) : compileFile(new URL("./pdeanim.wasm", import.meta.url));
   return compiled;
@@ -57,7 +57,8 @@ export class Core {
   }
 
   /**
-   * Call a function of the C interface that returns a status and takes the address of an error last; throw if it fails.
+   * Call a function of the C interface that returns a status and whose last argument is the address of an error; throw
+   * if it fails.
    */
   call(name, ...values) {
     const status = this.functions[`pdeanim_${name}`](...values, this.error);
@@ -75,7 +76,7 @@ export class Core {
     return new PdeanimError(this.text(this.error + ERROR.text), code, offset, frame);
   }
 
-  /** Run `work`, fetching the bytes that it misses, until it succeeds. */
+  /** Run `work` until it succeeds; each time bytes are missing, fetch them first. */
   async retryUntilFetched(work) {
     for (;;) {
       try {

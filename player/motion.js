@@ -92,7 +92,7 @@ export class GroupedMotion {
     this._writeDrawn();
   }
 
-  /** Return a group as `_uploadGroup` returned it; upload it only if it is not kept. */
+  /** Return a group as `_uploadGroup` returned it. Upload the group only if it is not kept. */
   _group(index) {
     let found = this.#groups.get(index);
     if (found) {

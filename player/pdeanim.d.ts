@@ -1,4 +1,4 @@
-/** An error; `code` tells its kind. */
+/** An error, whose kind is given by `code`. */
 export class PdeanimError extends Error {
   code:
     | "corrupt"
@@ -43,7 +43,7 @@ export class HttpSource implements Source {
 }
 
 export interface OpenOptions {
-  /** Most memory [bytes] that decoding the file may take [default: 2 GiB]. */
+  /** Largest memory that decoding the file may take [bytes; default: 2 GiB]. */
   maxMemory?: number;
   /** Options for `fetch`, such as headers. */
   request?: RequestInit;

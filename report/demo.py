@@ -28,7 +28,7 @@ from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
 FRAMES = 61
-"""Odd, so that every frame left out lies between two that are kept."""
+"""Number of frames; odd, so that every frame left out lies between two frames that are kept."""
 
 FPS = 24.0
 

@@ -39,7 +39,9 @@ DECISIONS: Mapping[str, Mapping[str, Any]] = {
     "early exit": {"early_exit_ratio": 2.0, "untuned_exit_ratio": 2.0},
     "estimate from a sample": {"small_mesh_vertices": 2**31},
 }
-"""Changes of the tuning that take a decision away, by its name in the table; "dead zone" also takes the refinement."""
+"""For each decision, by its name in the table, the changes of the tuning that take it away; "dead zone" also
+takes away the refinement.
+"""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def measure(clips: Sequence[MeshSequence]) -> Measured:
 
 def rows(clips: Sequence[MeshSequence], tried: Iterable[tuple[str, str, Tuning]]) -> Iterator[str]:
     """Yield the lines of the table, as CSV, of some :func:`variants`."""
-    measure(clips)  # warms up
+    measure(clips)  # fills caches
     usual = measure(clips)
     yield HEADER
     for name, change, tuning in tried:

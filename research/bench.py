@@ -141,8 +141,8 @@ def bench_xpbd() -> Iterator[Measurement]:
     if importlib.util.find_spec("pypbd") is None:
         yield Measurement(f"{name}, pyPBD", None, "ms a frame", "not installed: pip install 'pdecodec[baselines]'")
         return
-    # In a process of its own, because pyPBD keeps its scene in global state. The number of threads is that of the
-    # available processors, which pyPBD may not know in a container.
+    # Runs in a process of its own, because pyPBD keeps its scene in global state. The number of threads is that of the
+    # available processors, which pyPBD may not detect in a container.
     threads = {**os.environ, "OMP_NUM_THREADS": str(len(os.sched_getaffinity(0)))}
     run = subprocess.run([sys.executable, "-c", _PYPBD], capture_output=True, text=True, check=True, env=threads)
     theirs = float(run.stdout.split()[-1])
@@ -186,7 +186,7 @@ for _ in range({CLOTH_FRAMES}):
     started = time.perf_counter(); step.step(model); times.append(time.perf_counter() - started)
 print(statistics.median(times))
 """
-"""The same cloth in pyPBD: XPBD distance (4) and isometric bending (3) constraints."""
+"""The same cloth in pyPBD, with XPBD constraints: distance (4) and isometric bending (3)."""
 
 
 class GeneratedClip(MeshSequence):

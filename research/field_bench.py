@@ -36,7 +36,9 @@ class Measured(NamedTuple):
 
 
 def part_of(clip: dict[str, NDArray[Any]]) -> tuple[Any, ...]:
-    """Return the connectivity of a clip, as the core takes it: elements of fewer than three corners repeat the last."""
+    """Return the connectivity of a clip as the core takes it. Elements with fewer than three corners are padded
+    by repeating the last corner.
+    """
     none = np.zeros(0, np.int32)
     corners = next((clip[name] for name in ("faces", "cells") if name in clip), np.zeros((0, 3), np.int32))
     for column in range(1, 3):

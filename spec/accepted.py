@@ -189,7 +189,7 @@ LINES = [range(12), (12, 13), (13, 14, 15), (16,), (17, 17, 18), (3, 20, 3), (19
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """What the encoder is made to choose: its settings, and decisions that it otherwise makes by size."""
+    """The choices that the encoder is made to make: its settings, and decisions that otherwise depend on size."""
 
     time: TimeFunctions = "trajectories"
     space: tuple[SpaceKind, int] = ("patch", 64)
@@ -230,7 +230,9 @@ def soup(frames: int = 6, rows: int = 4, columns: int = 5) -> ArraySequence:
 
 
 def partly_tied() -> ArraySequence:
-    """A soup of two objects and of loose points; two quads of the soup part, one of them with what lies on it."""
+    """A soup of two objects and of loose points. Later, two quads leave the soup, one of them together with the
+    vertices that lie on it.
+    """
     soup_points, points = soup(7, 4, 6).points, np.zeros((7, 5, 3))
     own = soup(7, 4, 6).objects[0].connectivity
     points[:, [0, 3]], points[:, 1:3] = soup_points[:, [0]], 9.0

@@ -1,4 +1,4 @@
-"""The vectors with fields (sections 24 and 25) that every decoder must read, and what they are made of."""
+"""The vectors with fields (sections 24 and 25) that every decoder must read, and the clips that they are made from."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def two_objects(frames: int, fields: Sequence[tuple[Field, Any]]) -> ArraySequen
 
 
 def of_every_kind(frames: int = 6) -> ArraySequence:
-    """Return fields on every domain, of every type, on all objects or on one; some values are no numbers."""
+    """Return fields on every domain and of every type, on all objects or on one; some values are not finite."""
     random, along = np.random.default_rng(3), np.arange(frames)[:, None]
     velocity, bits = wave(frames, 1, 17), noise(frames, 5).astype(np.float32)
     velocity[-3:, 4, 0], velocity[1:, 9, 2], velocity[-1, 10, 2] = np.nan, np.inf, -np.inf
@@ -74,7 +74,7 @@ def smooth(frames: int) -> ArraySequence:
 
 
 def computed(frames: int = 8) -> ArraySequence:
-    """Return a wave with its velocity and displacement, and fields that are functions of others."""
+    """Return a wave with its velocity and displacement, and fields that are computed from others."""
     time, place = np.arange(frames)[:, None] / 24, np.linspace(0, 6, 12)
     points = np.stack([0 * time + place, np.sin(place - 3 * time), np.cos(2 * place + 2 * time)], axis=-1)
     slopes = np.stack([0 * time * place, -3 * np.cos(place - 3 * time), -2 * np.sin(2 * place + 2 * time)], axis=-1)
@@ -118,7 +118,9 @@ def with_coding(sequence: MeshSequence, coding: FieldCoding, longest: int = 512,
 
 @dataclass(frozen=True)
 class Header:
-    """A header of FLDS. Names and rows of groups are bytes, `objects` counts, so that they can be wrong."""
+    """A header of FLDS. Names and rows of groups are bytes, and `objects` is written as counts, so that all of
+    them can be wrong.
+    """
 
     groups: bytes
     name: bytes = b"a"
@@ -130,14 +132,14 @@ class Header:
     limits: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def pack(self) -> bytes:
-        """Return its bytes."""
+        """Return the bytes of the header."""
         head = count(len(self.name)) + self.name + bytes([self.domain, self.type]) + count(self.components)
         owners = b"".join(map(count, (len(self.objects), *self.objects)))
         return head + count(len(self.unit)) + self.unit + owners + struct.pack("<3d", *self.limits) + self.groups
 
 
 def headers(*fields: Header) -> bytes:
-    """Return FLDS."""
+    """Return section FLDS."""
     return count(len(fields)) + b"".join(field.pack() for field in fields)
 
 
@@ -207,7 +209,7 @@ def at_rest(frames: int = 3) -> list[Part]:
 
 
 def by_hand() -> tuple[bytes, bytes]:
-    """Return FLDS and FDAT of nine frames that no encoder writes at once."""
+    """Return FLDS and FDAT of nine frames, with a mixture that no encoder writes."""
     ramp = chunk_of(np.arange(30).reshape(10, 3, 1) * 11, (TRIANGLE,), coding=(8, 255))
     huge = chunk_of([[[2**36]], [[-(2**36)]], [[1]]])
     kinds = chunk_of([[[5]], [[6]]], kinds=[[[0]], [[1]]])
@@ -219,10 +221,10 @@ def by_hand() -> tuple[bytes, bytes]:
     of_mixed = group(kinds, frames=2, in_chunk=2) + group(floats, EXACT, frames=7, in_chunk=2)
     cut = group(ramp, frames=4, skipped=8, in_chunk=10)
     rows = [
-        # Frames at the start of a chunk are skipped, and its last one holds.
+        # Frames at the start of a chunk are skipped, and its last frame is held.
         Header(cut + group(ramp, frames=5, in_chunk=10), b"cut", objects=(0,)),
         Header(group(huge, frames=9, unit=2.0**-30), b"huge", type=1, objects=(1,)),
-        # An integer that is no number is the one that was predicted.
+        # An integer that is marked as not a number decodes to its prediction.
         Header(group(kinds, EXACT, frames=9, in_chunk=2), b"kinds", type=5, objects=(1,)),
         # The coding changes from group to group.
         Header(of_mixed, b"mixed", objects=(1,)),

@@ -3,7 +3,7 @@
     python -m spec.make_vectors             write vectors that do not exist yet; keep all others
     python -m spec.make_vectors --replace   also replace vectors that the current encoder writes differently
 
-Accepted files pin down decoding. Encoders may write other bytes for the same input; nothing has to change here then.
+Accepted files pin down decoding. Encoders may write other bytes for the same input; then nothing has to change here.
 Once the version of the format is released, its vectors are never replaced.
 """
 
@@ -31,7 +31,7 @@ LISTED_TIMES = (0.0, 0.3, 0.77, 1.0)
 """Times at which positions are listed, as fractions of the clip."""
 
 MAX_LISTED_VERTICES = 4
-"""Largest number of vertices whose positions are listed, and of numbers of a field."""
+"""Largest number of vertices whose positions are listed, and of values of a field."""
 
 
 def describe(data: bytes) -> dict[str, Any]:
@@ -66,14 +66,16 @@ def describe(data: bytes) -> dict[str, Any]:
 
 
 def describe_field(run: Animation, index: int) -> dict[str, Any]:
-    """Describe a field of a run: its header, SHA-256 of its values unless their arithmetic is free, and some values."""
+    """Describe a field of a run: its header, the SHA-256 of its values if their arithmetic is specified, and
+    some values.
+    """
     own = run.fields[index]
     values = b"".join(struct.pack(f"<{len(frame)}{own.type}", *frame) for frame in own.frames)
     listed = []
     for time in dict.fromkeys(run.times[0] + (run.times[-1] - run.times[0]) * moment for moment in LISTED_TIMES):
         row = run.field(index, time)
         shown = row[:: -(-len(row) // MAX_LISTED_VERTICES) or 1]
-        # As text: JSON has no NaN and no infinity, and its readers round integers above 2^53.
+        # Values are listed as text: JSON has no NaN and no infinity, and its readers round integers above 2^53.
         listed.append([time, *(repr(value) if isinstance(value, float) else str(int(value)) for value in shown)])
     return {
         "name": own.name,

@@ -269,9 +269,9 @@ def _chunks(base: Base) -> Iterator[Refused]:
 
 def _scripts(base: Base) -> Iterator[Refused]:
     """Yield files whose coded streams are written bit by bit, as the decoder reads them."""
-    # Faces of the first object: their number, size, number of corners or whether they are a surface, and the first
-    # face. Residuals: their number plus 1, the number of raw vertices plus 1, whether they are predicted, then the
-    # frames.
+    # Scripts for the first face of the first object: number of faces, size, number of corners or whether they form a
+    # surface, and the first face. Scripts for residuals: their number plus 1, the number of raw vertices plus 1,
+    # whether residuals are predicted, then the frames.
     few, quad, one = "polygons of too few corners, or too many", counted(2) + counted(5), counted(1) + counted(2)
     nan, infinite = f"{0x7FC00000:032b}", f"{0xFF800000:032b}"
     many, gone = "there are more residuals than there can be", "a missing raw vertex"
@@ -341,7 +341,7 @@ def _scripts(base: Base) -> Iterator[Refused]:
     tied = take_apart(encoded(soup(3, 3, 3), Choices()))
     raw = scripted(tied, "CORR", one + "0" + counted(1) + counted(10), group=True, says=gone)
     yield Refused("raw_of_a_tied_vertex", seal(raw), "place 9 of 9, of 16 vertices (15.6)")
-    # The count of the first context band; in its channel, a nonzero block, sign, exponent, digits.
+    # The count of the first context band, then for its channel: a nonzero block, sign, exponent, digits.
     beyond = "10" + "1 0" + "1" * 40 + "0" * 39 + "1"
     yield Refused(
         "coefficient_beyond_2_40", seal(_script(base, "COEF", beyond, "a coefficient out of range")), "2^40 + 1 (14)"

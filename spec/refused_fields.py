@@ -28,7 +28,7 @@ from spec.decoder.fields import Fields
 from spec.sealing import content, count, take_apart
 
 Damaged = Iterator[tuple[str, bytes, bytes, str]]
-"""The name, FLDS, FDAT, and the reason."""
+"""Yields for each file: its name, FLDS, FDAT, and the reason why decoders refuse it."""
 
 EMPTY = chunk_of(np.zeros((3, 4, 1)), (TRIANGLE, POINT))
 GOOD = Header(group(EMPTY))

@@ -1,4 +1,4 @@
-/* Plays a .pdeanim file to OBJ: play FILE.pdeanim FOLDER [FPS] writes a file a frame into a folder that exists. */
+/* Converts a .pdeanim file to OBJ: play FILE.pdeanim FOLDER [FPS] writes one file per frame into an existing folder. */
 #include <pdeanim.h>
 #include <stdio.h>
 #include <stdlib.h>

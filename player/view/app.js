@@ -27,7 +27,7 @@ const KEYS = [
   ["f", "show the whole mesh"],
 ];
 
-/** Number of steps over a group of frames at which its extent is sampled. */
+/** Number of times in a group of frames at which the extent of the mesh is sampled. */
 const EXTENT_STEPS = 6;
 
 const byId = (id) => document.getElementById(id);
@@ -223,7 +223,7 @@ class App {
     this.#draw();
   }
 
-  /** Frame the whole mesh: its extent over the current group of frames, which is decoded anyway. */
+  /** Frame the whole mesh, by its extent over the current group of frames, which is decoded anyway. */
   fit() {
     const { object } = this;
     const run = this.animation.at(this.time);

@@ -6,7 +6,7 @@
 const FIELD_OF_VIEW = Math.PI / 5;
 const MAX_PITCH = Math.PI / 2 - 0.01;
 
-/** Rotation per pixel of dragging [radians]; factor on the distance per unit of wheel movement. */
+/** Rotation per pixel of dragging [radians], and the factor by which a unit of wheel movement changes the distance. */
 const RADIANS_PER_PIXEL = 0.008;
 const ZOOM_PER_WHEEL_UNIT = 1.0015;
 

@@ -89,7 +89,7 @@ export function drawTicks(canvas, animation, colour) {
   context.scale(scale, scale);
   context.fillStyle = colour;
   const { times, start, end } = animation;
-  const edge = 8; // half of the slider's thumb
+  const edge = 8;  // half the width of the slider's thumb
   const place = (time) => edge + ((time - start) / (end - start || 1)) * (width - 2 * edge);
   const run = animation.at(start);
   const starts = new Set(

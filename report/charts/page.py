@@ -152,7 +152,7 @@ def as_json(report: Report, made_with: Mapping[str, str], more: Mapping[str, Any
 
 
 def render_page(report: Report, pictures: Mapping[str, bytes], made_with: Mapping[str, str]) -> str:
-    """Return the page; `pictures` are PNGs of pictures, and SVGs of charts for readers without scripts."""
+    """Return the page. `pictures` are PNGs of pictures, and SVGs of charts for browsers without scripts."""
     body = [f"<h1>{escape(report.title)}</h1>", _paragraphs(report.summary)]
     if report.links:
         links = ", ".join(f'<a href="{quote(to)}">{escape(name)}</a>' for name, to in report.links)

@@ -103,7 +103,7 @@ class View:
             # Newell's method, which also works for polygons that are not flat.
             normals = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
             normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-            # An open tube shows its inside too, so both sides are lit alike.
+            # The inside of an open tube is visible too, so both sides of a face are lit the same way.
             fill = np.clip(colour * (ambient + (1 - ambient) * np.abs(normals @ LIGHT))[:, None], 0, 1)
             # Edges in the face's own colour close the hairlines between antialiased neighbours.
             looks = zip(_hexes(fill), _hexes(0.75 * fill) if lines else _hexes(fill), strict=True)

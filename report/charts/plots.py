@@ -117,7 +117,7 @@ Corners = tuple[float, float, float, float, str]
 """x, x2, y, y2 and a colour."""
 
 RAW_COLOUR = {"field": "colour", "type": "nominal", "scale": None}
-"""Encoding of colours that stand in the data."""
+"""Encoding for colours that are values in the data."""
 
 TOOLTIP = {"content": "data"}
 """Tooltip of all data of a mark."""

@@ -27,7 +27,7 @@ from pdecodec.mesh.sequence import Connectivity
 Quantised = TypeVar("Quantised")
 
 Encoder = Callable[[float], bytes]
-"""From a length [scene units] to bytes; a larger length gives fewer bytes and a larger error."""
+"""A function from a length [scene units] to bytes; a larger length gives fewer bytes and a larger error."""
 
 MAX_BITS = 52
 """Largest number of bits of a rounded number; more are finer than float64."""

@@ -21,7 +21,7 @@ from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.plots import Axis, Panel, side_by_side
 
 STRIDES = (2, 4)
-"""One in two frames is kept, or one in four."""
+"""The spacings of kept frames that are measured: one frame in two is kept, or one in four."""
 
 BETWEEN_TOLERANCE = 1e-4
 """Tolerance of the encoding, so tight that errors between frames show the interpolation, not the quantisation."""
@@ -32,7 +32,7 @@ COORDINATE_BLOCK = 2**20
 PDECODEC = "pdecodec, profile auto"
 
 Interpolation = Callable[[Float64Array, Float32Array, Float64Array], Float32Array]
-"""From knots (kept,) [s], positions (kept, vertices, 3) and times (n,) [s] to positions (n, vertices, 3)."""
+"""A function from knots (kept,) [s], positions (kept, vertices, 3) and times (n,) [s] to positions (n, vertices, 3)."""
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,12 @@ from pdecodec.report.clips.ratesearch import RateCurve
 from pdecodec.system.workers import Worker, WorkerError, call_workers
 
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-"""From objects in the background to archives: two per decade."""
+"""Tolerances that are measured, two per decade: from objects in the background to archives."""
 
 PROFILES: tuple[Profile, ...] = ("auto", "paper")
 
 JOBS = 2
-"""Baselines measured at a time."""
+"""Number of baselines that are measured at a time."""
 
 WARM_UP_FRAMES = 8
 """Frames encoded and decoded before timing, so that loading libraries is not timed."""

@@ -15,20 +15,24 @@ from pdecodec.mesh.sequence import Connectivity
 from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, UnreachableError
 
 Preview = Callable[[float], Float32Array]
-"""From a length to what its bytes would decode to."""
+"""A function from a length to the positions that its bytes would decode to."""
 
 MAX_TRIES = 8
-"""Lengths tried per bound: a few approach it, and errors jump by 10 % from one length to the next."""
+"""Largest number of lengths tried per bound: a few approach the bound, but errors jump by 10 % from one length
+to the next.
+"""
 
 ACCEPTED_RATIO = 0.98
-"""A try within this fraction of the bound, or of a neighbouring length, is close enough: about 1 % of the bytes."""
+"""A length whose error is within this fraction of the bound, or which is within this fraction of a neighbouring
+length, is close enough: about 1 % of the bytes.
+"""
 
 TARGET_RATIO = 0.99
-"""Fraction of the bound that a try aims at: the middle of what is close enough."""
+"""Fraction of the bound that a length aims at: the middle of what is close enough."""
 
 MIN_SAVING_RATIO = 0.98
-"""Lengths between a try beyond the bound and one within it are tried only if the former saves this fraction of
-bytes.
+"""Between a length that misses the bound and one that keeps it, further lengths are tried only if the former
+takes less than this fraction of the bytes of the latter.
 """
 
 MAX_LENGTH_RATIO = 16.0
@@ -44,7 +48,9 @@ MIN_BRACKET_FRACTION = 0.1
 """Smallest distance of an interpolated length from the ends of a bracket, over its width on a log scale."""
 
 INTERPOLATIONS = 3
-"""Interpolated tries in a bracket; if they do not come close, errors jump, and bisection is better."""
+"""Largest number of interpolated lengths in a bracket. If these do not come close, the error jumps, and
+bisection is better.
+"""
 
 
 @dataclass(frozen=True)
@@ -64,13 +70,15 @@ class SearchResult:
 
 
 class RateCurve:
-    """Bytes against error of one baseline on one sequence; prepared once, and every length tried serves every bound.
+    """Bytes against error of one baseline on one sequence. It is prepared once, and every length tried serves every
+    bound.
 
-    For a :class:`Transform`, lengths are tried by what they would decode to, and only the chosen one is coded.
-    Results were always coded and decoded again. Nothing is done before the first bound is requested.
+    For a :class:`Transform`, a length is tried by computing what it would decode to; only the chosen length is
+    coded. Results were always coded and decoded. Nothing is done before the first bound is requested.
 
-    The same bounds in the same order give the same results. In another order a length may differ where two are close
-    enough to the bound, and its bytes by about 1 %. Raises MissingExtraError if the baseline's package is missing.
+    The same bounds in the same order give the same results. In another order, if two lengths are close enough to the
+    bound, the other one may be chosen, whose bytes differ by about 1 %. Raises MissingExtraError if the baseline's
+    package is missing.
     """
 
     def __init__(self, baseline: Baseline, points: Float32Array, connectivity: Connectivity) -> None:
@@ -198,13 +206,15 @@ class RateCurve:
         return length if length != near else self._baseline.effective_length(near * (0.5 if coarsest is None else 2.0))
 
     def _saves_little(self, within: float, beyond: float) -> bool:
-        """Whether a length that misses the bound is known to save hardly any bytes over one that keeps it."""
+        """Return whether the length that misses a bound is known to save hardly any bytes over the one that
+        keeps it.
+        """
         if within not in self._tries or beyond not in self._tries:
             return False
         return self._tries[beyond].size >= MIN_SAVING_RATIO * self._tries[within].size
 
     def _between(self, within: float, beyond: float, bound: float) -> float:
-        """Interpolate a length, both axes logarithmic."""
+        """Interpolate a length between two others, on logarithmic scales."""
         least, largest = self._errors[within], self._errors[beyond]
         share = math.log(TARGET_RATIO * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
         share = min(max(share, MIN_BRACKET_FRACTION), 1.0 - MIN_BRACKET_FRACTION)

@@ -14,7 +14,7 @@ from pdecodec.report.clips.measurement import Measurement, best_baseline, size_r
 class Use:
     """A use of a clip: its size on screen.
 
-    The diagonal of the first frame spans so many pixels, and no vertex may be off by more than one.
+    The diagonal of the first frame spans this many pixels, and no vertex may be off by more than one pixel.
     """
 
     name: str
@@ -27,7 +27,7 @@ class Use:
 
 
 USES = (Use("background", 300), Use("hero", 3000), Use("archive", 10_000))
-"""An extra in the crowd; a character that fills a 4K frame; one that may be seen closer than anybody plans."""
+"""An extra in a crowd; a character that fills a 4K frame; one that may later be seen closer than planned."""
 
 
 @dataclass(frozen=True)

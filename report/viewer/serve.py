@@ -1,8 +1,8 @@
 """A local page that lists the `.pdeanim` files of a folder, with pictures, and plays them.
 
-Reads only: nothing but GET and HEAD is answered. Bound to the loopback address; requests that name another host are
-refused, so that no page from elsewhere reads files by a name that leads here. Paths are confined to the folder, links
-included.
+The server only reads: it answers nothing but GET and HEAD. It listens on the loopback address, and refuses requests
+that name another host, so that a page from elsewhere cannot read files through a host name that leads here. Only
+files in the folder are served; links count as the files they lead to.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from pdecodec.report.viewer.view import list_page, served_page
 LOOPBACK = "127.0.0.1"
 
 RANGE = re.compile(r"bytes=([0-9]{1,18})-([0-9]{0,18})")
-"""The ranges that are answered; any other is ignored, as RFC 9110 allows."""
+"""The form of a Range header that is answered; any other is ignored, as RFC 9110 allows."""
 
 KIND = "application/octet-stream"
-"""Of files, which no page runs."""
+"""Content type of files; a browser never runs it."""
 
 CHUNK_BYTES = 1 << 18
-"""Of a file, read and sent at once."""
+"""Size of the pieces in which a file is read and sent [bytes]."""
 
 
 class FolderServer(ThreadingHTTPServer):
@@ -38,7 +38,7 @@ class FolderServer(ThreadingHTTPServer):
     ----------
     folder : Path
     port : int
-        0: any that is free.
+        0 chooses any free port.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class FolderServer(ThreadingHTTPServer):
         return f"http://{LOOPBACK}:{self.server_port}/"
 
     def files(self) -> Iterator[tuple[str, int]]:
-        """Names within the folder, and bytes; what cannot be read is left out."""
+        """Yield the name within the folder and the size [bytes] of each file; unreadable files are left out."""
         found = []
         for folder, _, names in os.walk(self.folder):
             for name in names:
@@ -68,23 +68,23 @@ class FolderServer(ThreadingHTTPServer):
         yield from sorted(found)
 
     def place(self, name: str) -> Path | None:
-        """The file of a name; None where it is not one of the folder's."""
+        """Return the path of a file that has this name in the folder; None if there is none."""
         try:
             path = (self.folder / name).resolve()
             is_ours = path.is_relative_to(self.folder) and path.suffix == ".pdeanim" and path.is_file()
-        except (OSError, ValueError, RuntimeError):  # a name that is too long, or of NUL; a link that loops
+        except (OSError, ValueError, RuntimeError):  # a name too long or with a NUL, a link that loops
             return None
         return path if is_ours else None
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print nothing about clients that leave and files that cannot be read."""
+        """Print nothing about clients that disconnect and files that cannot be read."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
     def _size_of(self, path: Path | None) -> int | None:
         try:
             return None if path is None else path.stat().st_size
-        except OSError:  # removed meanwhile
+        except OSError:  # removed in the meantime
             return None
 
 
@@ -103,14 +103,14 @@ class _Handler(BaseHTTPRequestHandler):
             return
         try:
             path = os.fsdecode(unquote_to_bytes(urlsplit(self.path).path))
-        except ValueError:  # an address that is none
+        except ValueError:  # not an address
             self.send_error(HTTPStatus.BAD_REQUEST)
             return
         if path == "/":
             files = [(name, size, quote(os.fsencode(name))) for name, size in self.server.files()]
             self._send_page(list_page(self.server.folder.name, files))
             return
-        if path == "/favicon.ico":  # browsers ask for one, and log an error if there is none
+        if path == "/favicon.ico":  # browsers ask for it, and log an error if there is none
             self.send_response(HTTPStatus.NO_CONTENT)
             self.end_headers()
             return
@@ -124,7 +124,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_file(place)
 
     def _send_page(self, page: str) -> None:
-        content = page.encode(errors="replace")  # names that are not UTF-8
+        content = page.encode(errors="replace")  # names that are not UTF-8 become question marks
         self._begin(HTTPStatus.OK, "text/html; charset=utf-8", len(content))
         if self.command == "GET":
             self.wfile.write(content)
@@ -132,7 +132,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_file(self, path: Path) -> None:
         try:
             file = path.open("rb")
-        except OSError:  # no access, or removed meanwhile
+        except OSError:  # not permitted, or removed in the meantime
             self.send_error(HTTPStatus.NOT_FOUND)
             return
         with file:

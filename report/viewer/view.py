@@ -1,4 +1,4 @@
-"""One page that plays `.pdeanim` files offline: it contains scripts, decoder and files."""
+"""A page that plays `.pdeanim` files offline: it contains scripts, the decoder and the files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "mesh.js", "motion
 """Scripts of the player that the page needs."""
 
 MAX_STEPS = 32767
-"""Steps of the largest difference from an original that 16 bits hold; half a step is 1.5e-5 of that difference."""
+"""Largest difference from an original, in steps, that 16 bits hold; half a step is then 1.5e-5 of that difference."""
 
 TIME_TOLERANCE = 1e-6
 """Largest difference [s] between times of an original and of the file."""
@@ -31,7 +31,7 @@ TIME_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Original:
-    """The original of a file, as differences from what the file decodes to.
+    """The original of a file, as differences from the decoded positions.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Original:
 
 
 def difference(animation: Animation, original: MeshSequence, name: str) -> Original:
-    """Return the difference of an original from what a file decodes to, at every frame and vertex.
+    """Return the difference of an original from the decoded positions, at every frame and vertex.
 
     Raises
     ------
@@ -104,7 +104,9 @@ def served_page(title: str, name: str, address: str, *, up_axis: str | None = No
 
 
 def list_page(title: str, files: Sequence[tuple[str, int, str]]) -> str:
-    """Return a page that lists files: name, bytes, and address below ``/file/`` and ``/view/``."""
+    """Return a page that lists files. Each has a name, a size [bytes] and an address below ``/file/`` and
+    ``/view/``.
+    """
     rows = [{"name": name, "size": size, "address": address} for name, size, address in files]
     return _page(title, {"files": rows}, None, wasm=_packed_wasm(), template="list.html")
 
@@ -139,12 +141,12 @@ def _in_script(text: str) -> str:
 
 
 def _imports(folder: Path) -> dict[str, str]:
-    """Return every script of the page by the name that others import it by, as an address that contains it."""
+    """Return the scripts of the page as data addresses, by the names under which other scripts import them."""
     files = {f"pdeanim/{name}": FOLDER / name for name in SCRIPTS}
     files |= {f"pdeanim/view/{path.name}": path for path in sorted(folder.glob("*.js"))}
     found = {}
     for name, path in files.items():
-        # An address that contains a script has no folder for relative imports.
+        # A data address has no folder, so relative imports are replaced by names.
         text = re.sub(r'from "\./(\w+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
         found[name] = "data:text/javascript;base64," + base64.b64encode(text.encode()).decode("ascii")
     return {"pdeanim": found["pdeanim/pdeanim.js"], **found}

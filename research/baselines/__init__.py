@@ -1,4 +1,4 @@
-"""Other ways to store a mesh sequence, each measured on bytes that it decoded again.
+"""Other ways to store a mesh sequence. Each is measured on positions that it decoded from its own bytes.
 
 Most are baselines of the field, written after their papers without the tuning of a product; some call the package
 that a pipeline would use. The output of a baseline lives from its encoder to its decoder in one process. It is not a
@@ -46,7 +46,7 @@ def face_baselines() -> tuple[Baseline, ...]:
 
 
 def available_baselines() -> tuple[tuple[Baseline, ...], tuple[str, ...]]:
-    """Return the baselines that can run here, and for each other one the reason why it cannot."""
+    """Return the baselines that can run here, and the reasons why the others cannot."""
     reasons = [(baseline, baseline.missing()) for baseline in all_baselines()]
     return (
         tuple(baseline for baseline, reason in reasons if reason is None),

@@ -31,10 +31,12 @@ are kept.
 """
 
 FIT_BOUND_RATIO = 0.7
-"""Fraction of the bound that curves may miss before their control points are rounded."""
+"""Fraction of the bound that curves may miss the points by before their control points are rounded."""
 
 CONTROL_STEP = 0.7
-"""Step of the control points over the rest of the bound; evaluation averages them, so the step may be large."""
+"""Quantisation step of the control points, divided by the rest of the bound. Evaluation averages control
+points, so the step may be large.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +55,12 @@ class Controls:
 
 
 class BSpline(Transform[Controls]):
-    """Curves of the codec's own extraction, with the point index as parameter and least-squares control points.
+    """B-splines along the curves that the codec extracts, with the point index as parameter and least-squares control
+    points.
 
-    The fewest control points that the bound allows, at every second frame if possible, else at every frame. The
-    paper sends control points unrounded; here they are rounded and coded as differences along the curve and in time.
+    It takes the fewest control points that the bound allows, at every second frame if possible, else at every frame.
+    The paper sends control points unrounded; here they are rounded and coded as differences along the curve and in
+    time.
     """
 
     name = "B-spline curves, linear in time"
@@ -136,10 +140,10 @@ def _pieces(curves: Curves, points_per_control: float) -> Iterator[tuple[slice, 
 
 
 def _knots(points: int, controls: int) -> tuple[Float64Array, Float64Array, int]:
-    """Return parameters of the points, knots of as many functions as there are control points, and their degree.
+    """Return parameters of the points, knots for as many functions as control points, and the degree.
 
-    Parameters run evenly through the functions' Greville abscissae. Where every point has a control point, the
-    equations are then well conditioned; at even parameters they are not.
+    Parameters run evenly through the functions' Greville abscissae. If every point has a control point, the
+    equations are then well conditioned; with evenly spaced parameters they are not.
     """
     degree = min(DEGREE, controls - 1)
     knots = np.pad(np.linspace(0.0, 1.0, controls - degree + 1), degree, mode="edge")
@@ -157,7 +161,7 @@ def _fit(along: Float64Array, count: int) -> Float64Array:
         return along
     at, knots, degree = _knots(length, count)
     design = ScipyBSpline.design_matrix(at, knots, degree)
-    # At these parameters the normal equations are well conditioned and lose nothing that matters.
+    # With these parameters the normal equations are well conditioned, and no digits that matter are lost.
     normal = design.T @ design
     bands = np.zeros((degree + 1, count))
     for above in range(degree + 1):
@@ -184,7 +188,7 @@ def _evaluate(controls: Float64Array, curves: Curves, choice: int) -> Float64Arr
 
 
 def _keys(frames: int, interval: int) -> Int64Array:
-    """Return the frames that are kept; the last one always is."""
+    """Return the frames that are kept; the last frame is always kept."""
     keys = np.arange(0, frames, interval)
     return keys if keys[-1] == frames - 1 else np.append(keys, frames - 1)
 

@@ -15,7 +15,7 @@ from pdecodec.mesh.arrays import Int64Array
 from pdecodec.research.baselines.traversal import Traversal
 
 HIGHEST_DIFFERENCE = 2
-"""Highest order of differences in time that is tried; constant speed leaves nothing of the second difference."""
+"""Highest order of differences in time that is tried; constant speed has second differences of zero."""
 
 
 def encode_bands(values: Int64Array) -> bytes:
@@ -63,7 +63,7 @@ def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
 
 
 def _write_columns(candidates: tuple[Int64Array, ...]) -> bytes:
-    """Write the candidate of fewest bits for each column, (rows, columns): its index, and its numbers as a band."""
+    """Write for each column, (rows, columns), the candidate of fewest bits: its index, and its numbers as a band."""
     bits = [np.log2(1.0 + np.abs(candidate)).sum(axis=0) for candidate in candidates]
     kind = np.argmin(bits, axis=0)
     writer = FieldWriter()

@@ -1,8 +1,8 @@
-"""Columns of one number per vertex, each predicted from neighbours by weights fitted to the columns before it.
+"""Columns of one number per vertex, each predicted from neighbours by weights that are fitted to the columns before it.
 
 Váša and Skala 2010, "Geometry-driven local neighbourhood based predictors for dynamic mesh compression", fit the
-weights to what the decoder already has. Here that is the columns before: principal components, the largest first, so
-that the first ones represent the shape of the mesh and its main motion. No weights are sent.
+weights to data that the decoder already has. Here these data are the previous columns: principal components, the
+largest first, so the first ones represent the shape of the mesh and its main motion. No weights are sent.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ MAX_WEIGHT = 64.0
 
 
 RIDGE_TRACE_RATIO = 2.0**-40
-"""Fraction of the matrix's trace added to its diagonal: the prior is lost next to large and similar neighbours."""
+"""Fraction of the matrix's trace added to its diagonal. Large and similar neighbours would otherwise drown the
+prior.
+"""
 
 
 class FittedPredictor:
@@ -66,7 +68,7 @@ class FittedPredictor:
 
     def _neighbours_used(self, traversal: Traversal) -> BoolArray:
         used: BoolArray = self._neighbours > 0
-        used[:, 0] = np.diff(traversal.starts) > 0  # the smallest neighbour may be place 0
+        used[:, 0] = np.diff(traversal.starts) > 0  # an unused neighbour is also 0, which is a valid place
         return used
 
     def weights(self) -> Int64Array:

@@ -88,11 +88,11 @@ class Meshopt(Baseline):
 
 
 class Draco(Baseline):
-    """Every frame a mesh of its own, by edgebreaker: connectivity is in each of them and counts here.
+    """Every frame as a mesh of its own, by edgebreaker: each contains the connectivity, which counts here.
 
-    Draco returns vertices in an order of its own. It depends on connectivity alone, so the decoder finds it again
-    from a mesh whose vertices stand where their numbers say. Where Draco merges or leaves out vertices, in that mesh
-    or in a frame, all frames are coded as points in their original order instead, without faces.
+    Draco returns vertices in an order of its own, which depends on connectivity alone. So the decoder finds the
+    order again from a mesh in which the position of a vertex is its number. If Draco merges or leaves out vertices,
+    in that mesh or in a frame, all frames are coded as points in their original order instead, without faces.
     """
 
     name = "Draco a frame"
@@ -120,7 +120,7 @@ class Draco(Baseline):
         return encode
 
     def _faces_in_order(self, connectivity: Connectivity) -> NDArray[np.uint32] | None:
-        """Triangles for where the order of vertices is kept."""
+        """Return the triangles for coding in the original order of vertices."""
         return None
 
     def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
@@ -134,7 +134,9 @@ class Draco(Baseline):
 
 
 class DracoWithFaces(Draco):
-    """As :class:`Draco`, but faces are in its bytes always: in the order they have, where it would merge vertices."""
+    """Like :class:`Draco`, but its bytes always contain the faces. They are in their original order if Draco
+    would merge vertices.
+    """
 
     def _faces_in_order(self, connectivity: Connectivity) -> NDArray[np.uint32] | None:
         return _triangles(connectivity) if connectivity.face_count else None
@@ -143,7 +145,7 @@ class DracoWithFaces(Draco):
 def _encode_meshes(
     points: Float32Array, triangles: NDArray[np.uint32], low: Float64Array, step: float, bits: int
 ) -> list[bytes] | None:
-    """Every frame as a mesh; None where Draco merges or leaves out vertices, or finds no triangle with an area."""
+    """Encode every frame as a mesh; None if Draco merges or leaves out vertices, or finds no triangle with an area."""
     import DracoPy
 
     try:
@@ -162,7 +164,7 @@ def _encode(
     *,
     in_order: bool = False,
 ) -> bytes:
-    """A mesh, or points alone, in Draco's own order of vertices or in theirs."""
+    """Encode a mesh, or points alone, in Draco's order of vertices or in the original one."""
     import DracoPy
 
     data: bytes = DracoPy.encode(
@@ -203,7 +205,7 @@ def _order_of(connectivity: Connectivity) -> Int64Array | None:
 
 
 def encode_fields(points: Float32Array, compress: Callable[[Float32Array], bytes]) -> bytes:
-    """Every axis of (frames, vertices, 3) float32 compressed on its own, in the order that takes fewer bytes."""
+    """Compress each axis of (frames, vertices, 3) float32 separately, in the order that takes fewer bytes."""
     candidates = []
     for number, order in enumerate(ORDERS):
         writer = FieldWriter()
@@ -229,7 +231,7 @@ def decode_fields(data: bytes, decompress: Callable[[bytes, tuple[int, int]], ND
 
 
 class Zfp(Baseline):
-    """Fixed accuracy; only powers of two make a difference to it, so it seldom meets a bound closely."""
+    """zfp with a fixed accuracy. It supports only powers of two, so it seldom meets a bound closely."""
 
     name = "zfp"
     source = "Lindstrom 2014, Fixed-rate compressed floating-point arrays; fixed-accuracy mode"
@@ -250,7 +252,7 @@ class Zfp(Baseline):
 
 
 class Sz3(Baseline):
-    """Interpolation and Lorenzo prediction under an absolute bound on every coordinate."""
+    """SZ3: interpolation and Lorenzo prediction, with an absolute bound on every coordinate."""
 
     name = "SZ3"
     source = (
@@ -285,7 +287,9 @@ class Sz3(Baseline):
 
 
 class Sperr(Baseline):
-    """Wavelets over frames and vertices, set partitioning, and outliers corrected: an absolute bound on coordinates."""
+    """SPERR: wavelets over frames and vertices, set partitioning, and correction of outliers, with an absolute
+    bound on coordinates.
+    """
 
     name = "SPERR"
     source = "Li, Lindstrom and Clyne 2023, Lossy scientific data compression with SPERR; point-wise error mode"

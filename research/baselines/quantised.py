@@ -19,16 +19,18 @@ from pdecodec.research.baselines.coding import decode_over_mesh, encode_over_mes
 from pdecodec.research.baselines.traversal import traverse
 
 CUBE_DIAGONAL = 2.0 / math.sqrt(3.0)
-"""Side of a cube whose corners lie at distance 1 from its centre: the step that keeps a Euclidean bound."""
+"""Side of a cube whose corners are at distance 1 from its centre: a grid with this step keeps a Euclidean bound
+of 1.
+"""
 
 CUBE_BOUND_RATIO = 0.999
-"""Fraction of the bound that the cube takes: the returned float32 is rounded too."""
+"""Fraction of the bound that the cube may take: the decoded float32 is rounded too."""
 
 MAX_COORDINATE_BITS = 31
 """Largest number of bits of a grid coordinate; more would be finer than float32 over the range of the sequence."""
 
 ZSTD_LEVEL = 19
-"""The strongest zstandard level that keeps to its usual memory."""
+"""The strongest zstandard level that does not take unusually much memory."""
 
 LARGE_ZSTD_LEVEL = 17
 """Level for large inputs, which are compressed anew for every bound: 1 to 3 % more bytes in two thirds of the time."""
@@ -136,7 +138,7 @@ class _RawBaseline(Baseline):
 
 
 class RawFloat32(_RawBaseline):
-    """What a pipeline does without a codec: float32 positions, bytes of equal significance grouped, zstandard."""
+    """Storage without a codec: float32 positions, bytes of equal significance grouped, zstandard."""
 
     name = "float32 + zstd"
     source = "Collet and Kucherawy 2021, RFC 8878"
@@ -188,13 +190,13 @@ class GridDifferences(Baseline):
 
 
 class QuantiseDelta(GridDifferences):
-    """The forty lines that every studio has written once: grid coordinates, differences in time, zstandard."""
+    """What studios typically write themselves: grid coordinates, differences in time, zstandard."""
 
     name = "quantise + delta in time + zstd"
     source = "common practice; RFC 8878"
 
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
-        narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time, because its numbers are alike
+        narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time: its numbers resemble each other
         writer.numbers("Q", narrow.itemsize)
         writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
 

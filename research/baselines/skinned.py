@@ -29,7 +29,7 @@ AFFINE_BONES = 16
 """Clusters of the scheme like FAMC, as many as its reference software was measured with."""
 
 MODEL_SHARE = 0.25
-"""Step of translations and of the shape, over the given length: every vertex and frame has their error."""
+"""Step of translations and of the shape, divided by the given length: every vertex and frame has their error."""
 
 COARSEST_WEIGHT = 1.0 / 16.0
 """Largest step of weights: the largest of four weights is at least a quarter and must not round to zero."""
@@ -39,9 +39,9 @@ COARSEST_WEIGHT = 1.0 / 16.0
 class RoundedSkinning:
     """A skinning in quantised values.
 
-    The shape, (vertices, 3) int64 of `step` [scene units]; weights, (vertices, bones) int64 of `weight_step`;
-    motions, (frames, bones, 6 or 12) int64: a rotation vector, or the linear part minus the identity; and the
-    position of the centre of the bone's vertices, in `step`.
+    The shape, (vertices, 3) int64 in steps of `step` [scene units]; weights, (vertices, bones) int64 in steps of
+    `weight_step`; motions, (frames, bones, 6 or 12) int64: a rotation vector, or the linear part minus the identity,
+    then the position of the centre of the bone's vertices in steps of `step`.
     """
 
     step: float
@@ -94,8 +94,8 @@ def round_skinning(skinning: Skinning, blend: float, length: float, *, rigid: bo
 
 
 def blend_distance(points: Float32Array, skinning: Skinning) -> float:
-    """Return how far bones disagree: root mean square distance [scene units] from where a vertex goes to where its
-    single bones would take it, over vertices of several bones; 0 if there are none.
+    """Return how far bones disagree: root mean square distance [scene units] from where a vertex goes to where
+    each of its bones alone would take it, over the vertices with several bones; 0 if there are none.
     """
     gram, _ = normal_equations(points.astype(np.float64), skinning.rest, skinning.transforms)
     weights = skinning.weights
@@ -184,10 +184,10 @@ class SkinningDecomposition(Baseline):
 
 @dataclass(frozen=True, eq=False)
 class CompensatedMotion:
-    """A skinning, and the temporal spectra of what it leaves.
+    """A skinning, and the temporal spectra of the motion that it misses.
 
-    (kept, vertices, 3) int64 in steps of `step` [scene units], lowest frequency first; the highest are zero and left
-    out.
+    Spectra are (kept, vertices, 3) int64 in steps of `step` [scene units], lowest frequency first; the highest are
+    zero and left out.
     """
 
     step: float

@@ -14,19 +14,19 @@ import numpy as np
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
 MAX_WEIGHTS = 4
-"""Largest number of bones per vertex, as in games and in both papers."""
+"""Largest number of bones that move one vertex, as in games and in both papers."""
 
 CLUSTER_ROUNDS = 4
-"""Rounds that assign vertices to clusters; the weights fitted afterwards compensate the remaining error."""
+"""Rounds that assign vertices to clusters; weights are fitted afterwards and compensate the remaining error."""
 
 FIT_ROUNDS = 4
 """Alternations between weights and transforms; a further one gains little next to the corrections."""
 
 RIDGE = 1e-9
-"""Added to the diagonal of a vertex's Gram matrix, over its trace, because two bones may move alike."""
+"""Added to the diagonal of a vertex's Gram matrix, divided by its trace, because two bones may move alike."""
 
 FLAT_EXTENT_RATIO = 1e-6
-"""Squared extent of a bone's vertices along an axis, over the largest, below which they are flat."""
+"""A bone's vertices are flat along an axis if their squared extent there, divided by the largest, is below this."""
 
 VERTEX_BLOCK = 2048
 """Vertices whose Gram matrices are in memory together."""
@@ -34,7 +34,8 @@ VERTEX_BLOCK = 2048
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
-    """A shape and what moves it: ``v[f, i] = sum_j weights[i, j] * (transforms[f, j] @ (rest[i], 1))``.
+    """A shape and the bones that move it: ``v[f, i] = sum_j weights[i, j] * (transforms[f, j] @ (rest[i],
+    1))``.
 
     Attributes
     ----------
@@ -104,8 +105,8 @@ def normal_equations(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the least-squares equations of every vertex's weights.
 
-    Gram matrices of where the bones would take it, (vertices, bones, bones), and their products with where it goes,
-    (vertices, bones); distances are from its first position.
+    These are Gram matrices of the positions to which bones would take the vertex, (vertices, bones, bones), and
+    products of those with its actual positions, (vertices, bones). Positions are relative to the vertex's first one.
     """
     extended = _homogeneous(rest)
     displaced = transforms - np.eye(3, 4)
@@ -163,7 +164,7 @@ def _homogeneous(rest: Float64Array) -> Float64Array:
 
 
 def _seeds(moved: Float64Array, bones: int) -> Int64Array:
-    """Assign each vertex, (vertices,), to the nearest of some trajectories that are far from each other."""
+    """Assign each vertex, (vertices,), to the nearest of some trajectories that differ much from each other."""
     trajectories = moved.transpose(1, 0, 2).reshape(moved.shape[1], -1)
     nearest = np.full(len(trajectories), np.inf)
     cluster = np.zeros(len(trajectories), np.int64)

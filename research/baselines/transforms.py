@@ -26,19 +26,21 @@ from pdecodec.research.baselines.quantised import grid_step
 from pdecodec.research.baselines.traversal import Traversal, traverse
 
 MIN_VARIANCE_RATIO = 1e-14
-"""Variance over the largest one below which a component is rounding of the Gram matrix."""
+"""A component whose variance, divided by the largest, is below this is only rounding error of the Gram matrix."""
 
 FACTOR_SHARE = 0.25
-"""Step of the other factor times the largest coefficient, over the step of the coefficients."""
+"""Quantisation step of the other factor, times the largest coefficient, divided by the step of the coefficients."""
 
 COARSEST_FACTOR = 0.05
-"""Largest step of the other factor, whose columns have length 1."""
+"""Largest quantisation step of the other factor, whose columns have length 1."""
 
 MEAN_STEP = 0.125
-"""Step of the mean trajectory over that of the coefficients: few numbers, and every vertex has their error."""
+"""Quantisation step of the mean trajectory, divided by that of the coefficients: the mean is few numbers, and
+every vertex has their error.
+"""
 
 LENGTH_RATIOS = (1.5, 2.0, 3.0, 4.5)
-"""Error lengths given to the transform, over the bound; tried in this order until the bytes grow."""
+"""Error lengths given to the transform, divided by the bound; tried in this order until the bytes grow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,16 +141,19 @@ def quantise_columns(columns: Float64Array, step: float) -> tuple[Int64Array, In
 
 
 def factor_steps(quantised: Int64Array) -> Float64Array:
-    """Return steps of the other factor of a product with `quantised`, (components,); a decoder computes them too."""
+    """Return the steps of the other factor of a product with `quantised`, (components,). A decoder computes the
+    same.
+    """
     steps: Float64Array = np.minimum(COARSEST_FACTOR, FACTOR_SHARE / np.abs(quantised).max(axis=0, initial=1))
     return steps
 
 
 class PrincipalShapes(Transform[RoundedComponents]):
-    """Shapes as long as their part of the motion, coded in one step; weights of unit length, predicted in time.
+    """Principal shapes, each as long as its part of the motion and all coded with one step; weights of unit length,
+    predicted in time.
 
-    The mean, which every frame uses once, is rounded to the step over the root of the frames. Shapes are predicted
-    across the mesh as positions are; neither paper does that, and it only makes them smaller.
+    The mean, which every frame uses once, is rounded to the step divided by the root of the number of frames. Shapes
+    are predicted across the mesh like positions; neither paper does that, and it only makes them smaller.
     """
 
     name = "principal components of shapes"
@@ -198,7 +203,9 @@ class PrincipalShapes(Transform[RoundedComponents]):
 
 
 class Coddyac(Transform[RoundedComponents]):
-    """A trajectory of x, y and z over all frames is a vector; the basis is coded as differences in time (COBRA)."""
+    """Principal trajectories: x, y and z of a vertex over all frames are one vector. The basis is coded as
+    differences in time (COBRA).
+    """
 
     name = "Coddyac"
     source = (
@@ -251,10 +258,10 @@ class Coddyac(Transform[RoundedComponents]):
 
 
 class FittedCoddyac(Coddyac):
-    """As :class:`Coddyac`, but coefficients are predicted by weights fitted to those of larger components.
+    """Like :class:`Coddyac`, but coefficients are predicted by weights fitted to the coefficients of larger components.
 
     Its source fits weights to the mean shape and to the decoded neighbourhood; fitting them to coefficients is our
-    own.
+    own idea.
     """
 
     published = False
@@ -272,10 +279,10 @@ class FittedCoddyac(Coddyac):
 
 
 class Corrected(Baseline):
-    """A bound on top of a transform: a coarser transform, and quantised residuals of the vertices beyond the bound.
+    """Keeps a bound with any transform: a coarser transform, and quantised residuals of the vertices beyond the bound.
 
-    None of the papers above has corrections, but the codec they are compared with keeps a bound by residuals, so
-    they may too.
+    None of the papers above has corrections, but the codec that they are compared with keeps its bound by residuals,
+    so they may have them too.
 
     Parameters
     ----------
@@ -302,7 +309,8 @@ class Corrected(Baseline):
                 residuals = np.zeros(points.shape, np.int64)
                 residuals[beyond] = rounded(missing[beyond], grid_step(length))
                 coded = encode_bands(residuals.reshape(len(points), -1))
-                # A transform's bytes fall by less than its length rises; often that suffices to stop without coding it.
+                # A transform's bytes fall by a smaller factor than its length grows. Often that shows without coding
+                # that there is nothing to gain.
                 if smallest and len(coded) + len(of_transform) * before / coarser >= len(smallest):
                     break
                 of_transform, before = transform.write(quantised, connectivity), coarser

@@ -35,8 +35,8 @@ class Traversal:
     corners: Int64Array
 
     def residuals(self, values: Int64Array) -> Int64Array:
-        """Return (vertices, columns) int64 minus the prediction of every place by those before, in the order of
-        places.
+        """Return values in the order of places, (vertices, columns) int64, minus the prediction of each place
+        from earlier places.
         """
         return self._predicted(values, undo=False)
 
@@ -67,7 +67,7 @@ def traverse(connectivity: Connectivity) -> Traversal:
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
 
-    # Each of the two triangles at an inner side may predict the vertex of the other that lies off the side.
+    # Each of the two triangles on an inner edge may predict the vertex of the other one that is not on the edge.
     one, other = sides[:, 0], sides[:, 1]
     a, b = triangles.ravel()[one], np.roll(triangles, -1, axis=1).ravel()[one]
     off_one, off_other = (np.roll(triangles, -2, axis=1).ravel()[side] for side in (one, other))

@@ -22,7 +22,7 @@ from pdecodec.research.reproduction.method import (
 from pdecodec.research.reproduction.sweep import LEVEL_RATIO, times_table_1
 
 PIECES = 9
-"""Pieces per curve with which the PDE method has 288 constants; the B-splines have 300."""
+"""Number of pieces per curve with which the PDE method has 288 constants; the B-splines have 300."""
 
 
 def table_1_figure(findings: Findings) -> Figure:
@@ -130,9 +130,10 @@ def rate_map_figure(findings: Findings) -> Figure:
 
 @dataclass(frozen=True)
 class Match:
-    """How errors frame by frame relate to those that Table 1 prints for B-splines.
+    """How errors of B-splines, frame by frame, relate to those that Table 1 prints.
 
-    Spearman's rank correlations of E_A and of E_M; the smallest and the largest E_M over E_A, printed and found.
+    Spearman's rank correlations of E_A and of E_M; and the smallest and the largest ratio of E_M to E_A, printed and
+    found.
     """
 
     average: float

@@ -26,7 +26,9 @@ EQUAL_SPACE, EQUAL_TIME = 8, 4
 
 
 def printed(curve: Float64Array) -> Float64Array:
-    """Return the printed reading: fitted by point index with equal knots, evaluated at u_nk of Eq. 24, axis by axis."""
+    """Return the printed reading: fitted by point index with equally spaced knots, evaluated at u_nk of Eq. 24,
+    axis by axis.
+    """
     index = np.linspace(0.0, 1.0, curve.shape[1])
 
     def at_keyframe(points: Float64Array) -> Float64Array:
@@ -45,8 +47,8 @@ def control_points_on_the_curve(curve: Float64Array) -> Float64Array:
 
 
 def fair_keyframes(curve: Float64Array) -> Float64Array:
-    """Return keyframes, (6, points, 3), fitted by point index with equal knots: the plainest correct reading,
-    no u stored.
+    """Return keyframes, (6, points, 3), fitted by point index with equally spaced knots: the simplest correct
+    reading, which stores no u.
     """
     index = np.linspace(0.0, 1.0, curve.shape[1])
     knots = uniform_knots(CONTROL_POINTS)
@@ -101,7 +103,7 @@ READINGS: dict[str, tuple[int, Callable[[Float64Array], Float64Array]]] = {
 
 
 def uniform_knots(count: int) -> Float64Array:
-    """Return `count` control points' equal knots over [0, 1], clamped at both ends."""
+    """Return equally spaced knots over [0, 1] for `count` control points, clamped at both ends."""
     inner = np.linspace(0.0, 1.0, count - DEGREE + 1)
     return np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
 

@@ -50,7 +50,7 @@ RUNS = 2
 
 @dataclass(frozen=True)
 class Store:
-    """Storage of one representation of the clip.
+    """The storage of one representation of the clip.
 
     Design variables as the paper counts them; bytes by purpose; the largest vertex distance over D at frames 0 to
     10.
@@ -143,9 +143,10 @@ def routes(rope: Rope) -> list[Route]:
 
 @dataclass(frozen=True)
 class Speed:
-    """One way to fit all curves and evaluate them at all frames.
+    """A way to fit all curves and evaluate them at all frames.
 
-    CPU time of one thread [s]; mean error E_A in the way's own measure (printed: aligned; others: in the scene).
+    CPU time of one thread [s]; and the mean error E_A, measured after alignment for the printed method, in the scene
+    for the others.
     """
 
     name: str

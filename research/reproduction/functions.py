@@ -22,7 +22,9 @@ TIME_FUNCTIONS, SPACE_FUNCTIONS = 4, 8
 """Number of functions of t, Eq. 12, and of u, Eqs. 14 and 16."""
 
 MAX_TERMS = 40
-"""Largest number of power series terms, enough for |rate x| up to 60; the sum ends once a term is below rounding."""
+"""Largest number of terms of the power series, enough for |rate x| up to 60. The sum ends earlier, at a term
+that is below rounding.
+"""
 
 SOLVES_EQ_10: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
 """(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
@@ -36,7 +38,7 @@ POINTS = np.linspace(0.0, 1.0, 23)
 """Values of t and of u at which the equations are tested."""
 
 SHORT_WAVES = 8
-"""Periods along the curve of the wave whose growth is given as an example."""
+"""Number of periods along the curve of the wave whose growth is the example."""
 
 NAMES_OF_TIME = ("e^(at)", "e^(-at)", "sin at", "cos at")
 NAMES_OF_SPACE = (

@@ -1,9 +1,9 @@
-"""The leak of Eq. 24: the parameter is the answer, scaled to [0, 1]. And the motion that Eq. 23 removes.
+"""The leak of Eq. 24: the parameter is the answer itself, scaled to [0, 1]. And the motion that Eq. 23 removes.
 
 One table separates the two: u known or not, each elimination kept or undone. Three more experiments show the leak.
 First, the decoder is given less and less of the answer. Second, the parameter alone, with two numbers per frame and
-axis, reproduces the curve exactly without any function of Eq. 18. Third, constants fitted to the rope draw any other
-shape when they are evaluated at that shape's parameter.
+axis, reproduces the curve exactly without any function of Eq. 18. Third, constants that were fitted to the rope draw
+any other shape when they are evaluated at that shape's parameter.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ NO_FUNCTIONS = "u of Eq. 24 and no functions: low + u (high - low)"
 
 @dataclass(frozen=True)
 class Rung:
-    """What the decoder is given, the fraction of the clip's coordinates that this is, and the errors of the same 32
-    functions.
+    """A step of the ladder: what the decoder is given, which fraction of the clip's coordinates that is, and the errors
+    of the same 32 functions.
 
     Errors are those of the first curve: `aligned` as the paper measures, after Eqs. 19 to 23, whose matrices are
     given at every frame and never undone; `scene` without any elimination, as a viewer sees them.
@@ -108,7 +108,7 @@ def choose_one_at_a_time(curve: Float64Array, diameter: float) -> Choices:
 
 @dataclass(frozen=True, eq=False)
 class OtherShape:
-    """Constants of the rope evaluated at the parameter of a knot, in units of each axis' range, (points, 3) float64
+    """The constants of the rope evaluated at the parameter of a knot, in units of each axis' range, (points, 3) float64
     each.
 
     The curve that the constants were fitted to; the curve that gave the parameter; the result; and its mean distance

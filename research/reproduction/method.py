@@ -1,11 +1,11 @@
-"""The paper's method on one curve, with everything it leaves open as an option.
+"""The paper's method on one curve, with everything that the paper leaves open as an option.
 
 Sections 4.3 to 4.5: eliminate the transformation (Eqs. 19 to 23), give every point a parameter u (Eq. 24), fit the
 32 functions to the keyframes (Eq. 25), evaluate them at all frames (Eq. 17), measure (Eqs. 26 and 27). Eq. 25 states
-normal equations. Here singular values find their minimiser, with a well-conditioned basis of the space of all 32
-functions, so that results show the method and not rounding. Where one u serves all frames and axes, the functions
-are products, and so is the fit. `cost.py` measures the time of each step; the stability atlas shows the effect of
-rounding on the printed equations.
+normal equations. Here their minimiser is found by singular values, with a well-conditioned basis of the space of all
+32 functions, so that results show the method and not rounding errors. If one u serves all frames and axes, the
+functions are products, and so is the fit. `cost.py` measures the time of each step; the stability atlas shows the
+effect of rounding on the printed equations.
 """
 
 from __future__ import annotations
@@ -57,13 +57,15 @@ COLUMN_RANK_TOLERANCE = 1e-12
 """Relative singular value below which a direction of the scaled columns counts as rounding."""
 
 RATES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0)
-"""Candidate values of alpha and r where they are chosen; at 0 all 32 functions are polynomials."""
+"""Candidates for alpha and r, if these are chosen; at 0 all 32 functions are polynomials."""
 
 CURVE_RANK_TOLERANCE = 1e-9
-"""Relative singular value for straight or planar curves, which leave a direction of Eq. 23 undetermined."""
+"""Smallest relative singular value: straight or planar curves leave a direction of Eq. 23 undetermined."""
 
 NO_TURN_WEIGHT = 1e-9 / 4.0
-"""Fraction of a curve's energy that pulls towards no rotation; it decides where a straight curve could spin freely."""
+"""Weight of no rotation, as a fraction of a curve's energy; it decides about a straight curve, which could spin
+freely.
+"""
 
 POINT_STRIDE = 16
 """Stride of the points used to choose rates: 8 functions along a curve do not need 832 points."""

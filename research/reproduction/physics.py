@@ -21,13 +21,15 @@ from pdecodec.simulate.scenes import CubeRopeOptions
 from pdecodec.simulate.system import STANDARD_GRAVITY
 
 CLAMPED_FREE = (1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349)
-"""Wave numbers of a beam clamped at one end and free at the other: roots of ``cos b cosh b = -1``."""
+"""Wave numbers of a beam that is clamped at one end and free at the other: roots of ``cos b cosh b = -1``."""
 
 POINTS = 104
 """Points of the vibrating curve."""
 
 PERIODS = np.linspace(0.1, 2.0, 20)
-"""Periods of the vibration that a clip of eleven frames shows: six keyframes cannot resolve more than two."""
+"""Number of periods of the vibration in a clip of eleven frames, of which six are keyframes: these cannot
+resolve more than two.
+"""
 
 PLAIN, TIED, SPLINES, TWO = (
     "polynomials",
@@ -40,7 +42,7 @@ TIED_RATES = np.linspace(0.5, 12.0, 24)
 """Values of r along the curve alpha = r^2 sqrt(K/m)."""
 
 FREE_ALPHAS = (0.0, 1.0, 2.0, 4.0, 8.0)
-"""Values of alpha whose best is taken where alpha is free."""
+"""Values of alpha among which the best is taken if alpha is free."""
 
 
 def mode(u: Float64Array, beta: float) -> Float64Array:

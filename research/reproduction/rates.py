@@ -53,10 +53,10 @@ PDE, POLYNOMIALS, SPLINES = "PDE, 4 x 8 functions a piece", "polynomials, 4 x 8 
 AUTO, PAPER = "pdecodec auto", "pdecodec --profile paper"
 
 _MESH = frozenset({"CONN", "ORDR", "ATTR"})
-"""Sections of faces and their attributes."""
+"""Sections with faces and their attributes."""
 
 _MODEL = frozenset({"TIME", "MODL", "GRUP", "COEF"})
-"""Sections that name the functions, and of the numbers that multiply them."""
+"""Sections that define the functions, and hold the numbers that multiply them."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import HONEST, PRINTED, frame_errors, reconstruct
 
 PRINTED_WITHOUT_REMOVAL = replace(PRINTED, removal="none")
-"""The printed method without Eq. 23, whose matrices cannot be undone: what can be drawn in the scene."""
+"""The printed method without Eq. 23, whose matrices cannot be undone, so that it can be drawn in the scene."""
 
 MESH_FRAME = 5
 """Frame that is drawn as a mesh: in the middle, and not a keyframe."""
@@ -316,7 +316,7 @@ def meshes_figure(findings: Findings) -> Figure:
             view.mesh(points, [quads], [colours])
             near = _close_up(found, (720, top, 320, 120), points, quads, colours, _part(seen["XPBD"]), 0.5)
             for each in (view, near) if shares is None else ():
-                # A metre in each picture shows the magnification of the close-up.
+                # A line of one metre in each picture shows the magnification of the close-up.
                 each.curves([np.array([[0.0, 0.0], [1.0, 0.0]]) + each.low], ["black"], width=2.5)
                 each.text(each.low + np.array([0.0, 0.08]), "1 m")
         found.text(720, 22, "close up")

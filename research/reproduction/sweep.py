@@ -61,8 +61,8 @@ class Cell:
 
 
 def times_table_1(errors: FrameErrors) -> float:
-    """Return the larger of mean E_A and largest E_M, each over Table 1's: at most 1 where both are as small as
-    printed.
+    """Return the larger of mean E_A and largest E_M, each divided by that of Table 1: at most 1 if both are as
+    small as printed.
     """
     return max(errors.mean / printed.PDE_MEAN, errors.largest / printed.PDE_LARGEST)
 

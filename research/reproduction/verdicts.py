@@ -1,8 +1,8 @@
 """Judge the paper's claims, one by one, by the figures of one run.
 
-A claim that holds as the paper makes and measures it is called reproduced; other facts that matter stand in the
-reason. A condition is something that the paper does not state and without which the figures here do not show the
-claim.
+A claim counts as reproduced if it holds in the way in which the paper makes and measures it; other facts that matter
+are given in the reason. It is reproduced with a condition if the figures here show it only under a condition that
+the paper does not state.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ FRAME_SECONDS = 1.0 / 60
 """Time step of the chains [s], the frame of a game."""
 
 SWEEPS_PER_FRAME = 20
-"""Sweeps over all constraints per frame, for every way to spend them."""
+"""Number of sweeps over all constraints per frame, for every way to spend them."""
 
 FAILURE_STRETCH = 0.1
 """Relative stretch from which an inextensible object counts as failed."""

@@ -184,7 +184,7 @@ def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Fl
 
 
 def largest_motion(method: str, chain: Chain, step: float, steps: int) -> float:
-    """Return the largest kinetic energy at any step over weight times length; infinite where the run diverged."""
+    """Return the largest kinetic energy at any step, divided by weight times length; infinite if the run diverged."""
     largest, done = 0.0, 0
     for _, velocities in run(method, chain, step, steps):
         largest, done = max(largest, 0.5 * chain.mass * float((velocities**2).sum()) / chain.fall), done + 1

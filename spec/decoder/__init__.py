@@ -1,7 +1,7 @@
-"""An educational decoder of `.pdeanim` files: plain Python, along ``spec/pdeanim.md``.
+"""An educational decoder of `.pdeanim` files: plain Python that follows ``spec/pdeanim.md``.
 
-It shares no code with `pdecodec`. Read it next to the specification; tests check that both decode alike. It is slow,
-has no limits of its own, and holds everything in memory.
+It shares no code with `pdecodec`. Read it together with the specification; tests check that both decoders give the
+same results. It is slow, has no limits of its own, and holds everything in memory.
 
     python -m spec.decoder FILE.pdeanim            print what the file holds
     python -m spec.decoder FILE.pdeanim 0.25       print the vertex positions at 0.25 s, one per line

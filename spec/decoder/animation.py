@@ -59,7 +59,9 @@ class Animation:
         return value_at(self.fields[index], self.times, self.jumps, time)
 
     def depends_on_motion(self, index: int) -> bool:
-        """Return whether the arithmetic of some values of a field is free, because they are computed from positions."""
+        """Return whether decoders may compute some values of a field with other arithmetic, because they follow
+        from positions.
+        """
         own = self.fields[index].computed
         sources = (self.fields[group.source].computed for group in own if group.code in (COPY, MAGNITUDE))
         return any(group.code in (VELOCITY, DISPLACEMENT) for groups in (own, *sources) for group in groups)

@@ -121,7 +121,7 @@ class Surface:
         self._contexts, self._memory, self._has_border = contexts, memory, has_border
         self.faces: list[list[Side]] = []
         self.borders: list[Side | None] = []
-        """Border side of each vertex; the two lists below, the sums F and A, are also per vertex."""
+        """For each vertex, a side on the border there; the two lists below are the sums F and A."""
         self._corners: list[int] = []
         self._angles: list[int] = []
         self._queues: dict[int, dict[Side, None]] = defaultdict(dict)

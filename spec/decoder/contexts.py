@@ -77,7 +77,7 @@ class Contexts:
         return bit
 
     def trust(self, name: Name, bit: int, times: int) -> None:
-        """Let a model begin as if it had adapted to `bit` so many times."""
+        """Let a model begin as if it had adapted to `bit` this many times."""
         if name not in self._numbers:
             model = self._model(name)
             for _ in range(times):

@@ -46,7 +46,7 @@ def neighbours_of_rows(domain: str, meshes: list[Mesh]) -> list[list[int]]:
 
 
 def links_of(domain: str, mesh: Mesh) -> Iterator[tuple[int, int]]:
-    """Find the rows of an object that are neighbours."""
+    """Yield pairs of rows of an object that are neighbours."""
     if domain == "vertex":
         for face in mesh.faces:
             yield from zip(face, face[1:] + face[:1], strict=True)
@@ -177,7 +177,7 @@ class ChunkReader:
                 self._read_row(row)
 
     def _read_still(self, span: int, rows: range, last_still: int) -> int:
-        """24.4: read whether the rows of a span hold their values."""
+        """24.4: read whether the rows of a span are unchanged since the frame before."""
         still_around = 2 * last_still + self._spans[span + 1] % 2
         still = self._contexts.mixed(("still",), (self._spans[span], still_around), (span,))
         self._spans[span] = (2 * self._spans[span] + still) % 8
@@ -294,7 +294,7 @@ class ChunkReader:
         return first, sequence
 
     def _read_kind(self, i: int, near: int | None, last: int | None) -> int:
-        """24.5: read what a value is that may be no number."""
+        """24.5: read the kind of a value: a number, not a number, or an infinity."""
         kinds = self._kinds_now
         before = self._kinds_before[i] if self._kinds_before else 0
         adjacent, previous = (0 if place is None else kinds[place] for place in (near, last))
@@ -387,7 +387,7 @@ def learn(weights: list[int], changes: list[int], miss: int) -> None:
 
 @dataclass
 class Chunk:
-    """A chunk of FDAT: values and kinds (None if all are numbers) frame by frame, and the parts of a step."""
+    """A chunk of FDAT: values and kinds (None if all are numbers), frame by frame, and the step of the remainders."""
 
     values: list[list[int]]
     kinds: list[list[int]] | None

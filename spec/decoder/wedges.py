@@ -26,7 +26,7 @@ Vector = NDArray[np.int64]
 
 @dataclass
 class Elements:
-    """What carries values: how many elements there are, and their corners (none for elements of an object)."""
+    """The elements that have values: how many there are, and the corners of each (none for elements of an object)."""
 
     count: int
     of_corner: dict[int, int]
@@ -39,7 +39,9 @@ class Elements:
 
 
 class Body:
-    """The polygons of an object over its vertices and over its points, and what its earlier attributes tell."""
+    """The polygons of an object over its vertices and over its points, and what its earlier attributes tell
+    about the next.
+    """
 
     def __init__(self, mesh: Mesh, grid: list[list[int]]) -> None:
         polygons = polygons_of([mesh])

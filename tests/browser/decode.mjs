@@ -1,4 +1,5 @@
-// Decodes files with the player in Node: jobs come as JSON on standard input, what is found goes to standard output.
+// Decodes files with the player in Node: reads jobs as JSON from standard input, and writes the results to standard
+// output.
 import { readFile } from "node:fs/promises";
 import { text } from "node:stream/consumers";
 

@@ -1,4 +1,4 @@
-// Loads a file with the loader for three.js in Node, and says where three's vertices are at times.
+// Loads a file with the loader for three.js in Node, and prints where three.js has the vertices at some times.
 import { readFile } from "node:fs/promises";
 
 import { PDEAnimLoader } from "../../player/three.js";

@@ -1,4 +1,4 @@
-// node validate.js FILE: what Khronos' validator finds in a glTF file, as JSON.
+// node validate.js FILE: print, as JSON, what Khronos' validator finds in a glTF file.
 const fs = require("fs");
 const validator = require("gltf-validator");
 
