@@ -24,6 +24,7 @@ BUILT_IN = (
         reader="pdecodec.formats.obj.reader:open_obj",
         writer="pdecodec.formats.obj.writer:write_obj",
         onto="pdecodec.formats.obj.onto:write_obj_onto",
+        carrier="pdecodec.formats.obj.scene:ObjFamily",
         frame_per_file=True,
         holds_runs=True,
         keeps="objects, faces, lines, main UV set with seams, vertex colours, hard edges, groups, materials, smoothing "

@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from pdecodec.codec.sections.scene import Carrier
+from pdecodec.codec.sections.scene import Carrier, name_fault
 from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import ErrorCode, InputError, damaged
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
@@ -59,11 +59,16 @@ class Stripped:
     outside: tuple[str, ...] = ()
 
 
+def is_carried_name(name: str) -> bool:
+    """Return whether a carrier can hold a file of this path relative to the main one."""
+    return name_fault(f"{FILES}{name}") is None
+
+
 class Family(Protocol):
     """How the files of a format are cut and filled: a class that the format's entry names."""
 
-    def strip(self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
-        """Cut the arrays of coded objects out of the files of an open sequence.
+    def strip(self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped | None:
+        """Cut the arrays of coded objects out of the files of an open sequence; None if there is nothing else.
 
         `exact_uvs` says whether the decoder returns texture coordinates to the last bit.
         """
@@ -82,6 +87,8 @@ class CarriedFile:
     original : MeshSequence
         Referred to weakly: what is made of it keeps it.
     """
+
+    family = None
 
     def __init__(self, entry: Format, path: Path, original: MeshSequence) -> None:
         self._entry, self._path, self._original = entry, path, weakref.ref(original)
@@ -104,6 +111,8 @@ class CarriedFile:
         family: Family = load(self._entry, self._entry.carrier, "read", self._path)()
         fits, _ = match_objects(sequence, original, self._path)
         found = family.strip(original, self._path, fits, exact_uvs=exact_uvs)
+        if found is None:
+            return None
         contents = {noun: count for noun, count in found.contents.items() if count}
         if not contents and all(one.fate != "dropped" for one in original.contents):
             return None
@@ -140,7 +149,11 @@ def write_scene(
     """
     files = carrier.files(chosen_limits(None).max_memory)
     family: Family = load(entry, entry.carrier, "written", where)()
-    with _frames_in_folder(where, entry) as place, partial_folder(place) as folder, write_errors(where):
+    with ExitStack() as stack:
+        place = stack.enter_context(_frames_in_folder(where, entry))
+        # Fields for frame numbers mean something in names of folders, too.
+        folder = stack.enter_context(partial_folder(place.with_name(where.name.replace("#", "_"))))
+        stack.enter_context(write_errors(where))
         try:
             cuts = _cuts_of(files)
             names = [name.removeprefix(FILES) for name in files if name.startswith(FILES)]

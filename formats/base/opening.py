@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Literal
 
-from pdecodec.codec.sections.scene import Carrier
 from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
 from pdecodec.formats.base.registry import (
@@ -285,15 +284,14 @@ def write_sequence(
     asked: dict[str, Any] = {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": rigid}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
-    carried = sequence.carried if scene == "keep" else None
     unwritten: tuple[str, ...] = ()
-    if isinstance(carried, Carrier) and carries_scene_of(sequence, entry):
+    if scene == "keep" and carries_scene_of(sequence, entry):
         moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
         if moving is None:
             options = {"fps": fps, "velocities": velocities, "progress": progress}
             options |= {name: asked[name] for name in ("meshopt", "straight")}
             write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
-            found = write_scene(sequence, carried, entry, where, overwrite=overwrite, **options)
+            found = write_scene(sequence, sequence.carried, entry, where, overwrite=overwrite, **options)
             if not isinstance(found, InputError):
                 return found
             unwritten = (f"the scene of the file is left out: {found.message}",)
@@ -332,7 +330,7 @@ def write_sequence(
 
 def carries_scene_of(sequence: MeshSequence, entry: Format) -> bool:
     """Return whether a sequence comes from a `.pdeanim` file that carries a scene of a format."""
-    return isinstance(sequence.carried, Carrier) and sequence.carried.family == entry.name
+    return sequence.carried is not None and sequence.carried.family == entry.name
 
 
 def _users(name: str) -> str:

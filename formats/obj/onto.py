@@ -41,7 +41,13 @@ def write_obj_onto(
 ) -> tuple[str, ...]:
     """Write the original's first frame once per frame of a sequence, with the sequence's positions."""
     placed, new_folder = frame_output(output)
-    text = _Template(read_text(find_frames(source, ".obj").paths[0], 0), original, fits, placed.path.parent)
+    text = _Template(
+        read_text(find_frames(source, ".obj").paths[0], 0),
+        original,
+        fits,
+        placed.path.parent,
+        is_filled=output.is_filled,
+    )
 
     def of_frame(points: Float32Array, frame: int) -> list[bytes]:
         check_finite(points, frame)
@@ -54,7 +60,9 @@ def write_obj_onto(
 class _Template:
     """The text of an original, split into pieces that stay and slots for positions and normals."""
 
-    def __init__(self, text: ObjText, original: MeshSequence, fits: Sequence[Fitted], folder: Path) -> None:
+    def __init__(
+        self, text: ObjText, original: MeshSequence, fits: Sequence[Fitted], folder: Path, *, is_filled: bool
+    ) -> None:
         self._rest = original.read_frames(0, 1)[0]
         self._places = vertex_slices(original.objects)
         self._moves = [(one.own, self._places[one.index]) for one in fits]
@@ -62,7 +70,10 @@ class _Template:
         moved = np.zeros(len(self._rest), bool)
         for _, place in self._moves:
             moved[place] = True
-        self._normals, corner_rows = _normals_of(original.objects)
+        self._normals, corner_rows = _normals_of(
+            # The normals of a scene that was carried hold nothing: which corners share one is in the attributes.
+            [one.item for one in sorted(fits, key=lambda one: one.index)] if is_filled else original.objects
+        )
         self._pieces: list[bytes | tuple[int, list[bytes]] | None] = []
         self._fill(text.data, moved, corner_rows)
 

@@ -280,7 +280,15 @@ class Content(NamedTuple):
 class SceneSource(Protocol):
     """What surrounds the motion of a sequence (cameras, materials, custom data): a file, or a scene that a
     `.pdeanim` file carries.
+
+    Attributes
+    ----------
+    family : str or None
+        Format of a scene that a `.pdeanim` file carries.
     """
+
+    @property
+    def family(self) -> str | None: ...
 
     def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Any:
         """Return what a `.pdeanim` file of `sequence`, which comes from it, is to carry; None if that is nothing.

@@ -12,7 +12,8 @@ import pytest
 import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.codec.sections.scene import Carrier
-from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.mesh.arrays import Float32Array
@@ -149,6 +150,92 @@ def test_a_selection_of_objects_keeps_the_others_as_they_are(tmp_path: Path) -> 
     assert run(["decode", str(file), "-o", str(tmp_path / "b.glb")]) == 0
     with pdecodec.open_sequence(source) as old, pdecodec.open_sequence(tmp_path / "b.glb") as new:
         assert {one.name.split("/")[-1] for one in new.objects} == {one.name.split("/")[-1] for one in old.objects}
+
+
+OBJ = """# made by hand
+mtllib my looks.mtl
+o left
+v 0 0 0
+v 1.5 0 0 0.1 0.2 0.3
+v 0 1 0
+vt 0.1 0.25
+vt 0.3 1e-3
+vn 0 0 1
+usemtl red
+s 1
+{left}
+o right
+v 0 0 1
+v 1 0 1
+v 0 1 1
+v 1 1 1
+vt 0.5 0.5
+{spare}g big
+vp 0.5
+f 4/{first}/1 5/3/1 7/3/1 6/3/1
+l 4 5
+"""
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"left": "f 1/1/1 2/2/1 3/2/1", "spare": "", "first": "3"},
+        {"left": "f 1 2 3", "spare": "", "first": "3"},
+        {"left": "f -3//1 -2//1 -1//1", "spare": "vt 9 9\n", "first": "3"},
+        {"left": "f 1/1/1 2/2/1 3/2/1", "spare": "", "first": "1"},
+    ],
+    ids=["plain", "some without UVs", "relative and spare", "a texture vertex of another object"],
+)
+@pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
+def test_materials_and_statements_of_obj_files_come_back(
+    tmp_path: Path, parts: dict[str, str], uv_tolerance: float | None
+) -> None:
+    text, folder = OBJ.format(**parts), tmp_path / "in"
+    folder.mkdir()
+    (folder / "my looks.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd -s 1 1 1 wood.png\n")
+    for frame in (1, 2):
+        (folder / f"a.{frame:04}.obj").write_text(text.replace("v 0 1 1", f"v 0 1 {frame}"))
+    report = pdecodec.encode(folder, tmp_path / "a.pdeanim", uv_tolerance=uv_tolerance)
+    assert dict(report.scene) == {"material": 1, "library of materials": 1}
+    out = tmp_path / "out"
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        assert animation.carried.outside == ("wood.png",)
+        stored = animation.carried.files(10_000)["files/scene.obj"].decode()
+        assert "1.5" not in stored
+        assert pdecodec.write_sequence(animation, out) == ()
+        assert pdecodec.write_sequence(animation, out, overwrite=True) == ()
+    assert sorted(one.name for one in out.iterdir()) == ["my looks.mtl", "out.0001.obj", "out.0002.obj"]
+    assert (out / "my looks.mtl").read_bytes() == (folder / "my looks.mtl").read_bytes()
+    before, after = (path.read_text().splitlines() for path in (folder / "a.0001.obj", out / "out.0001.obj"))
+    kept = [line for line in before if not line.startswith(("v ", "vt ", "vn ", "f "))]
+    assert [line for line in after if not line.startswith(("v ", "vt ", "vn ", "f ", "# time"))] == kept
+    with pdecodec.open_sequence(folder) as old, pdecodec.open_sequence(out) as new:
+        assert [one.name for one in new.objects] == [one.name for one in old.objects]
+        for ours, theirs in zip(new.objects, old.objects, strict=True):
+            assert ours.connectivity.same_as(theirs.connectivity)
+            assert [one.name for one in ours.attributes] == [one.name for one in theirs.attributes]
+            for mine, its in zip(ours.attributes, theirs.attributes, strict=True):
+                assert np.array_equal(expanded(mine), expanded(its), equal_nan=True)
+        assert np.abs(new.read_frames(0, 2) - old.read_frames(0, 2)).max() <= (report.bound or 0) * 1.001
+
+
+def test_obj_files_without_materials_carry_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("# by hand\no a\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    report = pdecodec.encode(tmp_path / "a.obj")
+    assert (report.scene_bytes, report.scene_note) == (0, "")
+
+
+def test_a_file_of_the_scene_never_replaces_another(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("mtllib looks.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "looks.mtl").write_text("newmtl red\n")
+    pdecodec.encode(tmp_path / "a.obj", tmp_path / "a.pdeanim")
+    (tmp_path / "looks.mtl").write_text("newmtl other\n")
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation, pytest.raises(InputError, match="is not the file"):
+        pdecodec.write_sequence(animation, tmp_path / "b.obj", overwrite=True)
+    assert (tmp_path / "looks.mtl").read_text() == "newmtl other\n"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.obj", "a.pdeanim", "looks.mtl"]
 
 
 def changed(data: Path, name: str, content: bytes | None) -> None:

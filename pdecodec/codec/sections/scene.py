@@ -109,7 +109,7 @@ class Carrier:
     ) -> Carrier:
         """Compress files into a carrier; InputError if a file has a name that carriers do not have."""
         for name in files:
-            if fault := _name_fault(name):
+            if fault := name_fault(name):
                 raise InputError(f"the scene holds a file {name!r}, whose name {fault}", code="unsupported-feature")
         texts = tuple((_shown(kind), count) for kind, count in contents)
         streams = tuple(SceneStream.of(name, data) for name, data in files.items())
@@ -172,7 +172,7 @@ def decode_scene(data: bytes) -> Carrier:
     rows = []
     for _ in range(_number(reader, 1)):
         name = _text(reader)
-        if fault := _name_fault(name):
+        if fault := name_fault(name):
             raise section_fault(SCENE_SECTION, f"has a stream {name[:40]!r}, whose name {fault}")
         size, length = reader.count(), reader.count()
         rows.append((name, size, length, reader.integers("I")[0]))
@@ -227,7 +227,7 @@ def _shown(text: str) -> str:
     return _CONTROL.sub("?", text).encode(errors="replace")[:MAX_TEXT_BYTES].decode(errors="ignore")
 
 
-def _name_fault(name: str) -> str | None:
+def name_fault(name: str) -> str | None:
     """Return what is wrong with the name of a stream: it must be the path of a file below any folder."""
     try:
         size = len(name.encode())
