@@ -27,9 +27,10 @@ BUILT_IN = (
         carrier="pdecodec.formats.obj.scene:ObjFamily",
         frame_per_file=True,
         holds_runs=True,
+        holds_fields=True,
         keeps="objects, faces, lines, main UV set with seams, vertex colours, hard edges, groups, materials, smoothing "
-        "groups, times (in a comment)",
-        loses="other attributes, up axis and unit",
+        "groups, UVs and vertex colours that change (fields), times (in a comment)",
+        loses="other attributes and fields, up axis and unit",
     ),
     Format(
         name="npz",
@@ -276,11 +277,13 @@ BUILT_IN = (
         reader="pdecodec.formats.obj.ply:open_ply",
         writer="pdecodec.formats.obj.ply_writer:write_ply",
         holds_runs=True,
+        holds_fields=True,
         frame_per_file=True,
         keeps="faces, main UV set (of vertices, or of corners as lists of faces), colours of vertices and of faces (8 "
-        "bits), normals of smooth meshes; edges as lines and strips are read",
-        loses="names of objects, which corners share a UV, lines, other attributes and elements (named), times (frames "
-        "are numbered)",
+        "bits), normals of smooth meshes, all of which may change, other properties of vertices and faces (fields); "
+        "edges as lines and strips are read",
+        loses="names of objects, which corners share a UV, lines, other attributes and elements (named), fields on "
+        "corners and objects, times (frames are numbered)",
     ),
     Format(
         name="stl",

@@ -15,6 +15,7 @@ from pdecodec.formats.alembic.fields import DOMAIN_KEY, DTYPE_KEY, NAME_KEY, UNI
 from pdecodec.formats.alembic.values import SCOPES, WIDTHS, Keep, unsigned_array, vector_array
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
+    MAX_EXACT_DOUBLE,
     NORMAL,
     UV,
     VECTOR,
@@ -28,9 +29,6 @@ from pdecodec.formats.base.looks import SharedRows
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Connectivity
-
-_MAX_EXACT = 2**53
-"""Whole numbers up to this one are exact as float64."""
 
 _ROLE_KINDS = {
     (UV, "f4", 2): "V2f",
@@ -103,7 +101,7 @@ class FieldsWriter:
             kind, parameter = self._known[field.name]
             values = stored
             if field.is_exact and field.dtype.itemsize == 8:
-                values = stored.clip(-_MAX_EXACT if field.dtype.kind == "i" else 0, _MAX_EXACT)
+                values = stored.clip(-MAX_EXACT_DOUBLE if field.dtype.kind == "i" else 0, MAX_EXACT_DOUBLE)
                 if (values != stored).any():
                     notices.append(f"whole numbers of field {field.name!r} beyond 2**53 become 2**53 in Alembic")
             for rows in values:

@@ -40,6 +40,9 @@ from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, Mes
 SPACE = 3
 """Components of a direction."""
 
+MAX_EXACT_DOUBLE = 2**53
+"""Whole numbers up to this one are exact as float64."""
+
 UV, COLOR, GROUP, MATERIAL, ID, POINT = "uv", "color", "group", "material", "id", "point"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
 
@@ -165,6 +168,16 @@ def expanded(attribute: Attribute) -> NDArray[Any]:
     return padded[attribute.indices]
 
 
+def rows_or_nan(attribute: Attribute) -> NDArray[Any]:
+    """Return values with one row for each element of the domain; NaN for an element without a value."""
+    rows = expanded(attribute)
+    if attribute.indices is None or not (attribute.indices < 0).any():
+        return rows
+    whole = rows.astype(np.float32 if rows.dtype.kind in "iu" else rows.dtype)
+    whole[attribute.indices < 0] = np.nan
+    return whole
+
+
 def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None, bool]:
     """Return values as float32 rows and their indices, for formats whose indices cannot say "none".
 
@@ -210,14 +223,14 @@ def main_color(item: MeshObject, domain: AttributeDomain = "vertex") -> Attribut
     return next((one for one in colors(item) if one.domain == domain), None)
 
 
-def joined_colors(sequence: MeshSequence, domain: Literal["vertex", "face"] = "vertex") -> Float32Array | None:
+def joined_colors(objects: Sequence[MeshObject], domain: Literal["vertex", "face"] = "vertex") -> Float32Array | None:
     """Return the colours of all objects, (vertices or faces, 3 or 4) float32, white for none; None if there are
     no colours.
     """
-    found = [main_color(item, domain) for item in sequence.objects]
+    found = [main_color(item, domain) for item in objects]
     width = max((color.values.shape[1] for color in found if color is not None), default=0)
     parts = []
-    for item, color in zip(sequence.objects, found, strict=True):
+    for item, color in zip(objects, found, strict=True):
         count = item.vertex_count if domain == "vertex" else item.connectivity.face_count
         rows = np.ones((count, width), np.float32)
         if color is not None:

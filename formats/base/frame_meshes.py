@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,11 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.attribute_roles import ID
 from pdecodec.formats.base.frame_data import DataKey, StoredData, fields_of_frames, joined_data
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, find_frames, frames_there, is_frame_pattern, parse_pattern
+from pdecodec.formats.base.frame_looks import ChangingLooks, is_same_attribute, looks_of_frame
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.mesh.arrays import Float32Array, Int64Array
-from pdecodec.mesh.fields import Field
+from pdecodec.mesh.fields import Field, rows_of_domain
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import (
@@ -112,24 +113,15 @@ _KINDS = {
 """Words for the roles of attributes."""
 
 
-def kind_of(attribute: Attribute) -> str:
-    """Return the words for an attribute's role, domain and name: "vertex colours", "UVs 'map2'"."""
-    role, _, name = attribute.name.partition(":")
+def kind_of(data: Attribute | Field) -> str:
+    """Return the words for the role, domain and name of data: "vertex colours", "UVs 'map2'", "face area"."""
+    role, _, name = data.name.partition(":")
+    if role not in _KINDS and isinstance(data, Field):
+        return data.name if data.domain == "vertex" else f"{data.domain} {data.name}"
     if role not in _KINDS:
-        return f"attribute {attribute.name!r}"
-    domain = f"{attribute.domain} " if role == "color" else ""
-    return f"{domain}{_KINDS[role]}{f' {name!r}' if name and name != attribute.domain else ''}"
-
-
-def is_same_attribute(mine: Attribute | None, other: Attribute | None) -> bool:
-    """Return whether two attributes of the same name and domain hold the same values, or both are missing."""
-    if mine is None or other is None:
-        return mine is other
-    if mine.labels != other.labels or (mine.indices is None) != (other.indices is None):
-        return False
-    if mine.indices is not None and other.indices is not None and not np.array_equal(mine.indices, other.indices):
-        return False
-    return np.array_equal(mine.values, other.values, equal_nan=mine.values.dtype.kind == "f")
+        return f"attribute {data.name!r}"
+    domain = f"{data.domain} " if role == "color" else ""
+    return f"{domain}{_KINDS[role]}{f' {name!r}' if name and name != data.domain else ''}"
 
 
 class FrameChanges:
@@ -152,9 +144,9 @@ class FrameChanges:
         for notice in notices:
             self._notices.setdefault(re.sub(r"\d+", "#", notice), notice)
 
-    def compare(self, frame: int, mesh: MeshFile, first: MeshFile) -> None:
-        """Compare the attributes of a frame with those of the first frame of its run."""
-        mine, others = ({kind_of(one): one for one in each.attributes} for each in (first, mesh))
+    def compare(self, frame: int, mesh: MeshFile, first: MeshFile, but: Collection[str] = ()) -> None:
+        """Compare the attributes of a frame, `but` those of some names, with those of the first frame of its run."""
+        mine, others = ({kind_of(one): one for one in each.attributes if one.name not in but} for each in (first, mesh))
         for kind in {**mine, **others}.keys() - self._frames.keys():
             if not is_same_attribute(mine.get(kind), others.get(kind)):
                 self.note(frame, kind, is_in_first=kind in mine)
@@ -170,13 +162,14 @@ class FrameChanges:
         ]
         return (*self._notices.values(), *changes)
 
-    def contents(self, objects: Iterable[MeshObject]) -> tuple[Content, ...]:
-        """List the content of files: data of the first frame that are kept, and data of any frame that are not."""
+    def contents(self, run: MeshSequence) -> tuple[Content, ...]:
+        """List the content of files: what a run of frames keeps, and data of any frame that are not kept."""
         lost = [name for line in self._notices.values() if isinstance(line, NotKept) for name in line.names]
         lost += sorted(self._absent)
         lost += [f"changes of {kind}" for kind in sorted(self._frames.keys() - self._absent)]
         return (
-            *(one for item in objects for one in kept_of(item)),
+            *(one for item in run.objects for one in kept_of(item)),
+            *(Content(f"/{kind}", kind, "coded") for kind in map(kind_of, run.fields)),
             *(Content(f"/{kind}", kind, "dropped") for kind in dict.fromkeys(lost)),
         )
 
@@ -209,6 +202,7 @@ class FrameMeshes:
         self.files, self._read = tuple(map(tuple, files)), read
         self._kept, self.changes = KeptPositions(), FrameChanges()
         self._data: list[Mapping[DataKey, tuple[np.dtype[Any], int]]] = []
+        self._looks: dict[int, dict[str, tuple[DataKey, Field]]] = {}
         self._values: dict[int, Mapping[DataKey, NDArray[Any]]] = {}
         self._values_room = BLOCK_BYTES
         self._not_joined: dict[str, None] = {}
@@ -239,7 +233,11 @@ class FrameMeshes:
 
     def fields(self, first: int, frames: int) -> dict[str, tuple[DataKey, Field]]:
         """Return the fields of the frames of a run, by name, and where their values are."""
-        return fields_of_frames(self._data[first : first + frames])[0]
+        return {**self.looks(first), **fields_of_frames(self._data[first : first + frames])[0]}
+
+    def looks(self, first: int) -> dict[str, tuple[DataKey, Field]]:
+        """Return UVs and colours that change in the run that begins with a frame, as :meth:`fields` does."""
+        return self._looks.get(first, {})
 
     def values(self, frame: int, key: DataKey, connectivity: Connectivity) -> NDArray[Any] | None:
         """Return data of a frame (rows, components), None if it lacks them.
@@ -251,13 +249,15 @@ class FrameMeshes:
             return self._values[frame].get(key)
         mesh = self.mesh(frame)
         self._check(frame, mesh, connectivity)
-        if key not in mesh.data:
+        stored = {**looks_of_frame(mesh.attributes, mesh.connectivity), **mesh.data}
+        if key not in stored:
             return None
-        rows = {"vertex": connectivity.vertex_count, "face": connectivity.face_count}
-        size = sum(rows[domain] * one.row_bytes for (domain, _), one in mesh.data.items())
+        size = sum(
+            rows_of_domain(MeshObject("", connectivity), one[0]) * found.row_bytes for one, found in stored.items()
+        )
         if size > self._values_room:
-            return mesh.data[key].read()
-        self._values[frame] = {key: one.read() for key, one in mesh.data.items()}
+            return stored[key].read()
+        self._values[frame] = {key: one.read() for key, one in stored.items()}
         self._values_room -= sum(array.nbytes for array in self._values[frame].values())
         return self._values[frame][key]
 
@@ -267,6 +267,7 @@ class FrameMeshes:
         Only a first frame that cannot be read fails here; other frames fail when they are asked for.
         """
         starts: list[tuple[int, int]] = []
+        found: list[ChangingLooks] = []
         before: MeshFile | None = None
         for frame in range(len(self.files)):
             try:
@@ -280,13 +281,15 @@ class FrameMeshes:
             self._data.append(self._data[-1] if self._data and self._data[-1] == data else data)
             if before is None or not mesh.continues(before):
                 starts.append((frame, len(mesh.points)))
-                before = mesh
+                before, looks = mesh, ChangingLooks(mesh.attributes, mesh.connectivity)
+                found.append(looks)
             else:
-                self.changes.compare(frame, mesh, before)
+                self.changes.compare(frame, mesh, before, looks.compare(mesh.attributes))
             self.changes.note_lines(mesh.notices)
             self._kept.keep(frame, mesh.points)
         self.changes.note_lines(not_kept(self._not_joined, _UNEVEN_PARTS))
         firsts = [first for first, _ in starts]
+        self._looks = {first: looks.fields() for first, looks in zip(firsts, found, strict=True)}
         for first, end in zip(firsts, [*firsts[1:], len(self.files)], strict=True):
             lost = [name for name in fields_of_frames(self._data[first:end])[1] if name not in self._not_joined]
             self.changes.note_lines(not_kept(lost, _UNEVEN))
@@ -316,8 +319,9 @@ class FrameSequence(MeshSequence):
 
     def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
         self._meshes, self._first = meshes, first
-        mesh = meshes.mesh(first)
-        self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
+        mesh, looks = meshes.mesh(first), meshes.looks(first)
+        constant = tuple(one for one in mesh.attributes if one.name not in looks)
+        self.objects = (MeshObject("mesh", mesh.connectivity, constant),)
         self.times, self.fps, self.notices = timing
         self.metadata = {}
         self._keys = meshes.fields(first, self.times.size)
@@ -353,7 +357,7 @@ def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fp
     files = find_frames(path, extension)
     meshes = FrameMeshes([[file] for file in files.paths], read)
     sequence = _sequence_of_meshes(meshes, timing_of_numbers(files.numbers, fps))
-    sequence.list_contents = lambda: meshes.changes.contents(sequence.runs[0].objects)
+    sequence.list_contents = lambda: meshes.changes.contents(sequence.runs[0])
     return sequence
 
 

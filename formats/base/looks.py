@@ -83,3 +83,15 @@ class SharedRows:
 def _first_of_each(keys: NDArray[np.integer]) -> tuple[Int64Array, Int64Array]:
     _, firsts, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     return firsts, rows.reshape(-1)
+
+
+def shared_uv_rows(sequence: MeshSequence, field: Field) -> dict[int, SharedRows]:
+    """Return which corners of each object that has a field of UVs share a row in every frame."""
+    places = dict(enumerate(field.slices(sequence.objects)))
+    owners = {index: own for index, own in places.items() if own.stop > own.start}
+    shared = {index: SharedRows(sequence.objects[index].connectivity.face_indices) for index in owners}
+    for frame in range(sequence.frame_count):
+        values = sequence.read_field(field.name, frame, frame + 1)[0]
+        for index, own in owners.items():
+            shared[index].add(values[own])
+    return shared

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +16,15 @@ from plyfile import PlyData, PlyParseError
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, UV
+from pdecodec.formats.base.frame_data import DataKey, StoredData, stored_array
 from pdecodec.formats.base.frame_meshes import MeshFile, not_kept, open_frames, strip_triangles
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.mesh.arrays import Int64Array
+from pdecodec.mesh.fields import DTYPES, FieldDomain
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshSequence
 
-_INDICES = ("vertex_indices", "vertex_index")
+INDICES = ("vertex_indices", "vertex_index")
 
 _EDGES = ("vertex1", "vertex2")
 
@@ -32,6 +36,12 @@ FACE_UVS, _TEXTURE = "texcoord", "TextureFile"
 """Name of the list of a face's UVs, and of the comment that names a texture, as MeshLab writes them."""
 
 _NORMALS = ("nx", "ny", "nz")
+
+POINT_NORMALS = "normal:n"
+"""Name of the field that the normals of points without faces are."""
+
+FIELD_COMMENT = "pdecodec field "
+"""Begin of a comment of our writer that tells the name, type and properties of a field, as JSON."""
 
 _HEAD_BYTES = 2**16
 """Bytes from the start of a file that are searched for the header."""
@@ -65,7 +75,7 @@ def _parsed(path: Path) -> Any:
         warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # NumPy warns of lists without numbers
         # Faces of equal size are read many times faster if plyfile knows the size.
         for size in (3, 4):
-            lengths = {"face": {**dict.fromkeys(_INDICES, size), FACE_UVS: 2 * size}}
+            lengths = {"face": {**dict.fromkeys(INDICES, size), FACE_UVS: 2 * size}}
             with contextlib.suppress(PlyParseError, KeyError, ValueError):
                 return PlyData.read(str(path), known_list_len=lengths)
         return PlyData.read(str(path))
@@ -99,10 +109,37 @@ def _mesh(data: Any) -> MeshFile:
             attributes.append(normal_group(connectivity, None))
             for name in _NORMALS:
                 del vertex[name]
+    fields = _fields(vertex, "vertex", data.comments) | _fields(face if counts.size else {}, "face", data.comments)
     lost = [name if element == "vertex" else f"{element} {name}" for element, own in elements.items() for name in own]
     lost += [f"texture {one.partition(' ')[2]}" for one in data.comments if one.startswith(_TEXTURE)]
     lost += ["obj_info"] if data.obj_info else []
-    return MeshFile(points, connectivity, tuple(one for one in attributes if one is not None), not_kept(lost))
+    kept = tuple(one for one in attributes if one is not None)
+    return MeshFile(points, connectivity, kept, not_kept(lost), fields)
+
+
+def _fields(columns: dict[str, Any], domain: FieldDomain, comments: Sequence[str]) -> dict[DataKey, StoredData]:
+    """Remove the numbers of vertices or faces that remain from their columns, and return them as data.
+
+    Comments of our writer say which columns are one field, and its type; other columns are a field each.
+    """
+    found: dict[DataKey, StoredData] = {}
+    for comment in comments:
+        if not comment.startswith(FIELD_COMMENT):
+            continue
+        try:
+            noted = json.loads(comment.removeprefix(FIELD_COMMENT))
+            name, dtype, names = str(noted["name"]), str(noted["dtype"]), [str(one) for one in noted["properties"]]
+        except (LookupError, TypeError, ValueError):
+            continue
+        kind = next((one for one in DTYPES if one.name == dtype), None)
+        if noted.get("domain") == domain and kind is not None and names and set(names) <= set(columns):
+            values = np.stack([columns.pop(one) for one in names], axis=1)
+            found[domain, name] = stored_array(values.astype(kind))
+    if domain == "vertex" and set(_NORMALS) <= set(columns):
+        found[domain, POINT_NORMALS] = stored_array(np.stack([columns.pop(one) for one in _NORMALS], axis=1))
+    for name in [name for name, values in columns.items() if values.ndim == 1 and values.dtype.kind in "iuf"]:
+        found[domain, name] = stored_array(columns.pop(name))
+    return found
 
 
 def _colors(columns: dict[str, Any], domain: AttributeDomain, name: str) -> Attribute | None:
@@ -152,7 +189,7 @@ def _joined(lists: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 
 def _faces(columns: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Remove faces from their columns; return the number of corners of each, and all corners concatenated."""
-    name = next((one for one in _INDICES if one in columns), None)
+    name = next((one for one in INDICES if one in columns), None)
     rows = np.zeros((0, 3)) if name is None else columns.pop(name)
     if not len(rows):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

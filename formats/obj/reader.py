@@ -1,7 +1,7 @@
 """Read OBJ sequences: one Wavefront OBJ file per frame, in parallel.
 
-Frames with the same faces, lines and UV indices form a run. Names, UVs, colours and hard edges come from its first
-frame; of every other frame only positions are read, and each kind of other difference is reported once.
+Frames with the same faces, lines and UV indices form a run. Names and hard edges come from its first frame; UVs and
+colours that change are fields. Each kind of other difference is reported once.
 
 OBJ has no time. Our writer starts each file with a comment that states time and frame rate; other readers skip it.
 """
@@ -11,15 +11,19 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import COLOR, UV, is_by_vertex, rows_or_nan
 from pdecodec.formats.base.frame_files import FrameFiles, find_frames
 from pdecodec.formats.base.frame_meshes import FrameChanges, KeptPositions, runs_of_frames
 from pdecodec.formats.base.registry import read_errors
@@ -34,8 +38,9 @@ from pdecodec.formats.obj.text import (
     scan,
 )
 from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
-from pdecodec.mesh.sequence import Content, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import BLOCK_BYTES, Content, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 MAX_THREADS = 8
@@ -55,6 +60,10 @@ _COMMENT = re.compile(rb"# time ([-+.\deE]{1,30}) s at ([-+.\deE]{1,30}) frames 
 
 _VERTEX_ENDS, _TEXTURES, _LIBRARIES = 1, 2, 4
 """Data that the core compares, as bits: values after positions, texture vertices, mtllib."""
+
+
+_LOOKS = {"vertex colours": COLOR, "UVs": UV}
+"""Names of fields by the kinds of data that change."""
 
 
 _BITS = {"vertex colours": _VERTEX_ENDS, "UVs": _TEXTURES, "names of mtllib": _LIBRARIES}
@@ -93,6 +102,7 @@ class _ObjFrames:
 
     def __init__(self, paths: Sequence[Path], threads: int | None) -> None:
         self.paths, self._kept, self.changes = paths, KeptPositions(), FrameChanges()
+        self._looks: dict[int, set[str]] = {}
         self._opened: dict[int, _Structure] = {}
         with read_errors(paths[0]):
             is_large = paths[0].stat().st_size >= PARALLEL_BYTES
@@ -127,7 +137,8 @@ class _ObjFrames:
                         structure = None
                         break
                     if model is not None:
-                        structure.note_changes(model, index, self.changes)
+                        found = structure.note_changes(model, index, self.changes)
+                        self._looks.setdefault(starts[-1][0], set()).update(found)
                     self._kept.keep(index, points)
                     frame += 1
                 at_once = min(2 * at_once, 2 * self.threads)
@@ -136,7 +147,11 @@ class _ObjFrames:
     def contents(self, run: MeshSequence) -> tuple[Content, ...]:
         """List what the files hold, for a sequence or its first run."""
         assert isinstance(run, ObjSequence)
-        return (*run.model.contents(), *self.changes.contents(run.objects))
+        return (*run.model.contents(), *self.changes.contents(run))
+
+    def looks(self, first: int) -> set[str]:
+        """Return the names of the UVs and colours that change in the run that begins with a frame."""
+        return self._looks.get(first, set())
 
     def structure(self, first: int) -> _Structure:
         """Return the structure of the run that begins with a frame; that of the first run is cached."""
@@ -177,7 +192,33 @@ class ObjSequence(MeshSequence):
         self._structure = frames.structure(first)
         self.model = self._structure.model
         self.times, self.fps, self.notices = timing
-        self.objects, self.metadata = self.model.objects, self.model.metadata
+        self.metadata = self.model.metadata
+        self._looks = frames.looks(first)
+        self.objects = tuple(
+            replace(item, attributes=tuple(one for one in item.attributes if one.name not in self._looks))
+            for item in self.model.objects
+        )
+        self.fields = tuple(_look_fields(self.model.objects, self._looks))
+        self._values: dict[tuple[str, int], NDArray[Any]] = {}
+        self._values_room = BLOCK_BYTES
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        values = np.empty(field.shape(stop - start, self.objects), field.dtype)
+        for frame in range(start, stop):
+            found = self._values.get((field.name, frame))
+            values[frame - start] = self._read_looks(frame)[field.name] if found is None else found
+        return values
+
+    def _read_looks(self, frame: int) -> dict[str, NDArray[Any]]:
+        """Return the rows of all fields at a frame; they are kept as long as they fit in a block."""
+        text = read_text(self._frames.paths[self._first + frame], self._first + frame)
+        objects = ObjModel(text, scan(text)).objects
+        rows = {field.name: _look_rows(field, objects, self.model.objects) for field in self.fields}
+        size = sum(one.nbytes for one in rows.values())
+        if size <= self._values_room:
+            self._values_room -= size
+            self._values.update({(name, frame): one for name, one in rows.items()})
+        return rows
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -194,6 +235,37 @@ class ObjSequence(MeshSequence):
             for frame, found in enumerate(points, self._first + start):
                 self._frames.note_rounding(frame, found)
         return points
+
+
+def _look_fields(objects: Sequence[MeshObject], names: Collection[str]) -> Iterator[Field]:
+    """Yield the fields that attributes of some names are if they change."""
+    for name in sorted(names):
+        owners = [index for index, item in enumerate(objects) if any(one.name == name for one in item.attributes)]
+        found = [next(one for one in objects[index].attributes if one.name == name) for index in owners]
+        if not found:
+            continue
+        by_vertex = name == UV and all(
+            is_by_vertex(one, objects[index].connectivity) for one, index in zip(found, owners, strict=True)
+        )
+        width = max(one.values.shape[1] for one in found)
+        everywhere = None if len(owners) == len(objects) else tuple(owners)
+        domain = found[0].domain if name != UV or not by_vertex else "vertex"
+        yield Field(name, domain, found[0].values.dtype, width, objects=everywhere)
+
+
+def _look_rows(field: Field, objects: Sequence[MeshObject], like: Sequence[MeshObject]) -> NDArray[Any]:
+    """Return the rows of a field in the objects of one frame; NaN if that has no values, or not for these objects."""
+    parts = []
+    for index, count in enumerate(field.row_counts(like)):
+        rows = np.full((count, field.components), np.nan, field.dtype)
+        own = objects[index].attributes if len(objects) == len(like) else ()
+        one = next((one for one in own if one.name == field.name), None)
+        if one is not None and count:
+            values = one.values if field.domain == "vertex" else rows_or_nan(one)
+            if len(values) == count:
+                rows[:, : values.shape[1]] = values[:, : field.components]
+        parts.append(rows)
+    return np.concatenate(parts)
 
 
 class _ChangedError(InputError):
@@ -215,12 +287,20 @@ class _Structure:
         found: Float32Array = self._first.positions
         return found
 
-    def note_changes(self, model: ObjModel, frame: int, changes: FrameChanges) -> None:
-        """Note other differences of a frame; kinds of data that are known to change are not compared again."""
+    def note_changes(self, model: ObjModel, frame: int, changes: FrameChanges) -> set[str]:
+        """Note other differences of a frame; kinds of data that are known to change are not compared again.
+
+        Return the names of UVs and colours that differ: they are fields.
+        """
         changes.note_lines(model.notices)
+        looks = set()
         for kind, is_in_first in self.model.changes_to(model):
-            changes.note(frame, kind, is_in_first=is_in_first)
+            if kind in _LOOKS and is_in_first:
+                looks.add(_LOOKS[kind])
+            else:
+                changes.note(frame, kind, is_in_first=is_in_first)
             self._unchanged &= ~_BITS.get(kind, 0)
+        return looks
 
     def read_positions(self, path: Path, frame: int, points: Float32Array, *, compare: bool = False) -> ObjModel | None:
         """Read a frame's positions into `points`, (vertices, 3) float32.

@@ -2,15 +2,15 @@
 
 Positions are written with the fewest digits that read back to the same float32. Kept are objects, faces, lines,
 points, ``"uv"``, ``"color"``, ``"group"``, ``"material"``, ``"smoothing"`` and ``"object"`` attributes as
-:mod:`pdecodec.formats.obj.reader` returns them, hard edges as normals of each frame, the ``mtllib`` of the metadata,
-and times, in a comment. Of several UV sets or colours only the main one is written. OBJ cannot store other
-attributes: a notice lists those that are left out.
+:mod:`pdecodec.formats.obj.reader` returns them, fields that are UVs or colours of vertices, hard edges as normals of
+each frame, the ``mtllib`` of the metadata, and times, in a comment. Of several UV sets or colours only the main one is
+written. OBJ cannot store other attributes and fields: a notice lists those that are left out.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
@@ -20,6 +20,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
     UV,
+    expanded,
     indexed_rows,
     left_out,
     main_color,
@@ -27,11 +28,13 @@ from pdecodec.formats.base.attribute_roles import (
     white_for_none,
 )
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
-from pdecodec.formats.base.frame_meshes import FrameBytes, write_frames
+from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
+from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
-from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 FACES_AT_ONCE = 2**14
@@ -58,8 +61,10 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
         lost = left_out(run, "OBJ", _is_written, metadata=("mtllib",))
         names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
-        notices.update(dict.fromkeys((*lost, *names, *_name_notices(run), *white_for_none(run))))
-        return _FrameText(run, output.rate, first).of_frame
+        text = _FrameText(run, output.rate, first)
+        lost += not_kept([one.name for one in run.fields if one not in text.looks], "fields not kept: {}")
+        notices.update(dict.fromkeys((*lost, *names, *_name_notices(text.items), *white_for_none(run))))
+        return text.of_frame
 
     write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
     return tuple(notices)
@@ -79,7 +84,7 @@ def frame_output(output: Output) -> tuple[Output, bool]:
                 code="output-unwritable",
                 path=folder,
             )
-    return dataclasses.replace(output, path=path), new_folder
+    return replace(output, path=path), new_folder
 
 
 def time_comment(time: float, rate: float) -> bytes:
@@ -104,9 +109,9 @@ def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     return any(attribute is one for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item)))
 
 
-def _name_notices(sequence: MeshSequence) -> Iterator[str]:
+def _name_notices(objects: Sequence[MeshObject]) -> Iterator[str]:
     """Yield notices about UV sets and colours that lose their names."""
-    for item in sequence.objects:
+    for item in objects:
         for one, name in ((next(iter(uv_sets(item)), None), UV), (main_color(item), COLOR)):
             if one is not None and one.name != name:
                 yield f"{one.name!r} is written as {name!r}: OBJ stores one, without its name"
@@ -117,17 +122,42 @@ def _one_line(name: str) -> str:
     return b" ".join(name.replace("\0", "").encode("utf-8", "replace").split()).decode().rstrip("\\")
 
 
+def _written_looks(sequence: MeshSequence) -> list[Field]:
+    """Return the fields that OBJ stores as UVs and colours of vertices: attributes of objects take their place."""
+    found: list[Field] = []
+    has = {UV: any(map(uv_sets, sequence.objects)), COLOR: any(map(main_color, sequence.objects))}
+    for one in sorted(looks_of(sequence), key=lambda one: ":" in one.name):
+        role = look_role(one)
+        if role is not None and not has[role] and (role == UV or one.domain == "vertex"):
+            has[role] = True
+            found.append(one)
+    return found
+
+
 class _FrameText:
-    """Writes the text of frames; text that is the same in every frame is built once."""
+    """Writes the text of frames; text that is the same in every frame is built once.
+
+    Attributes
+    ----------
+    looks : list of Field
+        Fields that are written as UVs and colours.
+    items : tuple of MeshObject
+        The objects with the values of these fields at the first frame.
+    """
 
     def __init__(self, sequence: MeshSequence, rate: float, first: int) -> None:
+        self._sequence, self.looks = sequence, _written_looks(sequence)
+        self.items = objects_at(sequence, 0, self.looks)
+        shared = [one for one in self.looks if look_role(one) == UV and one.domain == "corner"]
+        self._shared = shared_uv_rows(sequence, shared[0]) if shared else {}
+        self.items = self._with_shared_uvs(self.items)
         self._times, self._rate, self._first = sequence.times, rate, first
         library = sequence.metadata.get("mtllib")
         self._head = f"mtllib {_one_line(library)}\n".encode() if library else b""
         self._objects: list[_ObjectText] = []
         vertices = textures = normals = 0
         names_held: set[str] = set()
-        for item in sequence.objects:
+        for item in self.items:
             text = _ObjectText(item, vertices, textures, normals, names_held, alone=len(sequence.objects) == 1)
             vertices = text.vertices.stop
             textures += text.texture_count
@@ -138,12 +168,25 @@ class _FrameText:
         """Yield the text of a frame in parts with positions (vertices, 3); InputError if one is not finite."""
         check_finite(points, self._first + frame)
         yield time_comment(self._times[frame], self._rate) + self._head
-        for item in self._objects:
-            own = points[item.vertices]
-            yield item.before
-            yield rows_text(np.hstack([own, item.color]), "v")
-            yield item.normal_text(own)
-            yield from item.after
+        items = self._with_shared_uvs(objects_at(self._sequence, frame, self.looks)) if self.looks else self.items
+        for item, text in zip(items, self._objects, strict=True):
+            own = points[text.vertices]
+            yield text.before
+            color = _color_rows(main_color(item), item.vertex_count) if self.looks else text.color
+            yield rows_text(np.hstack([own, color]), "v")
+            yield text.normal_text(own)
+            yield _texture_text(next(iter(uv_sets(item)), None)) if self.looks else text.textures
+            yield from text.after
+
+    def _with_shared_uvs(self, items: Sequence[MeshObject]) -> tuple[MeshObject, ...]:
+        """Return objects whose corners share rows of UVs that change."""
+        found = list(items)
+        for index, shared in self._shared.items():
+            uv = uv_sets(found[index])[0]
+            rows = replace(uv, values=expanded(uv)[shared.firsts], indices=shared.rows.astype(np.int32))
+            others = [one for one in found[index].attributes if one is not uv]
+            found[index] = replace(found[index], attributes=(*others, rows))
+        return tuple(found)
 
 
 class _ObjectText:
@@ -167,14 +210,18 @@ class _ObjectText:
         # that the file reads back unchanged.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
-        self.color = _color_rows(main_color(item), item.vertex_count)
         # Smoothing groups alone do not make normals: they are written as ``s`` statements.
         self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)
-        uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
+        self.color = _color_rows(main_color(item), item.vertex_count)
+        self.textures, uv_indices = _texture_text(uv), None
+        self.texture_count = 0 if uv is None else len(uv.values)
+        if uv is not None:
+            corners_of = item.connectivity.face_indices.size
+            uv_indices = np.arange(corners_of) if uv.indices is None else uv.indices.astype(np.int64)
         changes = _changes(item, attributes, names_held, with_objects=alone)
         counts, indices = item.connectivity.face_counts, item.connectivity.face_indices
-        self.after = [uv_text]
+        self.after: list[bytes] = []
         first = 0
         for start in range(0, len(counts), FACES_AT_ONCE):
             some = counts[start : start + FACES_AT_ONCE].tolist()
@@ -223,16 +270,15 @@ def _color_rows(color: Attribute | None, vertices: int) -> Float32Array:
     return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.float32(1))
 
 
-def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, Int64Array | None, int]:
-    """Return ``vt`` lines, the index of each corner into them from 0 (-1 for none), and their number."""
+def _texture_text(uv: Attribute | None) -> bytes:
+    """Return ``vt`` lines."""
     if uv is None:
-        return b"", None, 0
+        return b""
     with np.errstate(over="ignore"):
         values = uv.values.astype(np.float32)
     if not np.isfinite(values).all():
         raise InputError("a UV is not finite, which OBJ cannot store; repair the attribute", code="not-finite")
-    indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
-    return rows_text(values, "vt"), indices, len(values)
+    return rows_text(values, "vt")
 
 
 def _polyline_text(item: MeshObject, first_vertex: int) -> bytes:

@@ -16,12 +16,12 @@ from pdecodec import __version__
 from pdecodec.formats.base.attribute_roles import GROUP, left_out, unique_name
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.written_fields import WrittenField, WrittenFields
 from pdecodec.formats.vtk.cells import NODE
 from pdecodec.formats.vtk.exodus import PROGRAM
 from pdecodec.formats.vtk.exodus_blocks import Block, element_blocks, fitting
 from pdecodec.formats.vtk.exodus_variables import AXES, component_names, displacements, vectors_of
 from pdecodec.formats.vtk.netcdf_file import NetcdfWriter, new_netcdf
-from pdecodec.formats.vtk.written_fields import WrittenField, WrittenFields
 from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 

@@ -16,7 +16,7 @@ from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
 from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.vtk.written_fields import WrittenFields
+from pdecodec.formats.base.written_fields import WrittenFields
 from pdecodec.formats.vtk.xml_files import TYPES
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
@@ -79,7 +79,7 @@ class _Grid:
         faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
         kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
         self._fields = WrittenFields(sequence, ("vertex", "face"))
-        colors, self._normals = joined_colors(sequence), VertexNormals(sequence)
+        colors, self._normals = joined_colors(sequence.objects), VertexNormals(sequence)
         constant = {_OBJECT: len(sequence.objects) > 1, _COLOR: colors is not None, _NORMALS: self._normals.held}
         there = [name for name, is_there in constant.items() if is_there]
         own = self._fields.names("vertex")

@@ -13,7 +13,7 @@ from pdecodec.formats.base.attribute_roles import lost_by_joining
 from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.vtk.written_fields import WrittenFields
+from pdecodec.formats.base.written_fields import WrittenFields
 from pdecodec.formats.vtk.xdmf_cells import MIXED_KINDS
 from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence

@@ -108,15 +108,16 @@ def gltf(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def ply(folder: Path) -> tuple[Path, Counter[str]]:
-    """Frames with colours and data that have no place, and how often their headers have each kind."""
+    """Frames with colours, other numbers and lists that have no place, and how often their headers have each kind."""
     from tests.formats.test_frame_inventory import CHANNELS, RED
     from tests.formats.test_frame_inventory import ply as text_of
 
     for number, more in enumerate(([], ["float late"])):
-        columns = ((*CHANNELS, "float heat", *more), ("float flags",))
-        text = text_of([f"{RED} 5{' 1' * len(more)}"] * 3, ["3 0 1 2 1"], columns=columns)
+        columns = ((*CHANNELS, "float heat", *more), ("float flags", "list uchar float weights"))
+        text = text_of([f"{RED} 5{' 1' * len(more)}"] * 3, ["3 0 1 2 1 1 5"], columns=columns)
         (folder / f"x.{number}.ply").write_text(text)
-    return folder / "x.#.ply", Counter(("positions", "faces", "vertex colours", "heat", "late", "face flags"))
+    kinds = ("positions", "faces", "vertex colours", "heat", "late", "face flags", "face weights")
+    return folder / "x.#.ply", Counter(kinds)
 
 
 def obj(folder: Path) -> tuple[Path, Counter[str]]:
@@ -166,7 +167,6 @@ lod 3
         "UVs": first["vt"],
         "hard edges": first["vn"],
         "vertex colours": 1,
-        "changes of vertex colours": 1,
         "comments": first["#"],
         "#MRGB": first["#MRGB"],
         "vp": first["vp"],
@@ -319,9 +319,12 @@ EXPECTED = {
     obj: {
         "coded": ("positions", "groups", "materials", "mtllib", "objects", "vertex colours"),
         "implied": ("comments",),
-        "dropped": ("vp", "lod", "#MRGB", "vt of l", "changes of vertex colours"),
+        "dropped": ("vp", "lod", "#MRGB", "vt of l"),
     },
-    ply: {"coded": ("positions", "faces", "vertex colours"), "dropped": ("heat", "late", "face flags")},
+    ply: {
+        "coded": ("positions", "faces", "vertex colours", "heat", "late", "face flags"),
+        "dropped": ("face weights",),
+    },
     alembic: {"coded": ("P", ".faces", "visible"), "dropped": ("studio", "width"), "implied": (".selfBnds",)},
     usd: {
         "coded": ("points", "velocities", "accelerations", "Mesh", "primvars:kept", "primvars:heat", "upAxis"),

@@ -68,12 +68,12 @@ WEDGE = "list uchar float texcoord"
             (),
         ),
         ((WEDGE,), ["3 0 1 2 2 0 0"], {}, ("not kept: face texcoord",)),
-        ((WEDGE, "int texnumber"), ["3 0 1 2 0 1"], {}, ("not kept: face texcoord, face texnumber",)),
+        ((WEDGE, "list uchar int more"), ["3 0 1 2 0 1 5"], {}, ("not kept: face texcoord, face more",)),
         (
             ("float red", "float green", "float blue", "float quality"),
             ["3 0 1 2 .5 .25 1 7"],
             {"color": ("face", [[0.5, 0.25, 1]], None)},
-            ("not kept: face quality",),
+            (),
         ),
     ],
     ids=["UVs and colours", "faces of any size", "a face without UVs", "no UVs at all", "textures", "fractions"],
@@ -101,8 +101,8 @@ def test_colours_of_vertices_and_of_faces_of_one_ply_are_both_kept(tmp_path: Pat
 @pytest.mark.parametrize(
     ("text", "lost"),
     [
-        (ply([f"{RED} 1 5"] * 3, columns=((*CHANNELS, "float nx", "float heat"), ())), "nx, heat"),
-        (ply([""] * 3, ["3 0 1 2 1"], columns=((), ("float flags",))), "face flags"),
+        (ply(["1 5"] * 3, columns=(("list uchar float weights",), ())), "weights"),
+        (ply([""] * 3, ["3 0 1 2 1 5"], columns=((), ("list uchar float flags",))), "face flags"),
         (
             ply([""] * 3, ["3 0 1 2"], columns=((), ()), more="comment TextureFile a.png\nobj_info n 3"),
             "texture a.png, obj_info",
@@ -137,9 +137,43 @@ def test_what_a_ply_file_loses_is_named_once_for_all_frames(tmp_path: Path, text
         assert sequence.notices == (f"not kept: {lost}",)
 
 
-def test_what_only_a_later_ply_file_loses_is_named(tmp_path: Path) -> None:
-    with read(tmp_path, ply([""] * 3, columns=((), ())), ply(["5"] * 3, columns=(("float heat",), ()))) as sequence:
-        assert sequence.notices == ("not kept: heat",)
+def test_numbers_of_ply_are_fields_whether_they_change_or_not(tmp_path: Path) -> None:
+    columns = ("float nx", "float ny", "float nz", "float vx", "uchar state"), ("float area", "int part")
+    texts = [
+        ply([f"0 0 {frame} {frame}.5 {vertex}" for vertex in range(3)], [f"3 0 1 2 0.5 {frame}"], columns=columns)
+        for frame in range(2)
+    ]
+    with read(tmp_path, *texts) as sequence:
+        assert sequence.notices == ()
+        assert set(attributes(sequence)) == {"normal_group"}
+        assert {(one.name, one.domain, one.dtype.name) for one in sequence.fields} == {
+            ("vx", "vertex", "float32"),
+            ("state", "vertex", "uint8"),
+            ("area", "face", "float32"),
+            ("part", "face", "int32"),
+        }
+        assert {one.kind for one in sequence.contents} == {
+            *("positions", "faces", "hard edges", "vx", "state", "face area", "face part")
+        }
+        assert sequence.read_field("vx", 0, 2).tolist() == [[0.5] * 3, [1.5] * 3]
+        assert sequence.read_field("part", 0, 2).tolist() == [[0], [1]]
+
+
+def test_normals_of_points_and_what_later_ply_files_have_are_fields(tmp_path: Path) -> None:
+    """Floats that a frame lacks are NaN there, other numbers are named."""
+    normals = ("float nx", "float ny", "float nz")
+    texts = (
+        ply(["1 2 3"] * 3, columns=(normals, ())),
+        ply(["4 5 6 7 8"] * 3, columns=((*normals, "float t", "int n"), ())),
+    )
+    with read(tmp_path, *texts) as sequence:
+        assert sequence.notices == ("not kept, because frames lack them or store them in other ways: n",)
+        assert sequence.read_field("normal:n", 0, 2)[:, 0].tolist() == [[1, 2, 3], [4, 5, 6]]
+        np.testing.assert_array_equal(sequence.read_field("t", 0, 2)[:, 0], [np.nan, 7])
+        write_sequence(sequence, tmp_path / "y.#.ply")
+    assert b"property float nx\nproperty float ny" in (tmp_path / "y.0.ply").read_bytes()
+    with open_sequence(tmp_path / "y.#.ply", fps=24) as again:
+        assert again.read_field("normal:n", 1, 2)[0, 0].tolist() == [4, 5, 6]
 
 
 @pytest.mark.parametrize(
@@ -148,22 +182,22 @@ def test_what_only_a_later_ply_file_loses_is_named(tmp_path: Path) -> None:
         (
             ply([RED] * 3, columns=(CHANNELS, ())),
             ply([GREEN] * 3, columns=(CHANNELS, ())),
-            f"vertex colours change from frame to frame {KEPT}",
+            "color vertex uint8",
         ),
         (
             ply([""] * 3, [f"3 0 1 2 {RED}"], columns=((), CHANNELS)),
             ply([""] * 3, [f"3 0 1 2 {GREEN}"], columns=((), CHANNELS)),
-            f"face colours change from frame to frame {KEPT}",
+            "color face uint8",
         ),
         (
             ply(["0 0", "1 0", "1 1"], ["3 0 1 2"], columns=(("float s", "float t"), ())),
             ply(["0 0", "1 0", "1 2"], ["3 0 1 2"], columns=(("float s", "float t"), ())),
-            f"UVs change from frame to frame {KEPT}",
+            "uv vertex float32",
         ),
         (
             ply([""] * 3, ["3 0 1 2 6 0 0 1 0 1 1"], columns=((), (WEDGE,))),
             ply([""] * 3, ["3 0 1 2 6 0 0 1 0 2 1"], columns=((), (WEDGE,))),
-            f"UVs change from frame to frame {KEPT}",
+            "uv corner float32",
         ),
         (
             ply([RED] * 3, columns=(CHANNELS, ())),
@@ -178,27 +212,30 @@ def test_what_only_a_later_ply_file_loses_is_named(tmp_path: Path) -> None:
         (
             "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 9 0 0\n",
             "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 8 0 0\n",
-            f"face colours change from frame to frame {KEPT}",
+            "color face uint8",
         ),
     ],
     ids=["points", "faces", "UVs of vertices", "UVs of corners", "gone", "new", "OFF"],
 )
-def test_what_changes_from_frame_to_frame_is_told_once(tmp_path: Path, first: str, second: str, notice: str) -> None:
+def test_what_changes_from_frame_to_frame_is_a_field_or_told_once(
+    tmp_path: Path, first: str, second: str, notice: str
+) -> None:
     extension = "off" if first.startswith("OFF") else "ply"
     with read(tmp_path, first, second, first, second, extension=extension) as sequence:
-        assert sequence.notices == (notice,)
+        fields = [f"{one.name} {one.domain} {one.dtype}" for one in sequence.fields]
+        assert [*fields, *sequence.notices] == [notice]
+        assert not fields or sequence.fields[0].name not in attributes(sequence)
     with read(tmp_path, first, first, first, first, extension=extension) as still:
         assert still.notices == ()
 
 
-def test_each_run_keeps_the_colours_of_its_first_frame(tmp_path: Path) -> None:
+def test_each_run_has_its_own_colours(tmp_path: Path) -> None:
     texts = [ply([RED] * 3, columns=(CHANNELS, ())), *(ply([one] * 4, columns=(CHANNELS, ())) for one in (GREEN, RED))]
     with read(tmp_path, *texts) as sequence:
-        assert [run.objects[0].attributes[0].values[0].tolist() for run in sequence.runs] == [[255, 0, 0], [0, 255, 0]]
-        assert sequence.notices == (
-            "vertex colours change from frame to frame (first at frame 2): "
-            "those of the first frame of each run are kept",
-        )
+        still, changing = sequence.runs
+        assert still.objects[0].attributes[0].values[0].tolist() == [255, 0, 0]
+        assert changing.read_field("color", 0, 2)[:, 3].tolist() == [[0, 255, 0], [255, 0, 0]]
+        assert (still.fields, changing.objects[0].attributes, sequence.notices) == ((), (), ())
 
 
 TRIANGLES = "3 2 0\n0 0 0\n1 0 0\n0 1 0\n"
@@ -334,17 +371,13 @@ def test_colours_of_some_vertices_of_other_sources_are_white_elsewhere(tmp_path:
 @pytest.mark.parametrize(
     ("first", "second", "notices"),
     [
-        (obj(*["1 0 0"] * 4), obj(*["0 1 0"] * 4), (f"vertex colours change from frame to frame {KEPT}",)),
+        (obj(*["1 0 0"] * 4), obj(*["0 1 0"] * 4), ("color vertex",)),
         (
             obj(*["1 0 0"] * 4, more=UV),
             obj(*["0 1 0"] * 4, more=UV.replace("vt 1 1", "vt 2 1")),
-            (f"UVs change from frame to frame {KEPT}", f"vertex colours change from frame to frame {KEPT}"),
+            ("color vertex", "uv corner"),
         ),
-        (
-            obj(*["1 0 0"] * 4, more=""),
-            obj(*["0 1 0"] * 4, more=""),
-            (f"vertex colours change from frame to frame {KEPT}",),
-        ),
+        (obj(*["1 0 0"] * 4, more=""), obj(*["0 1 0"] * 4, more=""), ("color vertex",)),
         (
             obj(),
             obj(*["0 1 0"] * 4),
@@ -375,9 +408,11 @@ def test_colours_of_some_vertices_of_other_sources_are_white_elsewhere(tmp_path:
     ids=["colours", "UVs too", "points", "new colours", "names", "one material", "objects", "mtllib", "normals", "vp",
          "numbers otherwise", "names otherwise", "UVs otherwise"],
 )  # fmt: skip
-def test_what_changes_in_obj_is_told_once(tmp_path: Path, first: str, second: str, notices: tuple[str, ...]) -> None:
+def test_what_changes_in_obj_is_a_field_or_told_once(
+    tmp_path: Path, first: str, second: str, notices: tuple[str, ...]
+) -> None:
     with read(tmp_path, first, second, second, first, extension="obj") as sequence:
-        assert sequence.notices == notices
+        assert (*(f"{one.name} {one.domain}" for one in sequence.fields), *sequence.notices) == notices
         assert sequence.frame_count == 4
     with read(tmp_path, first, first, first, first, extension="obj") as still:
         assert still.notices == ()
@@ -397,12 +432,15 @@ def test_obj_runs_keep_their_own_colours_and_later_files_name_what_they_lose(tmp
         obj(*["0 0 1"] * 4, more="vp 1 2\nf 1 2 3\n"),
     )
     with read(tmp_path, *texts, extension="obj") as sequence:
-        assert [run.objects[0].attributes[0].values[0].tolist() for run in sequence.runs] == [[1, 0, 0], [0, 1, 0]]
-        assert sequence.notices == (
-            "statements not kept: vp",
-            "vertex colours change from frame to frame (first at frame 2): "
-            "those of the first frame of each run are kept",
-        )
+        still, changing = sequence.runs
+        assert still.objects[0].attributes[0].values[0].tolist() == [1, 0, 0]
+        assert changing.read_field("color", 0, 2)[:, 0].tolist() == [[0, 1, 0], [0, 0, 1]]
+        assert sequence.notices == ("statements not kept: vp",)
+
+
+def test_obj_frames_without_the_colours_of_the_first_have_nan(tmp_path: Path) -> None:
+    with read(tmp_path, obj(*["1 0 0"] * 4), obj(), extension="obj") as sequence:
+        np.testing.assert_array_equal(sequence.read_field("color", 0, 2)[:, 0], [[1, 0, 0], [np.nan] * 3])
 
 
 UVS = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.25, 0], [2, 3]], np.float32)

@@ -132,7 +132,8 @@ def test_nothing_moves_for_its_name_and_that_it_does_not_is_told(
 ) -> None:
     with opened(tmp_path, name, make) as read:
         assert np.array_equal(read.read_frames(0, 1)[0], TRIANGLE)
-        assert told in "\n".join(read.notices)
+        fields = ", ".join(one.name for one in read.fields)
+        assert told in "\n".join((*read.notices, fields))
 
 
 @pytest.mark.parametrize(

@@ -180,8 +180,9 @@ SAMPLES: dict[str, dict[str, tuple[Callable[[Path], Path], Any]]] = {
             ),
             counts(3),
         ),
-        "other properties of vertex": (lambda folder: ply(folder, "quality"), "quality"),
-        "other properties of face": (lambda folder: ply(folder, "", "flags"), "face flags"),
+        "other properties of vertex": (lambda folder: ply(folder, "quality"), has_field("quality vertex")),
+        "other properties of face": (lambda folder: ply(folder, "", "flags"), has_field("flags face")),
+        "other lists": (lambda folder: edited(ply(folder, "", "list uchar float w"), "2 2 1 1", "2 1 0.5"), "face w"),
         "properties of edge": (
             lambda folder: ply(
                 folder,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,6 +35,8 @@ class WrittenFields:
     sequence : MeshSequence
     domains : sequence of str
         Those that the format has a place for; "object" only counts if there is one object.
+    but : collection of str
+        Names of fields that the format stores in a way of its own.
 
     Attributes
     ----------
@@ -43,11 +45,13 @@ class WrittenFields:
         Names of other fields: those of other domains, and whole numbers that not all objects have.
     """
 
-    def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain]) -> None:
+    def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain], but: Collection[str] = ()) -> None:
         self._sequence = sequence
         on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
         found, self.lost = list[WrittenField](), list[str]()
         for one in sequence.fields:
+            if one.name in but:
+                continue
             is_joined = one.domain == "object" and len(sequence.objects) > 1
             is_uneven = one.objects is not None and one.dtype.kind != "f"
             if one.domain not in domains or is_joined or is_uneven:
@@ -78,16 +82,16 @@ class WrittenFields:
         whole[:, has_it] = values
         return whole
 
-    def at(self, frame: int) -> Iterator[tuple[WrittenField, NDArray[Any]]]:
+    def at(self, frame: int, *, with_lines: bool = True) -> Iterator[tuple[WrittenField, NDArray[Any]]]:
         """Yield the fields with their values in a frame, (rows[, components]).
 
-        Rows on faces are cells: faces, then lines, which have no values: NaN or 0.
+        Rows on faces are cells: faces, then, unless `with_lines` is false, lines, which have no values: NaN or 0.
         """
         if not self._start <= frame < self._start + self._at_a_time or not self._block:
             self._start = frame
             stop = min(frame + self._at_a_time, self._sequence.frame_count)
             self._block = {one.field.name: self.read(one, frame, stop) for one in self.fields}
-        lines = self._sequence.connectivity.line_count
+        lines = self._sequence.connectivity.line_count if with_lines else 0
         for one in self.fields:
             values = self._block[one.field.name][frame - self._start]
             if one.field.domain == "face" and lines:
