@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# The same examples in every run, so that what fails in one fails in all; PDECODEC_EXAMPLES=new searches further.
+# The same examples in every run, so that a failure can be reproduced. PDECODEC_EXAMPLES=new searches further.
 settings.register_profile("any", deadline=None)
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.load_profile("any")

@@ -33,7 +33,7 @@ MAX_BYTES = 230_000
 
 
 def decode_in_node(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the player's results for some files, by ``tests/browser/decode.mjs``."""
+    """Decode files with ``tests/browser/decode.mjs``, and return the player's results."""
     if shutil.which("node") is None:
         pytest.skip("node is not here")
     command = ["node", str(ROOT / "tests" / "browser" / "decode.mjs")]
@@ -48,14 +48,14 @@ def points(numbers: list[float]) -> Float32Array:
 
 
 def times_of(times: Float64Array) -> list[float]:
-    """Frames, times between them, and one after the last."""
+    """Return the times of frames, times between them, and one after the last."""
     between = times[:-1] + 0.37 * np.diff(times)
     return [float(time) for time in (*times[:8], *between[:8], times[-1], times[-1] + 1.0)]
 
 
 @pytest.fixture(scope="module")
 def accepted() -> dict[str, dict[str, Any]]:
-    """Return the player's results for each accepted vector, and the times that were requested."""
+    """Return the player's results for each accepted vector, with the times that were requested."""
     jobs = []
     for name in MANIFEST["accept"]:
         path = accepted_files()[name]
@@ -80,7 +80,7 @@ def test_positions_are_within_the_margin_of_the_specification(accepted: dict[str
             if min(time, other.times[-1]) in other.times:
                 assert_close(points(here["positions"]), other, min(time, other.times[-1]))
                 continue
-            # Between frames the corrections of both are added, each sum rounded.
+            # Between frames, the corrections of both frames are added, and each sum is rounded.
             expected = animation.positions(time)
             margin = 2 * other.motion.margin(time) + 2 * np.spacing(np.abs(expected))
             assert (np.abs(points(here["positions"]) - expected) <= margin).all(), time

@@ -35,7 +35,7 @@ def npm(*arguments: str | Path, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def three() -> Path:
-    """The folder of three.js."""
+    """Return the folder of three.js."""
     folder = node_modules() / "three"
     if not folder.is_dir():
         pytest.skip("three.js is not here; npm install --prefix tests/browser")
@@ -44,7 +44,7 @@ def three() -> Path:
 
 @pytest.fixture(scope="module")
 def site(three: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the packed and unpacked player, and three.js, in node_modules."""
+    """Return a folder with three.js and the player, packed and unpacked again, in node_modules."""
     folder: Path = tmp_path_factory.mktemp("site")
     modules = folder / "node_modules"
     modules.mkdir()
@@ -99,7 +99,7 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
             mesh = next(mesh for mesh in meshes if mesh["name"] == item.name)
             uv = next(own for own in item.attributes if own.name.startswith("uv"))
             rows = np.unique(np.reshape(mesh["uvs"], (-1, 2)), axis=0)
-            known = {tuple(row) for row in uv.values.astype(float).tolist()} | {(0.0, 0.0)}  # for corners without one
+            known = {tuple(row) for row in uv.values.astype(float).tolist()} | {(0.0, 0.0)}  # for corners without UVs
             assert {tuple(row) for row in rows.tolist()} <= known
             assert len(rows) > 1
             points = animation.positions(0.0)[np.array(mesh["sources"]) + first_vertex(animation.objects, item)]
@@ -276,12 +276,12 @@ async function buffered(attribute) {
 }
 """,
 }
-"""JavaScript that differs between the graphics interfaces that three.js draws with, by their name."""
+"""The parts of the JavaScript that differ between three.js' graphics interfaces, by the name of the interface."""
 
 
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Files by name: sheets in groups of frames, and objects with UVs."""
+    """Return files by name: sheets in several groups of frames, and objects with UVs."""
     folder: Path = tmp_path_factory.mktemp("clips")
     encode(two_sheets(), folder / "sheets.pdeanim", tolerance=1e-4, group_frames=9)
     encode(with_attributes(), folder / "mapped.pdeanim", tolerance=1e-4)
@@ -292,7 +292,9 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def scene(
     request: pytest.FixtureRequest, site: Path, clips: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Browser]:
-    """A page with a scene of three.js and each clip twice: ``on.NAME`` by the graphics processor, ``off.NAME`` not."""
+    """Open a page with a three.js scene and each clip twice: ``on.NAME`` is evaluated by the graphics
+    processor, ``off.NAME`` by the decoder.
+    """
     served: Path = tmp_path_factory.mktemp("scene") / "served"
     shutil.copytree(site, served, symlinks=False)
     blocks = (PLAYER / "README.md").read_text("utf-8").split("```")

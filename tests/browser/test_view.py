@@ -21,7 +21,7 @@ FRAMES = 40
 """Frames per clip: enough for motion, few enough to be encoded in seconds."""
 
 GROUP_FRAMES = 18
-"""So that there are borders between groups, where two of them count."""
+"""Frames per group: so few that there are borders between groups, where two groups contribute."""
 
 GPU_MARGIN = 4e-6
 """Largest rounding error of sums of some fifty products in float32, as a fraction of the extent."""
@@ -49,7 +49,7 @@ def ready(browser: Browser, page: Path) -> None:
 def clip(
     request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Path]:
-    """Part of a real clip, and what it is encoded to, in groups of frames."""
+    """Return a part of a real clip, and its file with several groups of frames."""
     folder: Path = tmp_path_factory.mktemp(request.param)
     source, coded = folder / "source.npz", folder / f"{request.param}.pdeanim"
     with np.load(shared_data / "sequences" / f"{CLIPS[request.param]}.npz") as whole:
@@ -62,7 +62,7 @@ def clip(
 
 @pytest.fixture(scope="module")
 def waves(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A small clip of two objects at two bounds."""
+    """Return a small clip of two objects, encoded at two bounds."""
     folder: Path = tmp_path_factory.mktemp("waves")
     fine, coarse = folder / "fine.pdeanim", folder / "coarse.pdeanim"
     for path, tolerance in ((fine, 1e-5), (coarse, 3e-2)):

@@ -1,4 +1,4 @@
-"""Batches: which clips, what is done, kept and failed, runs that are cut off, memory that clips share."""
+"""Batches: which clips are found, what is encoded, kept and failed, interrupted runs, and memory that clips share."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def sheet(phase: float, *, frames: int = 12, side: int = 8) -> ArraySequence:
-    """A sheet that waves."""
+    """Return a waving sheet."""
     x, z = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 2, side), indexing="ij")
     height = 0.3 * np.sin(3 * x + phase + 0.4 * np.arange(frames)[:, None, None])
     points = np.stack(np.broadcast_arrays(x, height, z), axis=-1).reshape(frames, -1, 3)
@@ -51,7 +51,9 @@ def sheet(phase: float, *, frames: int = 12, side: int = 8) -> ArraySequence:
 
 @pytest.fixture
 def clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder `clips` of the working directory: clips of four formats, one below, and one that is none."""
+    """Make the folder `clips` in the working directory: clips of four formats, one of them in a subfolder, and
+    a file that is no clip.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PDECODEC_THREADS", "1")  # one worker process by default
     folder = Path("clips")
@@ -70,14 +72,14 @@ def states(results: list[Result]) -> dict[str, str]:
 
 
 def places(folder: str) -> dict[Path, tuple[int, int]]:
-    """Every file of a batch, where it is on the disk and when it was written."""
+    """Return inode and modification time of every file of a batch."""
     whole = (file for file in Path(folder).rglob("*.pdeanim") if STATE_FOLDER not in file.parts)
     found = {file: file.stat() for file in whole}
     return {file: (status.st_ino, status.st_mtime_ns) for file, status in found.items()}
 
 
 def done(source: Path, folder: str, **options: object) -> Result:
-    """Process one clip of a file in this process."""
+    """Process one clip in this process."""
     [clip] = clips_of(source, ClipOptions().with_values(options))
     return do_clip(clip, Work(folder=folder))
 
@@ -162,7 +164,9 @@ main()
 
 
 def ended_amid_a_batch(outputs: int, number: signal.Signals) -> tuple[int, str]:
-    """Signal a batch of eight clips and its worker once enough outputs exist; return exit code and output."""
+    """Send a signal to a batch of eight clips and its worker once there are this many outputs; return exit code
+    and output.
+    """
     for phase in range(8):
         write_sequence(sheet(phase, frames=40, side=16), f"clips/c{phase}.npz")
     command = [sys.executable, "-c", COMMAND, "batch", "clips/c*.npz", "-o", "out", "--jobs", "1"]
@@ -172,7 +176,7 @@ def ended_amid_a_batch(outputs: int, number: signal.Signals) -> tuple[int, str]:
         time.sleep(0.01)
     os.killpg(process.pid, number)
     words = process.communicate(timeout=100)[1]
-    with suppress(ProcessLookupError):  # its worker ends a moment later, and owns its unfinished files until then
+    with suppress(ProcessLookupError):  # the worker ends a moment later, and writes its files until then
         while True:
             os.killpg(process.pid, 0)
             time.sleep(0.01)
@@ -193,7 +197,9 @@ def test_a_run_that_is_killed_goes_on_where_it_was(clips: Path) -> None:
 
 
 def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -> None:
-    """A run leaves it if it is killed between writing the record of new options and moving the file to its place."""
+    """A run that is killed between writing the record of new options and moving the file to its place leaves
+    such an output.
+    """
     assert done(clips / "a.npz", "out", tolerance=1e-2).state == "done"
     old = Path("out/a.pdeanim").read_bytes()
     assert done(clips / "a.npz", "out").state == "done"
@@ -204,7 +210,7 @@ def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -
 
 
 def ends_on_the_first(clip: Clip, work: Work) -> Result:
-    """End the process on the first clip, as a faulty library would."""
+    """End the process at the first clip, as a faulty library would."""
     if clip.output == "a.pdeanim":
         os._exit(7)
     return make_clip(clip, work)
@@ -449,7 +455,7 @@ def test_clips_whose_faces_change_are_coded_and_verified(
         assert (row["frames"], row["vertices"], row["raw_bytes"]) == (5, 64, 12 * (3 * 64 + 2 * 25))
         assert row["verified_error"] <= row["bound"]
     assert run(["batch", "clips/fluid.pvd", "-o", "dry", "--dry-run"]) == 0
-    # An encoder that loses a run is found out.
+    # If the encoder loses a run, verification must notice it.
     encode = pdecodec.encode
     with monkeypatch.context() as patch:
         patch.setattr("pdecodec.codec.encoding.encode", lambda _, *given, **more: encode(runs[0], *given, **more))
@@ -492,7 +498,7 @@ def test_clips_of_one_name_keep_their_extensions_and_files_that_others_name_are_
     write_sequence(sheet(1), clips / "a.h5")
     write_sequence(sheet(1), clips / "p.pvd")
     found = {clip.output: clip.source for clip in clips_of(clips)}
-    assert "x.pdeanim" in found  # and not x.h5, which is x.xdmf's
+    assert "x.pdeanim" in found  # but not x.h5, which belongs to x.xdmf
     assert found["a.npz.pdeanim"] == "clips/a.npz"
     assert found["a.h5.pdeanim"] == "clips/a.h5"
     assert sorted(found) == sorted(
@@ -553,7 +559,7 @@ def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
             time.sleep(0.002)
             inside.remove(size)
 
-    sizes = [7, 25, 5, 8, 10, 4, 9]  # none fits next to the previous one, and some fit next to the first ones
+    sizes = [7, 25, 5, 8, 10, 4, 9]  # none fits next to the previous one; some fit next to the first ones
     with budget.room(1), budget.room(3):
         for size in sizes:
             threads.append(threading.Thread(target=take, args=(size,), daemon=True))

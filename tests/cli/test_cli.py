@@ -29,7 +29,7 @@ SUMMARY = re.compile(
 
 
 def save_wave(path: Path, *, frames: int = FRAMES, phase: float = 0.0) -> Path:
-    """A waving sheet of quads as NPZ, 24 frames per second."""
+    """Save a waving sheet of quads as NPZ, at 24 frames per second."""
     corner = np.arange(ROWS * COLUMNS, dtype=np.int32).reshape(ROWS, COLUMNS)
     quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], axis=-1).reshape(-1, 4)
     x, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, ROWS), np.linspace(0, 2, COLUMNS), indexing="ij"))
@@ -44,7 +44,7 @@ def save_wave(path: Path, *, frames: int = FRAMES, phase: float = 0.0) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with wave.npz and wave.pdeanim."""
+    """Return a folder with wave.npz and wave.pdeanim."""
     folder = tmp_path_factory.mktemp("clips")
     source = save_wave(folder / "wave.npz")
     assert run(["encode", str(source), "-o", str(folder / "wave.pdeanim")]) == 0
@@ -175,7 +175,7 @@ def test_info_of_an_animation_decodes_no_position_unless_all_frames_are_asked_fo
 ) -> None:
     data, broken = animation.read_bytes(), tmp_path / "broken.pdeanim"
     end = len(data) - sum(len(part.content) for part in take_apart(data) if part.kind in ("COEF", "CORR"))
-    # The last sections: what is read but not decoded is not even checked.
+    # Destroy the last sections: a section that is read but not decoded is not even checked.
     broken.write_bytes(data[:end] + bytes(len(data) - end))
     found = json_of(capsys, "info", broken)
     assert sum(found["sections"].values()) == len(data)
@@ -233,7 +233,7 @@ def test_decode_takes_times_rates_and_ranges_and_frames_keep_every_bit(animation
     assert times == pytest.approx(np.array([2, 5]) / 24)
     assert np.array_equal(points, frames[2:8:3])
     points, times = taken("--at", 0.5, "--at", 0.25, "--at", 0.5)
-    assert times.tolist() == [0.25, 0.5]  # in order, each once
+    assert times.tolist() == [0.25, 0.5]  # sorted, and each time once
     assert np.array_equal(points, frames[[6, 12]])
     points, _ = taken("--at", 0.299, "--at", 0.3, "--at", 0.301, "--velocities")
     slope = (points[2].astype(np.float64) - points[0]) / 0.002

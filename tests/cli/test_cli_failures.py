@@ -1,4 +1,4 @@
-"""Failures at the command line: one line, the right exit code, no traceback, nothing half-written."""
+"""Failures at the command line: a one-line message, the right exit code, no traceback, no incomplete files."""
 
 from __future__ import annotations
 
@@ -276,7 +276,7 @@ def test_messages_name_the_file_and_the_option_that_they_are_about(
 
 
 def test_what_files_say_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:
-    # OSC 52 writes the clipboard, C1 controls do the same in one character, and bidirectional marks turn text around.
+    # OSC 52 writes to the clipboard, C1 controls do the same in one character, and bidirectional marks reverse text.
     name = "evil\x1b]52;c;cm0gLXJm\x07\x9b2J\u202ename\r"
     item = MeshObject(name, Connectivity(4), (Attribute(name, "vertex", np.zeros(4, np.float32)),))
     clip = ArraySequence(np.zeros((2, 4, 3)), objects=[item], metadata={name: name})
@@ -321,7 +321,7 @@ def test_progress_is_drawn_on_a_terminal_without_colours_under_no_color(tmp_path
     try:
         while chunk := os.read(ours, 4096):
             text += chunk
-    except OSError:  # Linux reports a closed other end as an error
+    except OSError:  # Linux reports an error if the other end is closed
         pass
     os.close(ours)
     assert process.wait(timeout=120) == 0

@@ -1,4 +1,4 @@
-"""The command line over every format: convert, info, encode and decode, and what they say of losses."""
+"""The command line with every format: convert, info, encode and decode, and their notes about losses."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def test_every_file_of_the_shared_data_is_read_or_refused_by_one_clear_line(
         said = capsys.readouterr().err
         codes.add(code)
         if code == 5:
-            continue  # compressed glTF, whose package is not installed here
+            continue  # compressed glTF, which needs a package that is not installed here
         if code:
             assert code == 3
             assert said.count("\n") == 1

@@ -1,4 +1,4 @@
-"""The command line in the hand: what it does by extensions, several inputs, pipes, dry runs, how much it says."""
+"""The command line in daily use: commands chosen by extension, several inputs, pipes, dry runs, verbosity."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.support.scene_cases import SPACE, body, needed, scene
 
 @pytest.fixture
 def clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ArraySequence:
-    """A sheet that waves, in `a.npz` of the working directory."""
+    """Save a waving sheet as `a.npz` in the working directory, and return it."""
     monkeypatch.chdir(tmp_path)
     x, z = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 2, 12), indexing="ij")
     height = np.sin(3 * x + 0.4 * np.arange(20)[:, None, None])
@@ -224,7 +224,7 @@ def test_a_dry_run_says_how_large_about_and_writes_nothing(clip: ArraySequence, 
     about = float(number) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
     assert run(["convert", "a.npz", output, *frames]) == 0
     written = sum(path.stat().st_size for path in Path().glob("x.*"))
-    # Of glTF a few frames have a target each, where all together have few.
+    # In a glTF file of a few frames each frame has a target, while all frames together need few functions.
     assert 0.95 * written < about < (2.5 if output == "x.glb" else 1.05) * written
 
 

@@ -21,7 +21,7 @@ CONTEXT = click.Context(click.Command("decode", params=[OPTION]))
 
 
 def positions(text: str | None) -> list[int]:
-    """Positions of the frames that `--frames` takes of ten, which are numbered from 1001 on."""
+    """Return the frames, of ten numbered from 1001 on, that a value of `--frames` selects, by position."""
     points = np.zeros((10, 1, 3), np.float32)
     points[:, 0, 0] = np.arange(10)
     sequence = ArraySequence(points, times=(1001 + np.arange(10)) / 24)

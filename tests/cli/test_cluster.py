@@ -1,4 +1,4 @@
-"""Batches on a Dask cluster, and clips in graphs of Dask."""
+"""Batches on a Dask cluster, and clips in users' own Dask graphs."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ CLIPS = 200
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[object]:
-    """Two worker processes, each of one thread, which are started again when they end."""
+    """Start two worker processes with one thread each, which are restarted when they end."""
     with (
-        # The machine may be busy with other tests: nothing is late before minutes have gone.
+        # The machine may be busy with other tests, so the time limits are minutes.
         dask.config.set({"distributed.comm.timeouts": {"connect": "120s", "tcp": "120s"}}),
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found,
     ):
@@ -84,7 +84,7 @@ def test_a_worker_that_is_killed_and_a_clip_that_is_corrupt_cost_a_batch_nothing
     [failed] = [line for line in said.err.splitlines() if line.startswith("failed: ")]
     assert "clips/corrupt.npz: is not a readable NumPy archive" in failed
     rows = json.loads(said.out)["clips"]
-    # Clips finished but not yet reported when the worker ended are found on disk, and count as kept.
+    # Clips that were finished but not yet reported when the worker ended are found on disk, and count as kept.
     assert [row["state"] in ("done", "kept") for row in rows] == [True] * (CLIPS - 1) + [False]
     there = places("out")
     assert len(there) == CLIPS - 1

@@ -1,4 +1,4 @@
-"""The documents do what they say: README blocks run, and the help pages in docs/ are those of the commands."""
+"""The documents are correct: code blocks of the README run, and the help pages in docs/ match the commands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ START_PAGE = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
 ENCODER = (ROOT / "docs" / "encoder.md").read_text(encoding="utf-8")
 
 INSTALLED_ALREADY = "pip install"
-"""Commands that begin so are for readers, not for tests: the package under test is there."""
+"""Beginning of commands that tests do not run, because the package under test is installed already."""
 
 
 def blocks(language: str, page: str = README) -> list[str]:
@@ -37,7 +37,7 @@ def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def run_commands(page: str) -> None:
-    """Run the commands of a page in order; what installs the package is for readers."""
+    """Run the commands of a page in order, except those that install the package."""
     commands = [line[2:] for block in blocks("console", page) for line in block.splitlines() if line.startswith("$ ")]
     for command in commands:
         program, *arguments = shlex.split(command)

@@ -1,4 +1,4 @@
-"""The layout of folders side by side that install as one package."""
+"""The separate folders of the source tree install as one package."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ def test_a_folder_imported_by_its_bare_name_says_which_name_to_use(name: str) ->
 
 
 def loaded_after(statement: str, names: Sequence[str] = HEAVY) -> set[str]:
-    """Which of some modules, the heavy packages, are loaded after a statement, in a fresh interpreter."""
+    """Return which of some modules, by default the heavy packages, are loaded after a statement in a new
+    interpreter.
+    """
     code = f"import json, sys\n{statement}\nprint(json.dumps([name for name in {names!r} if name in sys.modules]))"
     result = run_python("-c", code)
     assert result.returncode == 0, result.stderr
@@ -63,7 +65,7 @@ def test_importing_the_package_is_light() -> None:
 
 
 def as_installed(folder: Path) -> Path:
-    """The package in a folder, as a wheel lays it out: Python's files without bytecode, and the native library."""
+    """Copy the package to a folder as a wheel lays it out: Python files without bytecode, and the native library."""
     import pdecodec._core
 
     skipped = shutil.ignore_patterns("__pycache__", "node_modules")
@@ -74,7 +76,7 @@ def as_installed(folder: Path) -> Path:
 
 
 def stamps(folder: Path) -> dict[str, int]:
-    """When each file and folder below was written [ns]."""
+    """Return when each file and folder in a folder was written [ns]."""
     return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in sorted(folder.rglob("*"))}
 
 
@@ -89,7 +91,7 @@ def test_an_installation_that_is_read_only_and_without_bytecode_loads_and_writes
         "assert run(json.loads(sys.argv[1])) == 0\n"
         "print(json.dumps(sorted(name for name in sys.modules)))"
     )
-    # Without the site's start-up files: they lead to this checkout.
+    # Leave out the site's start-up files, which lead to this checkout.
     paths = os.pathsep.join([str(installed), sysconfig.get_path("purelib")])
     environment = {**os.environ, "PYTHONPATH": paths, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -109,7 +111,7 @@ def test_an_installation_that_is_read_only_and_without_bytecode_loads_and_writes
         folder.chmod(0o555)
     try:
         bare = [loaded(command, PYTHONDONTWRITEBYTECODE="1") for command in commands]
-        # Whom modes do not keep from writing has not written either.
+        # A user who may write in spite of the modes, such as root, has not written either.
         assert stamps(installed) == before
         assert list(home.iterdir()) == []
         assert {path.name for path in work.iterdir()} == {"a.npz", "a.pdeanim"}
@@ -130,7 +132,7 @@ def test_help_pages_are_light(arguments: list[str]) -> None:
 
 
 NEEDLESS = ("concurrent.futures", "fileseq", "importlib.metadata", "numpy.ma", "pdecodec.formats.base.onto")
-"""Modules that take a tenth of a second to load, together, and that who only looks at a file has no use for."""
+"""Modules that take a tenth of a second to load together, and that showing a file's contents does not need."""
 
 
 @pytest.mark.parametrize("arguments", ["info a.pdeanim", "decode a.pdeanim b.npz --frames 0", "decode a.pdeanim b.obj"])
@@ -153,7 +155,7 @@ def test_every_public_name_can_be_imported() -> None:
 def test_a_wheel_holds_all_folders_as_one_package_and_works_from_elsewhere(tmp_path: Path) -> None:
     if shutil.which("c++") is None:
         pytest.skip("there is no C++ compiler in the path")
-    # Objects of the core that lie in build/ already are taken from there: what is tested is what the wheel holds.
+    # Object files of the core that exist in build/ are used: they are those that the wheel contains.
     build = [
         "-m",
         "pip",
@@ -182,7 +184,7 @@ def test_a_wheel_holds_all_folders_as_one_package_and_works_from_elsewhere(tmp_p
         assert {"pdecodec/player/pdeanim.wasm", "pdecodec/player/pdeanim.js"} <= set(names)
         assert not any("__pycache__" in name for name in names)
         archive.extractall(tmp_path / "installed")
-    # Without the site's start-up files: they lead to this checkout.
+    # Leave out the site's start-up files, which lead to this checkout.
     path = os.pathsep.join([str(tmp_path / "installed"), sysconfig.get_path("purelib")])
     script = "import sys, pdecodec._core; from pdecodec.cli.main import run; sys.exit(run(['formats', '--json']))"
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}

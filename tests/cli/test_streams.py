@@ -1,4 +1,4 @@
-"""Standard streams that are closed or take nothing: no lost result passes for success, no written output is lost."""
+"""Standard streams that are closed or refuse writes: a lost result is an error, and no written output is lost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ FULL, CLOSED = "No space left on device", "Bad file descriptor"
 
 
 def shell(line: str, folder: Path) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of a shell's line, streams buffered as those of a user."""
+    """Run a line in a shell, with streams buffered as a user's; return exit code, standard output and standard
+    error.
+    """
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""}
     command = line.replace("pdecodec", f"{sys.executable} -m pdecodec", 1)
     done = subprocess.run(

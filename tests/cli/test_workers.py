@@ -51,7 +51,7 @@ def fail_at(kind: type[InputError], frame: int) -> None:
 
 
 def garbage() -> None:
-    """Answer as a process that was taken over might."""
+    """Answer as a process might that a damaged file has taken over."""
     os.write(max(map(int, os.listdir("/proc/self/fd"))) - 1, b"\xff" * 100)
 
 
@@ -83,7 +83,7 @@ def test_a_process_that_ends_is_an_error_with_its_exit_code_and_the_next_call_st
     assert worker.call(os.getpid) != number
 
 
-@pytest.mark.parametrize("_attempt", range(4))  # both threads wait for the process, in no set order
+@pytest.mark.parametrize("_attempt", range(4))  # both threads wait for the process, in either order
 def test_ending_a_worker_amid_a_call_is_the_failure_of_that_call_and_of_later_ones(
     worker: Worker, _attempt: int
 ) -> None:
@@ -178,7 +178,7 @@ def test_an_interrupt_does_not_end_a_worker_that_is_started_or_at_work(
     call.start()
     while worker.process_id is None:
         time.sleep(0.001)
-    for _ in range(100):  # while it loads what it needs, and after that
+    for _ in range(100):  # the signal comes while the process loads what it needs, and later
         os.kill(worker.process_id, signal.SIGINT)
         time.sleep(0.001)
     call.join()

@@ -1,4 +1,4 @@
-"""What else an encoder could have taken, and its cost: found out, kept in the file, shown."""
+"""The encoder's alternatives and their cost: computed on request, kept in the file, and shown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The bound of a file, within which frames are coded to stand in it: what step and remarks say of it."""
+"""The bound of a file, which frames that are added to it must keep: how it follows from the residual step and
+the remarks.
+"""
 
 from __future__ import annotations
 

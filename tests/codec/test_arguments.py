@@ -1,4 +1,4 @@
-"""Whatever a caller gives a public function: it is taken, or refused in one line by an error of ours."""
+"""Public functions accept any argument of a caller or refuse it with a one-line error of the library."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ODD = [
     *(None, [], [[]], [None], [1, "a"], [10**400], {}, object(), float("nan"), float("inf"), 1 + 2j),
     *(np.array(["a"]), np.array([1 + 2j]), np.zeros((2, 2)), np.datetime64("2026-01-01")),
 ]
-"""Texts, huge and tiny numbers, and things that are no numbers."""
+"""Texts, huge and tiny numbers, and values that are not numbers."""
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ CALLS: dict[str, Call] = {
 def test_what_a_caller_gives_is_taken_or_refused_in_one_line(
     name: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # some of these are names of files
+    monkeypatch.chdir(tmp_path)  # some of these values are valid names of files
     refused: list[PdecodecError] = []
     for odd in ODD:
         try:
@@ -158,7 +158,7 @@ def test_bytes_of_every_kind_and_numbers_of_every_library_are_taken(files: Path)
 
 
 def test_a_single_folder_is_one_and_not_its_letters(files: Path) -> None:
-    """The first letter of a path is the folder of everything."""
+    """If a path were taken for a list of paths, its first letter "/" would be the root folder."""
     from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 
     for given in (str(files), files, [str(files)]):
@@ -167,7 +167,7 @@ def test_a_single_folder_is_one_and_not_its_letters(files: Path) -> None:
 
 
 def test_memory_that_runs_out_in_a_product_is_a_memory_error() -> None:
-    """A copy that the core would make of a matrix whose columns lie apart."""
+    """The core would copy a matrix whose columns are not contiguous."""
     code = """
 import resource
 import numpy as np

@@ -22,13 +22,13 @@ NAMES = (
     "irregular_times", "points", "raw_vertices", "residuals_in_a_cycle", "runs", "jumps_between_groups",
     "one_vertex", "static", "two_frames",
 )  # fmt: skip
-"""Files of every kind of functions of time, with and without corrections."""
+"""Files with every kind of functions of time, with and without corrections."""
 SINGLE = float(np.finfo(np.float32).eps)
 
 
 @pytest.fixture(params=LIBRARIES)
 def library(request: pytest.FixtureRequest) -> Any:
-    """An array library, where it is installed; those that are not are skipped by name."""
+    """Import an array library; if it is not installed, skip the test with its name."""
     return pytest.importorskip(request.param, exc_type=ImportError)
 
 
@@ -38,7 +38,7 @@ def here(array: Any) -> np.ndarray:
 
 
 def times_of(animation: Animation) -> np.ndarray:
-    """Frames, times between them, and times before and after all, in no order."""
+    """Return times of frames, between them, and before and after all, in no order."""
     frames = animation.times
     between = frames[:-1] + 0.3 * np.diff(frames)
     found = [frames[0] - 1, *frames[:9], *between[:9], *frames[-3:], *between[-3:], frames[-1] + 1]

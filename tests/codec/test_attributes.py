@@ -1,4 +1,6 @@
-"""Attributes over any mesh: back to the last bit, in few bytes, by two decoders alike, or our own error."""
+"""Attributes on any mesh: restored to the last bit, in few bytes, with the same result from two decoders, or
+refused.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ def bare(objects: list[MeshObject]) -> list[MeshObject]:
 
 
 def levels_of(objects: list[MeshObject], seed: int = 0, size: int = 1000) -> Int64Array:
-    """A reference frame of any points; of few, where `size` is small, so that some coincide."""
+    """Return a reference frame of random grid points; if `size` is small, some vertices coincide."""
     return np.random.default_rng(seed).integers(0, size, (sum(item.vertex_count for item in objects), 3))
 
 
@@ -81,7 +83,7 @@ def assert_same_by_both(ours: list[MeshObject], meshes: list[Mesh]) -> None:
 
 
 def come_back(objects: list[MeshObject], levels: Int64Array | None = None) -> bytes:
-    """The section, after a look whether it gives the attributes back."""
+    """Return the section, after checking that it restores the attributes."""
     levels = levels_of(objects) if levels is None else levels
     data = encode_attributes(objects, levels)
     assert data == encode_attributes(objects, levels)
@@ -103,7 +105,7 @@ def sheet(rows: int, columns: int) -> tuple[Connectivity, Int64Array]:
 
 
 def smooth_uv(levels: Int64Array) -> Float32Array:
-    """(vertices, 2): a map without a structure but that it is smooth."""
+    """Return a map, (vertices, 2), that is smooth but has no other structure."""
     x, y = levels[:, 0] / 3100.7, levels[:, 1] / 4201.3
     return np.stack([x + 0.1 * np.sin(x + 2 * y), y + 0.05 * x * x * y], axis=1).astype(np.float32)
 
@@ -122,7 +124,7 @@ SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e-45, -1e-40, 3.4e38, 0
 
 @st.composite
 def values_of(draw: st.DrawFn, rows: int) -> NDArray[Any]:
-    """Rows of any type; often of few different values, on a grid, or of numbers that are none."""
+    """Rows of any type; often with few different values, on a grid, or not finite."""
     dtype = np.dtype(draw(st.sampled_from(VALUE_TYPES)))
     shape = draw(st.sampled_from([(rows,), (rows, 2), (rows, 3), (rows, 4)]) | st.just((rows, draw(st.integers(0, 6)))))
     kind = draw(st.sampled_from(["any", "few", "grid", "special"]))
@@ -140,7 +142,7 @@ def values_of(draw: st.DrawFn, rows: int) -> NDArray[Any]:
 
 @st.composite
 def attributes_of(draw: st.DrawFn, part: Connectivity) -> Attribute:
-    """Any attribute of a mesh, often with seams between rows that vertices share."""
+    """Any attribute of a mesh, often with seams, and rows that vertices share."""
     rows = {"vertex": part.vertex_count, "face": part.face_count, "corner": part.face_indices.size}
     domain = draw(st.sampled_from(["vertex", "face", "corner", "corner", "object"]))
     count = rows[domain] if domain != "object" else draw(st.integers(0, 4))
@@ -206,7 +208,7 @@ def test_maps_with_seams_on_surfaces_and_soups_come_back_in_few_bytes(is_soup: b
     quads = grid_faces(14, 12)
     faces = quads if width == 4 else quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     uv = smooth_uv(levels)
-    side = (levels[faces].mean(axis=1)[:, 1] > 500).astype(np.int32)  # a seam from end to end
+    side = (levels[faces].mean(axis=1)[:, 1] > 500).astype(np.int32)  # a seam across the whole sheet
     corner_values = uv[faces] + (side[:, None, None] * 0.37).astype(np.float32)
     if is_soup:
         part, levels = (
@@ -272,7 +274,7 @@ def test_constant_colours_cost_bytes(domain: Any) -> None:
 
 
 def hard_edges(part: Connectivity, is_hard: BoolArray) -> Attribute:
-    """Normal groups of a sheet of 30 columns whose quads do not share normals where either is hard."""
+    """Return normal groups of a sheet of 30 columns, in which two quads do not share normals if either is hard."""
     keys = np.where(is_hard, np.arange(part.face_count), -1).repeat(4)
     seen: dict[int, list[int]] = {}
     numbers = []
@@ -296,7 +298,7 @@ def test_normal_groups_that_are_numbered_otherwise_come_back_too() -> None:
     part, levels = sheet(4, 4)
     odd = np.random.default_rng(0).integers(-5, 5, part.face_indices.size).astype(np.int32)
     cost(part, levels, Attribute("normal_group", "corner", odd))
-    fan = connectivity_of(41, [[0, k, k + 1] for k in range(1, 40)])  # more corners than are looked at
+    fan = connectivity_of(41, [[0, k, k + 1] for k in range(1, 40)])  # more corners than the coder examines
     numbers = np.zeros((39, 3), np.int32)
     numbers[:, 0] = np.arange(39) % 3
     cost(fan, np.zeros((41, 3), np.int64), Attribute("normal_group", "corner", numbers.ravel()))
@@ -490,7 +492,7 @@ def test_attributes_beyond_the_memory_limit_are_refused_and_others_are_not(attri
 
 
 def coded(*fields: tuple[str, int]) -> bytes:
-    """Section ATTR of one attribute, of any numbers at its head."""
+    """Return section ATTR with one attribute, given any numbers for its head."""
     coder = ScriptedCoder(numbers(1) + text(b"a") + numbers(*(number for _, number in fields)))
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]
     with (

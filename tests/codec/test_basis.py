@@ -30,19 +30,19 @@ PRINTED = pytest.mark.parametrize(("order", "printed"), [(4, paper_time_function
 
 @pytest.fixture(autouse=True)
 def _digits() -> Iterator[None]:
-    """Fifty decimal digits: eighth derivatives keep more than 30 of them."""
+    """Compute with fifty decimal digits: eighth derivatives then keep more than 30 digits."""
     with mpmath.workdps(50):
         yield
 
 
 def exact_time_functions(alpha: mpf) -> list[Function]:
-    """Eq. 12 in the paper's order."""
+    """Return the functions of Eq. 12 in the paper's order."""
     waves: list[Function] = [mpmath.exp, lambda x: mpmath.exp(-x), mpmath.sin, mpmath.cos]
     return [lambda t, wave=wave: wave(alpha * t) for wave in waves]  # type: ignore[misc]
 
 
 def exact_space_functions(r: mpf) -> list[Function]:
-    """Eqs. 14 and 16 in the order of Eq. 18 (w_1 to w_8)."""
+    """Return the functions of Eqs. 14 and 16 in the order of Eq. 18 (w_1 to w_8)."""
     s = r / mpmath.sqrt(2)
     return [
         *exact_time_functions(r),  # Eq. 14 has the form of Eq. 12
@@ -54,7 +54,7 @@ def exact_space_functions(r: mpf) -> list[Function]:
 
 
 def exact_series(order: int, j: int, rate: float) -> Function:
-    """phi_j, with every term above the working precision."""
+    """Return phi_j with all terms that are above the working precision."""
     power = mpf(rate) ** order
     return lambda x: sum(power**k * x ** (order * k + j) / mpmath.factorial(order * k + j) for k in range(32))
 
@@ -94,7 +94,7 @@ def test_the_series_is_the_stated_sum_of_the_printed_functions(
 ) -> None:
     x = np.linspace(-1, 1, 41)
     functions, matrix = printed(x, rate), series_to_paper(rate, order)
-    rounding = 8 * np.finfo(float).eps * (np.abs(functions) @ np.abs(matrix))  # they cancel at small rates
+    rounding = 8 * np.finfo(float).eps * (np.abs(functions) @ np.abs(matrix))  # terms cancel at small rates
     assert (np.abs(functions @ matrix - series_functions(x, rate, order)) <= rounding).all()
 
 

@@ -21,7 +21,9 @@ from tests.support.mesh_cases import connectivity_of, grid
 
 
 def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:
-    """A sheet of which three random shapes come and go one after the other: each its own curve in time."""
+    """Return a sheet in which three random shapes appear and disappear one after the other, each along its own
+    curve in time.
+    """
     random = np.random.default_rng(5)
     rest = np.stack([*np.meshgrid(np.arange(rows), np.arange(rows)), np.zeros((rows, rows))], axis=-1).reshape(-1, 3)
     shapes = random.normal(size=(3, rows * rows, 3))
@@ -32,7 +34,7 @@ def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:
 
 
 def turning_pieces(frames: int = 100) -> ArraySequence:
-    """Twenty solid pieces of thirty vertices, each tumbling about three axes at speeds of its own."""
+    """Return twenty rigid pieces of thirty vertices, each tumbling about three axes at its own speeds."""
     random = np.random.default_rng(6)
     moved = random.normal(size=(1, 20, 30, 3))
     for x, y in ((0, 1), (1, 2), (2, 0)):
@@ -50,12 +52,12 @@ def turning_pieces(frames: int = 100) -> ArraySequence:
 
 @cache
 def size_of(make: Callable[[], ArraySequence], tolerance: float, effort: EffortName = "default") -> int:
-    """Return the bytes of a clip's file."""
+    """Return the size of a clip's file [bytes]."""
     return encode(make(), tolerance=tolerance, effort=effort).file_bytes
 
 
 def reference_step(sequence: ArraySequence, bound: float, effort: EffortName = "default") -> float:
-    """Quantisation step of the reference frame, over the bound."""
+    """Return the quantisation step of the reference frame, divided by the bound."""
     data = encode(sequence, max_error=bound, effort=effort).data
     assert data is not None
     (reference,) = (part for part in take_apart(data) if part.kind == "REST")
@@ -86,7 +88,7 @@ def test_a_reference_frame_that_only_bends_a_little_and_shortly_is_not_made_fine
 
 
 def keyed_shapes(frames: int = 40) -> ArraySequence:
-    """A sheet that goes straight from shape to shape."""
+    """Return a sheet that moves in straight lines from shape to shape."""
     shapes = np.random.default_rng(8).normal(size=(4, 144, 3)) * 0.3
     at = np.linspace(0, 3, frames)
     weights = np.maximum(1.0 - np.abs(at[:, None] - np.arange(4)), 0.0)
@@ -134,7 +136,7 @@ def waving_sheet(rows: int = 60, frames: int = 24) -> ArraySequence:
 
 
 def unlike_frames(rows: int = 50, frames: int = 40) -> ArraySequence:
-    """A sheet, flat at first, whose frames are smooth and have nothing in common."""
+    """Return a sheet, flat at first, whose frames are smooth but have nothing in common."""
     random = np.random.default_rng(11)
     waves = np.cos(np.pi * np.outer(np.arange(12), (np.arange(rows) + 0.5) / rows))
     moved = np.einsum("fabx,ai,bj->fijx", random.normal(size=(frames, 12, 12, 3)), waves, waves)
@@ -146,7 +148,7 @@ def unlike_frames(rows: int = 50, frames: int = 40) -> ArraySequence:
 
 @pytest.fixture
 def without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have little effort encode clips of any size as it does large ones."""
+    """Make effort "fast" encode clips of any size as it does large ones."""
     monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], searched_positions=0))
 
 

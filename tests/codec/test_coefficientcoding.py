@@ -1,4 +1,4 @@
-"""Quantised coefficients: the decoder written from the specification reads them back; what they cost."""
+"""Quantised coefficients: the plain decoder of the specification reads them; and what they cost."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def basis() -> SpaceBasis:
 
 
 def falling(basis: SpaceBasis, channels: int, size: float) -> Int64Array:
-    """Coefficients as real ones are: large for the first functions, none for the last."""
+    """Return coefficients like those of real clips: large for the first functions, zero for the last."""
     rng = np.random.default_rng(3)
     rows = np.arange(basis.functions) % 64
     scale = size / ((1.0 + rows[:, None]) * (1.0 + np.arange(channels)))

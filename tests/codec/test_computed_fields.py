@@ -80,7 +80,7 @@ def test_what_can_be_computed_is_not_stored_and_within_the_bound(coded: Path) ->
 
 
 def assert_decoded_alike(animation: MeshSequence, other: independent.Animation) -> None:
-    """Compare the values of 24 frames in both decoders; those computed from motion may be rounded otherwise."""
+    """Compare the values at 24 frames from both decoders; values computed from the motion may differ by rounding."""
     for field, found in zip(animation.fields, other.fields, strict=True):
         values = np.array(found.frames, field.dtype).reshape(field.shape(24, animation.objects))
         mine = animation.read_field(field.name, 0, 24)

@@ -1,4 +1,4 @@
-"""Connectivity comes back face by face, by two decoders; damage never becomes a mesh that is not sound."""
+"""Connectivity is restored face by face, by two decoders; damaged data never decode to an invalid mesh."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.support.section_files import PLENTY, file_of
 
 def decoded(conn: bytes, ordr: bytes, limit: int = PLENTY) -> list[Connectivity]:
     """Decode sections with the library."""
-    objects = min(FieldReader(conn, "CONN").count(), 99)  # more are damage, and have no names
+    objects = min(FieldReader(conn, "CONN").count(), 99)  # a larger number is damage; objects have no names here
     with open_animation(file_of(objects, CONN=conn, ORDR=ordr), limits=DecodeLimits(max_memory=limit)) as animation:
         assert isinstance(animation, Animation)
         return [item.connectivity for item in animation.meshes]
@@ -67,7 +67,7 @@ def triangles(quads: Sequence[Sequence[int]]) -> list[list[int]]:
 
 
 def torus(rows: int, columns: int) -> list[list[int]]:
-    """Quads around a torus, whose every vertex has four of them."""
+    """Return the quads of a torus, in which every vertex has four quads."""
     row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     below, right = (row + 1) % rows, (column + 1) % columns
     at = [row * columns + column, row * columns + right, below * columns + right, below * columns + column]
@@ -76,7 +76,9 @@ def torus(rows: int, columns: int) -> list[list[int]]:
 
 @st.composite
 def surfaces(draw: st.DrawFn) -> Connectivity:
-    """A sheet or a torus of triangles, quads or both; some with holes, turned faces, joined vertices, in disorder."""
+    """A sheet or a torus of triangles, quads or both, some of them with holes, reversed faces, merged vertices
+    or random order.
+    """
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     rows, columns = draw(st.integers(3, 9)), draw(st.integers(3, 9))
     quads = torus(rows, columns) if draw(st.booleans()) else grid_faces(rows, columns).tolist()
@@ -99,16 +101,18 @@ def test_any_faces_and_lines_come_back_in_their_order(parts: list[Connectivity])
 
 
 def test_a_torus_in_disorder_costs_nothing_and_its_order_what_order_is_worth() -> None:
-    """Every vertex is like every other; n! orders of n vertices or faces take log2 n! bits."""
+    """All vertices of a torus look alike, so it costs almost nothing; n! orders of n vertices or faces take
+    log2 n! bits.
+    """
     conn, ordr = assert_comes_back([shuffled(torus(20, 25), 500, np.random.default_rng(1))])
     assert len(conn) < 48
-    # Vertices and faces in any order, each face with any of its corners first. It looks the same from all vertices.
+    # Vertices and faces in any order, and any corner of each face first. The torus looks the same from all vertices.
     information = (2 * math.lgamma(501) + 500 * math.log(4)) / math.log(2)
     assert information / 8 - 5 < len(ordr) < 1.35 * information / 8
 
 
 def test_an_irregular_surface_costs_less_than_any_surface_need() -> None:
-    """Edgebreaker's guarantee is 3.67 bits a vertex for closed surfaces of triangles (King and Rossignac 1999)."""
+    """Edgebreaker guarantees 3.67 bits per vertex for closed surfaces of triangles (King and Rossignac 1999)."""
     random = np.random.default_rng(2)
     faces = np.array(triangles(torus(20, 20)))
     for _ in range(400):
@@ -118,7 +122,7 @@ def test_an_irregular_surface_costs_less_than_any_surface_need() -> None:
 
 
 def turn_an_edge(faces: Int64Array, random: np.random.Generator) -> None:
-    """Replace two adjacent triangles by the other two of the same quad, unless these exist already."""
+    """Replace two adjacent triangles by the other two of their quad, unless these exist already."""
     one = int(random.integers(len(faces)))
     a, b, c = np.roll(faces[one], random.integers(3))
     others = np.flatnonzero(((faces == b) & (np.roll(faces, -1, axis=1) == a)).any(axis=1))
@@ -161,7 +165,7 @@ def test_faces_of_many_corners_and_vertices_of_many_faces_come_back() -> None:
 
 
 def mixed() -> list[Connectivity]:
-    """All kinds: a surface and polygons, several sizes, lines, vertices on nothing."""
+    """Return objects of all kinds: a surface and polygons, faces of several sizes, lines, vertices without faces."""
     surface = shuffled(triangles(grid_faces(6, 7).tolist()), 44, np.random.default_rng(5))
     odd = connectivity_of(9, [[0, 1, 2, 3], [8, 7, 6], [5, 5, 5, 4, 1]], [[0, 8], [3]])
     return [surface, odd, grid(5, 6)]
@@ -216,7 +220,7 @@ def assert_read_alike(conn: bytes, ordr: bytes) -> None:
     try:
         found = decoded(conn, ordr, 2**17)
     except LimitError:
-        return  # the other decoder has no limits
+        return  # the plain decoder has no limits
     except CorruptFileError:
         with pytest.raises(fields.CorruptFileError):
             decoded_plainly(conn, ordr)

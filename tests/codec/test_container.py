@@ -14,11 +14,11 @@ SOUND = pdecodec.encode(CLIP, effort="fast").data or b""
 PARTS = take_apart(SOUND)
 
 MAX_SECTIONS = 64
-"""More can only be damage: a run of frames has 9 at most."""
+"""A larger number of sections can only be damage."""
 
 
 class Declared(Part):
-    """A section whose row in the table says another length."""
+    """A section whose row in the table declares another length."""
 
     @property
     def row(self) -> bytes:
@@ -57,7 +57,7 @@ def test_any_minor_version_is_read_and_any_other_major_version_refused() -> None
 
 
 def test_unknown_sections_are_passed_over_where_their_flag_allows_it() -> None:
-    # This version knows one flag, and ignores the others.
+    # This version defines one flag, and ignores the others.
     for flags in (0, 14):
         assert np.array_equal(frames_of(seal([*PARTS, Part("EFGH", b"x", flags=flags)])), frames_of(SOUND))
     for flags in (1, 3):

@@ -1,4 +1,4 @@
-"""pdecodec/_core.pyi says what the compiled module has: names, parameters, types of numbers and arrays."""
+"""pdecodec/_core.pyi describes the compiled module: names, parameters, types of numbers and arrays."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def is_named_tuple(node: ast.ClassDef) -> bool:
 
 
 def found(name: str) -> Any:
-    """Return the object with this name in the module; the name may be that of a method."""
+    """Return the object with this name in the module; the name may have two parts, as for a method."""
     owner, _, method = name.rpartition(".")
     return getattr(getattr(_core, owner) if owner else _core, method)
 
 
 def signatures(function: Any) -> Iterator[dict[str, str]]:
-    """Parameters of each overload of a function, and what it returns, with the types that nanobind converts to."""
+    """Yield the parameters and the result of each overload of a function, with the types that nanobind accepts."""
     for text, *_ in function.__nb_signature__:
         plain = re.sub(r"ndarray\[(?:dtype=(\w+), )?[^]]*\]", lambda match: match[1] or "ndarray", text)
         (parsed,) = ast.parse(re.sub(r"= \\\d+", "= 0", plain) + ": ...").body

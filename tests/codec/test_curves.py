@@ -1,4 +1,4 @@
-"""Curve extraction: a partition of the vertices into long curves that go straight, side by side where they can."""
+"""Curve extraction: a partition of the vertices into long, straight curves that lie side by side where possible."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROPE = (24, 832)
 
 
 def curves_of(connectivity: Connectivity, points: Int64Array | None = None) -> Faces:
-    """Curves of one object; without points all vertices are at one place."""
+    """Return the curves of one object; without `points`, all vertices coincide."""
     points = np.zeros((connectivity.vertex_count, 3), np.int64) if points is None else points
     found = extract_curves([MeshObject("mesh", connectivity)], points)
     assert np.array_equal(np.sort(found.order), np.arange(connectivity.vertex_count))
@@ -41,7 +41,7 @@ def parts(values: Int32Array, counts: NDArray[np.integer]) -> Faces:
 
 
 def neighbours(connectivity: Connectivity) -> list[set[int]]:
-    """Neighbours of each vertex along edges of faces and lines."""
+    """Return the neighbours of each vertex along edges of faces and lines."""
     found: list[set[int]] = [set() for _ in range(connectivity.vertex_count)]
     chains = parts(connectivity.line_indices, connectivity.line_counts)
     chains += [face + face[:1] for face in parts(connectivity.face_indices, connectivity.face_counts)]
@@ -54,7 +54,7 @@ def neighbours(connectivity: Connectivity) -> list[set[int]]:
 
 
 def places(rows: int, columns: int, *, closed: bool) -> Int64Array:
-    """(vertices, 3): a sheet of rectangles of two by three units, or a round tube."""
+    """Return the vertices, (vertices, 3), of a sheet of rectangles of two by three units, or of a round tube."""
     row, column = np.divmod(np.arange(rows * columns), columns)
     angle = row * (2 * np.pi / rows) if closed else 0.0 * row
     across = np.rint(1e3 * rows * np.sin(angle)).astype(np.int64) if closed else 3000 * row
@@ -62,7 +62,7 @@ def places(rows: int, columns: int, *, closed: bool) -> Int64Array:
 
 
 def triangulated(quads: Int64Array, turned: BoolArray) -> Faces:
-    """Two triangles of each quad, along its one diagonal or, where it is turned, along the other."""
+    """Split each quad into two triangles along its first diagonal, or along its second one if it is turned."""
     first = np.where(turned[:, None], quads[:, [0, 1, 3]], quads[:, :3])
     second = np.where(turned[:, None], quads[:, 1:], quads[:, [0, 2, 3]])
     triangles: Faces = np.stack([first, second], axis=1).reshape(-1, 3).tolist()
@@ -187,7 +187,9 @@ def test_faces_that_are_no_surface_still_give_a_partition(faces: Faces) -> None:
 
 
 def assert_alike(objects: list[MeshObject], seed: int) -> None:
-    """Library and plain decoder find the same curves, in a reference frame of few places and in none."""
+    """Assert that the library and the plain decoder find the same curves, with random positions and with all at
+    one point.
+    """
     vertices = sum(item.vertex_count for item in objects)
     for most in (1, 4, 2**40):
         points = np.random.default_rng(seed).integers(0, most, (vertices, 3))
@@ -199,7 +201,7 @@ def assert_alike(objects: list[MeshObject], seed: int) -> None:
 
 @st.composite
 def damaged_grids(draw: st.DrawFn) -> Connectivity:
-    """Grids of quads and triangles, open or closed, with other faces among them, and some missing."""
+    """Grids of quads and triangles, open or closed, with other faces among them, and some faces missing."""
     rows, columns = draw(st.integers(2, 8)), draw(st.integers(2, 8))
     quads = grid_faces(rows, columns, closed=rows > 2 and draw(st.booleans()))
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))

@@ -1,4 +1,4 @@
-"""Cut, join and append to files: data kept bit by bit, data coded again, and inputs that are refused."""
+"""Cut, join and append to files: data copied bit by bit, data coded again, and inputs that are refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FRAMES = 1100
 
 
 def waves(frames: int = FRAMES, *, side: int = 5, start: float = 0.0, faces: int = 5) -> ArraySequence:
-    """A sheet that waves, in no cycle."""
+    """Return a sheet that waves without repeating itself."""
     x, z = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 2, side), indexing="ij")
     moment = (start + np.arange(frames))[:, None, None]
     height = 0.2 * np.sin(3 * x + 0.31 * moment) + 0.1 * np.sin(5 * z + 0.0011 * moment**1.5)
@@ -38,7 +38,7 @@ def waves(frames: int = FRAMES, *, side: int = 5, start: float = 0.0, faces: int
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of several groups of frames."""
+    """Make a file with several groups of frames."""
     path = tmp_path_factory.mktemp("cut") / "clip.pdeanim"
     assert pdecodec.encode(waves(), path, effort="fast").groups > 2
     return path

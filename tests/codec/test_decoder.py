@@ -1,4 +1,4 @@
-"""The decoder: any time, in any order, the same bits; exact velocities; no more read than a time asks for."""
+"""The decoder: the same bits at any time and in any order; exact velocities; no more data read than a time needs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PROFILE: dict[str, dict[str, Any]] = {
     "auto": {},
     "paper": {"profile": "paper", "tolerance": 1e-3, "paper": PaperSettings(segment_frames=5)},
 }
-"""Settings under which a clip of 20 frames has several groups; :func:`encoded` cuts those of "auto" short."""
+"""Settings with which a clip of 20 frames has several groups; :func:`encoded` limits the groups of "auto"."""
 
 
 def encoded(sequence: MeshSequence, **options: Any) -> bytes:
@@ -61,7 +61,9 @@ def encoded(sequence: MeshSequence, **options: Any) -> bytes:
 
 
 def restless() -> ArraySequence:
-    """A clip that needs residuals at many frames and a raw position at one, at irregular times, with an attribute."""
+    """Return a clip with irregular times and an attribute, which needs residuals at many frames and a raw
+    vertex at one.
+    """
     points = wave(20) + 0.01 * noise(20, 35)
     points[6, 3] += np.float32(1e20)
     times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20)) / 24 + 5
@@ -119,7 +121,7 @@ def test_several_threads_and_a_small_cache_change_no_bit(data: bytes, animation:
 
 
 def test_groups_that_need_more_functions_of_space_or_fewer_give_the_same_bits_in_any_order() -> None:
-    # Functions made for one group are reused by the others, as far as memory allows.
+    # Functions of space that were made for one group are reused by the others, as far as memory allows.
     points = wave(20)
     points[5:] += 0.05 * noise(15, 35) * (np.arange(15) // 5)[:, None, None].astype(np.float32)
     clip = encoded(sheet(points), effort="fast")
@@ -134,7 +136,7 @@ def test_groups_that_need_more_functions_of_space_or_fewer_give_the_same_bits_in
 
 
 class _CountingFile(io.BytesIO):
-    """A file that counts how often it is read from."""
+    """A file that counts how often it is read."""
 
     calls = 0
 
@@ -157,7 +159,7 @@ def test_groups_to_which_times_go_back_come_to_be_kept_as_far_as_they_may(data: 
             animation.positions(time)
         return file.calls - before
 
-    # An eighth holds one group or two, the whole all of them; or not even the whole holds a second one.
+    # An eighth of the cache holds one group or two, the whole cache all groups; or even the whole cannot hold two.
     for most, is_kept in ((2**16, True), (1, False)):
         file = _CountingFile(data)
         with open_animation(file, limits=DecodeLimits(max_kept=most)) as animation:
@@ -168,7 +170,7 @@ def test_groups_to_which_times_go_back_come_to_be_kept_as_far_as_they_may(data: 
 
 
 class _SlowFile(io.BytesIO):
-    """A file whose place another thread may move between finding and reading."""
+    """A file whose position another thread can move between seeking and reading."""
 
     def seek(self, *arguments: int) -> int:
         place = super().seek(*arguments)
@@ -232,7 +234,7 @@ def test_a_quantity_at_one_time_is_written_into_the_callers_array(animation: Ani
 
 
 class Exported:
-    """Another library's array, which numpy has never seen: it can be exported through DLPack, and no more."""
+    """An array of another library, which numpy does not know and which can only be exported through DLPack."""
 
     def __init__(self, array: Float32Array) -> None:
         self._array = array
@@ -267,7 +269,7 @@ def test_the_mesh_cannot_be_written_to(animation: Animation) -> None:
 
 
 def test_large_frames_that_threads_share_are_those_of_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second part is much smaller, so that one branch of the partition tree ends early; there are residuals."""
+    """The second part is much smaller, so one branch of the partition tree ends early. There are residuals."""
     u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
     sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)
@@ -310,7 +312,7 @@ def test_the_mesh_outlives_the_animation() -> None:
 
 @pytest.mark.parametrize("profile", PROFILE)
 def test_velocities_and_accelerations_are_the_slopes_of_what_is_before_them(profile: str) -> None:
-    # Scaled up, so that float32 does not hide the slope; with residuals, which change at constant speed.
+    # Scaled up, so that float32 rounding does not hide the slope. There are residuals, which change at constant speed.
     sequence = sheet(1000 * (wave(20) + 0.004 * noise(20, 35)))
     with open_animation(encoded(sequence, **PROFILE[profile], effort="fast")) as decoded:
         assert decoded.sections["CORR"] > 0
@@ -342,7 +344,7 @@ def test_a_residual_fades_towards_the_frames_beside_it(profile: str) -> None:
     with open_animation(encoded(ArraySequence(points, fps=1), profile=profile, max_error=0.1)) as decoded:
         height = decoded.sample(np.arange(3, 5.01, 0.25))[:, 2, 1]
         assert (decoded.sections["COEF"], decoded.sections["CORR"] > 0) == (0, True)
-        # The reference frame and one residual: a hat function.
+        # The reference frame, and one residual: a hat function.
         np.testing.assert_allclose(height / height[4], [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0], atol=1e-6)
         assert height[4] == pytest.approx(0.5, abs=0.1)
 
@@ -356,7 +358,7 @@ def test_one_frame_is_given_at_every_time(profile: str) -> None:
 
 
 def damaged(data: bytes, kind: str) -> bytes:
-    """The file with one byte of a section changed."""
+    """Return the file with one byte of a section changed."""
     parts = take_apart(data)
     at = table_end(parts) + sum(len(part.content) for part in parts[: [part.kind for part in parts].index(kind)])
     return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
@@ -393,14 +395,14 @@ def test_verify_finds_damage_in_every_section(data: bytes, animation: Animation)
 
 
 def resealed(data: bytes, **contents: bytes) -> bytes:
-    """The file with other sections, every checksum of the container right."""
+    """Return the file with other sections, and valid checksums of the container."""
     return seal([replace(part, content=contents.get(part.kind, part.content)) for part in take_apart(data)])
 
 
 def test_a_time_reads_no_more_groups_than_it_touches(tmp_path: Path) -> None:
     data = encoded(ArraySequence(noise(20, 6), fps=1), **PROFILE["paper"])
     (residuals,) = (part.content for part in take_apart(data) if part.kind == "CORR")
-    # Ruin the last group: what lies before it decodes, and what touches it names its first frame.
+    # Damage the last group: everything before it decodes, and errors name its first frame.
     path = tmp_path / "a.pdeanim"
     path.write_bytes(resealed(data, CORR=residuals[:-1] + bytes([residuals[-1] ^ 1])))
     with open_animation(path) as decoded:

@@ -1,4 +1,4 @@
-"""Times to the last bit, names, attributes and remarks: back as they were, or our own error."""
+"""Times to the last bit, names, attributes and remarks: restored as they were, or refused."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def with_description(data: bytes, description: bytes) -> Animation:
 
 
 def times_kind(description: bytes) -> int:
-    """How the times are stored: the byte after the numbers of runs and frames, less its flags."""
+    """Return how the times are stored: the byte after the numbers of runs and frames, without its flags."""
     reader = FieldReader(description, "SEQN")
     reader.count(), reader.count()
     (rule,) = reader.integers("B")
@@ -97,7 +97,7 @@ def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
 @given(st.lists(st.floats(-MAX_TIME, MAX_TIME) | st.floats(-2, 2), min_size=1, max_size=12, unique=True))
 def test_any_times_come_back_to_the_last_bit(values: list[float]) -> None:
     chosen: list[float] = []
-    for time in sorted(value + 0.0 for value in values):  # a zero without a sign
+    for time in sorted(value + 0.0 for value in values):  # turns -0.0 into 0.0
         if not chosen or time - chosen[-1] >= SHORTEST_TIME_STEP:
             chosen.append(time)
     assert_times_come_back(clip(np.array(chosen)))
@@ -120,7 +120,7 @@ def test_names_come_back() -> None:
 def described(
     *, frames: int = 3, fps: float = 24.0, kind: int = TIMES_COUNTED, start: float = 0.0, rate: float = 24.0
 ) -> bytes:
-    """Section SEQN of any numbers."""
+    """Return section SEQN, given any numbers for its fields."""
     writer = FieldWriter()
     writer.count(1)
     writer.count(frames)
@@ -169,7 +169,7 @@ REMARKS = st.dictionaries(
 def test_remarks_come_back(remarks: dict[str, Any]) -> None:
     data = encode_remarks(remarks)
     assert decode_remarks(data) == remarks
-    assert encode_remarks(dict(reversed(remarks.items()))) == data  # the order in memory does not show
+    assert encode_remarks(dict(reversed(remarks.items()))) == data  # the order of keys in memory does not matter
 
 
 def test_no_remarks_are_an_empty_object() -> None:
@@ -213,15 +213,15 @@ def test_remarks_longer_than_anyone_writes_are_refused() -> None:
 
 
 def frame(declared: int, blocks: int) -> bytes:
-    """A zstandard frame that declares a size and holds blocks of four bytes that each stand for 128 KiB."""
-    header = b"\x28\xb5\x2f\xfd\xc0\x38" + struct.pack("<Q", declared)  # size in 8 bytes, window of 128 KiB
+    """Return a zstandard frame that declares a size and has blocks of four bytes, each of which decodes to 128 KiB."""
+    header = b"\x28\xb5\x2f\xfd\xc0\x38" + struct.pack("<Q", declared)  # declared size in 8 bytes, window of 128 KiB
     run = [struct.pack("<I", 2**17 << 3 | 1 << 1 | (k == blocks - 1))[:3] + b"a" for k in range(blocks)]
     return header + b"".join(run)
 
 
 @pytest.mark.parametrize("declared", [1, 1000, 2**20, 2**40, 2**64 - 3])
 def test_remarks_that_hold_more_than_they_declare_or_declare_too_much_are_stopped_early(declared: int) -> None:
-    bomb = frame(declared, 4000)  # 16 kB that stand for 500 MB
+    bomb = frame(declared, 4000)  # 16 kB that decode to 500 MB
     tracemalloc.start()
     try:
         with pytest.raises(CorruptFileError):

@@ -1,4 +1,6 @@
-"""Errors carry data: codes that stay, fields that survive pickling; no words of the command line, no parsed words."""
+"""Errors carry data: codes that never change, fields that survive pickling; no command-line options in
+messages, and no code that parses messages.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def options_of(name: str) -> set[str]:
-    """Long options of a command."""
+    """Return the long options of a command."""
     command = commands.get_command(click.Context(commands), name)
     assert command is not None
     return {option for parameter in command.params for option in parameter.opts if option.startswith("--")} | {"--help"}
@@ -119,7 +121,7 @@ def sources(*folders: str) -> list[tuple[str, ast.AST]]:
 
 
 def test_no_text_of_the_library_names_an_option_of_the_command_line() -> None:
-    # Style sheets, a command line of its own, and the name of a coder in a table.
+    # Style sheets, a program with its own command line, and the name of a coder in a table.
     own = {"report/charts/page.py", "report/charts/vegalite.py", "research/bench.py", "research/reproduction/rates.py"}
     options = {option for name in COMMANDS for option in options_of(name)}
     found = []
@@ -167,7 +169,7 @@ def test_nothing_looks_into_the_words_of_an_error() -> None:
             return isinstance(node.args[0], ast.Name) and node.args[0].id in ("error", "refused", "caught")
         return isinstance(node, ast.Attribute) and node.attr == "message"
 
-    # Other libraries' errors say what they say: the last line of it is shown.
+    # Methods that may be applied to errors of other libraries, of whose messages the last line is shown.
     shown = {"strip", "split", "splitlines"}
     found = []
     for place, tree in sources("pdecodec", "formats", "batch", "report", "research", "cli"):
@@ -180,7 +182,7 @@ def test_nothing_looks_into_the_words_of_an_error() -> None:
             elif isinstance(node, ast.Subscript):
                 asked = [node.value]
             found += [(place, node.lineno) for one in asked if is_words(one)]
-    # The exception is USD's own, which says the line of a file in its text alone.
+    # USD's own exception gives the line of a file only in its text.
     assert {place for place, _ in found} <= {"formats/usd/composition.py"}
 
 

@@ -1,4 +1,4 @@
-"""Fields at the edges: files that ask for much memory or time, and the largest values."""
+"""Extreme fields: files that ask for much memory or time, and the largest values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def file_with(entries: Sequence[FieldEntry], chunks: bytes, clip: ArraySequence 
 
 
 def test_predictors_of_functions_of_time_count_as_memory() -> None:
-    chunk = bytes([32, 64])  # 64 functions of time, of each of 2^16 components of two numbers
+    chunk = bytes([32, 64])  # 64 functions of time, for each of 2^16 components of two numbers
     group = FieldGroupEntry(FRAMES, 0, 1, HALVES, 0.0, len(chunk), zlib.crc32(chunk))
     entry = FieldEntry(Field("a", "object", np.dtype("f8"), 2**16), 0.0, 0.0, 0.0, [group])
     data, limits = file_with([entry], chunk), DecodeLimits(max_memory=2**30)
@@ -63,7 +63,7 @@ def test_chunks_without_rows_take_no_memory() -> None:
     chunk = _core.encode_transformed_field_chunk(rows, values, functions, np.zeros((0, 2, 64), np.int64), digits, 0, 1)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert _core.decode_field_chunk(rows, chunk, 64, 2**17).values.size == 0
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16  # [KiB]; predictors take 1.6 GiB
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16  # [KiB]; predictors would take 1.6 GiB
 
 
 FACES = 2000
@@ -87,7 +87,7 @@ def crowded() -> bytes:
 
 
 def least_memory(data: bytes, name: str) -> int:
-    """Return the lowest limit under which a field can be read [bytes], to 1 KiB."""
+    """Return the smallest memory limit with which a field can be read [bytes], to 1 KiB."""
     low, high = 0, 1 << 26
     while high - low > 1024:
         middle = (low + high) // 2

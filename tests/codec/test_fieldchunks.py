@@ -1,4 +1,4 @@
-"""Chunks of fields: what is encoded comes back, within the step, on any domain, and damage is refused."""
+"""Chunks of fields: encoded values are restored within the step, on any domain, and damage is refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NONE = np.zeros(0, np.int32)
 
 
 def grid(columns: int, rows: int) -> tuple[Any, ...]:
-    """Return a part: a grid of quads, one edge along its first row, and a vertex of its own."""
+    """Return connectivity for the core: a grid of quads, an edge along its first row, and a separate vertex."""
     first = np.arange(columns * rows, dtype=np.int32).reshape(rows, columns)
     quads = np.stack([first[:-1, :-1], first[:-1, 1:], first[1:, 1:], first[1:, :-1]], axis=-1).reshape(-1, 4)
     sizes = np.full(len(quads), 4, np.int32)

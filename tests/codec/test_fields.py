@@ -1,4 +1,4 @@
-"""Fields of sequences: how they are described, read, and passed on by sequences that change others."""
+"""Fields of sequences: how they are described and read, and how derived sequences pass them on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FRAMES = 5
 
 
 def clip_with_fields(frames: int = FRAMES) -> ArraySequence:
-    """Return two objects, a triangle pair and a quad, with a field of every domain and kind of number."""
+    """Return two objects, two triangles and a quad, with fields on every domain and of every kind of number."""
     random = np.random.default_rng(7)
     objects = [
         MeshObject("pair", Connectivity.from_padded(4, [[0, 1, 2], [2, 1, 3]])),

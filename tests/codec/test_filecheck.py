@@ -1,4 +1,4 @@
-"""`pdecodec check`: every fault of a file is found, under a code that stays."""
+"""`pdecodec check` finds every fault of a file, and reports it under a code that never changes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def codes(path: Path, *, deep: bool = False) -> list[str]:
 
 
 def changed(source: Path, at: int, folder: Path) -> Path:
-    """A copy with one byte changed."""
+    """Copy a file with one byte changed."""
     data = bytearray(source.read_bytes())
     data[at] ^= 0x20
     (folder / "changed.pdeanim").write_bytes(data)

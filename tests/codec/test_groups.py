@@ -1,4 +1,4 @@
-"""Profile "auto" from end to end: groups of frames, whatever moves, however it is asked for."""
+"""Profile "auto" from end to end: groups of frames, for any motion and in any kind of call."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def distances(sequence: ArraySequence, animation: Animation) -> Float64Array:
 
 
 def turning(frames: int) -> ArraySequence:
-    """A sheet that turns about an axis and drifts, rigidly."""
+    """Return a sheet that rotates about an axis and drifts, rigidly."""
     rest = wave(1)[0].astype(np.float64)
     angles = 0.05 * np.arange(frames)
     x = rest[:, 0] * np.cos(angles)[:, None] - rest[:, 1] * np.sin(angles)[:, None]
@@ -50,7 +50,9 @@ def turning(frames: int) -> ArraySequence:
 
 @st.composite
 def moving_meshes(draw: st.DrawFn) -> ArraySequence:
-    """Any faces and lines, coincident vertices, smooth, rough, still or teleporting motion, even or uneven times."""
+    """Clips with any faces and lines, coincident vertices, motion that is smooth, rough, absent or
+    discontinuous, and even or uneven times.
+    """
     objects = draw(mesh_objects())
     vertices = sum(item.vertex_count for item in objects)
     frames = draw(st.sampled_from([1, 2, 3, 4, 7, 20]))
@@ -85,7 +87,7 @@ def test_whatever_moves_comes_back_within_the_bound_at_its_times(sequence: Array
         for mine, other in zip(animation.objects, sequence.objects, strict=True):
             assert mine.name == other.name
             assert mine.connectivity.same_as(other.connectivity)
-        # A frame decodes to the same positions in any kind of call, alone or with other times.
+        # A frame decodes to the same positions in any kind of call, alone or together with other times.
         middles = (sequence.times[1:] + sequence.times[:-1]) / 2
         mixed = np.concatenate([sequence.times[::-1], middles, sequence.times])
         together = animation.sample(mixed)
@@ -108,14 +110,14 @@ def test_rigid_motion_has_few_trajectories() -> None:
     sequence = turning(40)
     report, animation = round_trip(sequence)
     with animation:
-        # A turn about one axis and a drift: sine, cosine and the way along, each with the rest shape.
+        # A rotation about one axis and a drift need sine, cosine and the linear term, and the rest shape for each.
         assert animation.info()["functions_of_time"] <= 4
         assert report.bound is not None
         assert distances(sequence, animation).max() <= report.bound
 
 
 def without_corrections(data: bytes) -> Animation:
-    """The model alone."""
+    """Return the animation of the model alone."""
     parts = take_apart(data)
     with open_animation(data) as whole:
         groups = whole.info()["groups"]
@@ -123,7 +125,7 @@ def without_corrections(data: bytes) -> Animation:
 
 
 def swinging(frames: int, *, even: bool) -> ArraySequence:
-    """Eight points that swing at their own phase, a few metres wide."""
+    """Return eight points that swing with different phases, by a few metres."""
     steps = np.full(frames, 1.0) if even else np.random.default_rng(1).uniform(0.5, 1.5, frames)
     times = np.cumsum(steps) / 24
     phase = 2 * times[:, None] + 0.4 * np.arange(8)
@@ -143,7 +145,8 @@ def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through
         spline = CubicSpline(model.times, model.sample(model.times).astype(np.float64))
         at = np.linspace(model.times[0], model.times[-1], 101)
         np.testing.assert_allclose(model.sample(at), spline(at), rtol=0, atol=1e-5)
-        # The spline through float32 has float32's error over a step or its square as slope and bend.
+        # The slope and the second derivative of a spline through float32 values have float32's error divided by the
+        # step, or by its square.
         np.testing.assert_allclose(model.velocities(at), spline(at, 1), rtol=0, atol=1e-3)
         np.testing.assert_allclose(model.accelerations(at), spline(at, 2), rtol=0, atol=0.1)
 

@@ -1,4 +1,4 @@
-"""Where `import pdecodec` is refused, in one line: without the global interpreter lock, and in subinterpreters."""
+"""`import pdecodec` is refused in one line without the global interpreter lock, and in subinterpreters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jumps in time are found, alone, and the splines between frames end and begin there."""
+"""Discontinuities in time are found, and nothing else is; splines between frames end and begin there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BOUND = 1e-3
 
 
 def swinging(frames: int = 24, *, rate: float = 3.0) -> Points:
-    """(frames, 40, 3): a strand that swings `rate` radians a second, at 24 frames a second."""
+    """Return a strand, (frames, 40, 3), that swings with `rate` radians per second, at 24 frames per second."""
     u, t = np.linspace(0, 1, 40), np.arange(frames)[:, None] / 24
     return np.stack(np.broadcast_arrays(u, 0.2 * np.sin(5 * u - rate * t), 0 * u), axis=-1)
 
@@ -56,8 +56,8 @@ def test_what_starts_stops_or_bounces_does_not_jump() -> None:
         np.maximum(frames - 9, 0) * 1.0,
         np.minimum(frames, 9) * 1.0,
         np.abs(frames - 11.5),
-        frames // 2 * 1.0,  # held for two frames each
-        1.0 * (frames == 9),  # there and back at once
+        frames // 2 * 1.0,  # each position held for two frames
+        1.0 * (frames == 9),  # away in one frame and back in the next
         np.clip((frames - 10) / 4, 0, 1) ** 2 * (3 - 2 * np.clip((frames - 10) / 4, 0, 1)),
     ):
         assert found_in(swinging(1) + np.multiply.outer(place, np.ones((40, 3)))) == []
@@ -86,7 +86,7 @@ def test_each_stretch_has_a_spline_of_its_own_and_a_straight_line_leads_to_the_n
             times = clip.times[first:end]
             at = np.linspace(times[0], times[-1], 37)
             spline = CubicSpline(times, frames[first:end])
-            # Residuals, which are smaller than the bound, change at constant speed.
+            # Residuals are smaller than the bound, and change at constant speed.
             assert np.abs(animation.sample(at) - spline(at)).max() < report.bound / 2
         for jump in (6, 16):
             share = np.array([0.01, 0.4, 0.99])[:, None, None]
@@ -141,7 +141,8 @@ def test_jumps_are_cut_and_joined_with_their_frames(tmp_path: Path) -> None:
         assert animation.jumps == (2, 12)
     with pdecodec.open(other) as animation:
         assert animation.jumps == ()
-    # At frame 20 the motion jumps from the end of the first file to the beginning of the second.
+    # At frame 20 the motion goes from the end of the first file to the beginning of the second, which is a
+    # discontinuity.
     following = jumping(9, frames=12)
     join_animations(part, [whole, following], joined, shift=True)
     with pdecodec.open(joined) as animation:

@@ -1,4 +1,6 @@
-"""Products and decompositions of matrices as the encoder computes them: numpy's, but for rounding, and one result."""
+"""Products and decompositions of matrices, as the encoder computes them: equal to numpy's except for rounding,
+and the same in every run.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,7 @@ def test_sums_of_squares_are_those_of_all_rows(
 
 
 def hard_matrices() -> dict[str, Float64Array]:
-    """Symmetric matrices that eigenproblems go wrong with."""
+    """Return symmetric matrices that are hard for eigenvalue algorithms."""
     orthonormal = np.linalg.qr(random(120, 120))[0]
     few = random(150, 9)
     ones = np.ones(119)

@@ -1,4 +1,4 @@
-"""Distortion measures against values worked out by hand."""
+"""Distortion measures, compared with values worked out by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profile paper: closed form x curve, and its coefficients as the paper writes them."""
+"""Profile paper: closed form in time, curves in space, and its coefficients as the paper writes them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spec.accepted import LINES, clip, connectivity, grid, several_objects, shee
 
 
 def eq_18(form: PaperForm) -> Float64Array:
-    """(frames, vertices, 3): Eq. 18 written out, from what the public function returns."""
+    """Return positions, (frames, vertices, 3), by Eq. 18 from the coefficients that the public function returns."""
     time = paper_time_functions((form.times - form.centre) / form.half_length, form.alpha)
     space = paper_space_functions(form.u, form.r)
     piece = np.repeat(np.arange(len(form.starts) - 1), np.diff(form.starts))
@@ -62,7 +62,7 @@ def test_eq_18_of_the_coefficients_gives_the_decoded_positions_back(name: str) -
 
 def test_motion_made_of_the_papers_functions_is_kept_to_the_digits_of_float32() -> None:
     u, t = np.linspace(-1, 1, 40), np.linspace(-1, 1, 11)
-    swing = np.sin(2.5 * (t + 1))  # of Eq. 12, and nothing at frame 0
+    swing = np.sin(2.5 * (t + 1))  # a function of Eq. 12 that is zero at frame 0
     moved = 1e-2 * swing[:, None] * paper_space_functions(u, 3.0).sum(axis=1)
     points = np.zeros((11, 40, 3))
     points[:, :, 0] = u

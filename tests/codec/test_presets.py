@@ -1,4 +1,4 @@
-"""Presets: a name in place of a tolerance and an effort, and the search for normals."""
+"""Presets: names for a tolerance with an effort, and the search for a tolerance by normals."""
 
 from __future__ import annotations
 

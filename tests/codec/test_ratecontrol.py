@@ -1,4 +1,4 @@
-"""Rate control: the size or the mean error asked for is kept and used up, in few encodes."""
+"""Rate control: the requested size or mean error is kept and used up, with few encodes."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from pdecodec.mesh.metrics import measure_distortion
 from tests.support.mesh_cases import grid
 
 DIGITS = 1e-3
-"""How far rounding to four digits moves a tolerance, relatively, at most."""
+"""Largest relative change of a tolerance by rounding to four digits."""
 
 
 def shaken_sheet() -> ArraySequence:
-    """A sheet whose vertices move at random, so that every bit of accuracy costs bytes."""
+    """Return a sheet whose vertices move at random, so that every bit of accuracy costs bytes."""
     rng = np.random.default_rng(7)
     points = np.zeros((6, 5, 20, 3))
     points[..., 0] = np.linspace(0, 1, 20)

@@ -1,6 +1,6 @@
-"""The reference frame: on a grid of the asked step, back to the last bit from any mesh, small, sound or refused.
+"""The reference frame: on a grid of the requested step, restored to the last bit for any mesh, and small; or refused.
 
-What the library reads, the decoder of the specification reads alike.
+The library and the plain decoder of the specification must read the same.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def shape_of(coordinates: Sequence[Sequence[int]] | Int64Array) -> ReferenceFram
 
 
 def bumpy_points(rows: int, columns: int) -> Float32Array:
-    """A smooth sheet that is curved both ways and lies askew."""
+    """Return a smooth sheet that is curved in both directions and not aligned with the axes."""
     x, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     points = np.stack([x, y, 0.3 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
     points @= np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -75,7 +75,7 @@ def soup(faces: Sequence[Sequence[int]], coordinates: Int64Array) -> tuple[list[
 
 
 def coded(shape: ReferenceFrame, objects: list[MeshObject]) -> bytes:
-    """Section REST, after checking that it comes back to the last bit."""
+    """Return section REST, after checking that it restores the frame to the last bit."""
     data = encode_reference(shape, objects)
     assert data == encode_reference(shape, objects)
     found = decode_reference(data, objects)
@@ -137,7 +137,7 @@ def test_levels_of_any_size_come_back_from_surfaces_and_soups(size: int, width: 
 
 @pytest.mark.parametrize("extreme", [0, 2**LARGEST_BITS - 1])
 def test_predictions_beyond_the_range_of_levels_are_held_inside_it(extreme: int) -> None:
-    # Zigzags between the ends of the range: whatever goes straight on leaves it.
+    # Zigzags between the ends of the range: a prediction that goes straight on leaves the range.
     levels = np.where(np.arange(40)[:, None] % 2 == 0, extreme, 2**LARGEST_BITS - 1 - extreme) + np.zeros((1, 3), int)
     objects = one(connectivity_of(40, lines=[list(range(40))]))
     assert decoded_alike(coded(shape_of(levels), objects), objects) == levels.tolist()
@@ -153,7 +153,8 @@ def test_an_even_line_costs_its_first_two_points_and_an_even_plane_its_first_thr
 
 
 def test_a_parabola_is_predicted_by_its_crease() -> None:
-    # Second differences are constant, and so is what parallelograms miss: 21 bits a vertex are left without the hint.
+    # Second differences are constant, and so is the error of parallelograms: without the hint, it would cost 21 bits
+    # per vertex.
     row, column = np.divmod(np.arange(60 * 60), 60)
     coordinates = np.column_stack([40 * row, 40 * column, 3 * (row - 30) ** 2 + 2 * (column - 30) ** 2])
     objects = one(connectivity_of(3600, faces_of(60, 60)))
@@ -167,7 +168,7 @@ def test_a_soup_costs_little_more_than_its_surface(width: int) -> None:
     objects, soup_shape = soup(faces, shape.grid)
     data = coded(soup_shape, objects)
     assert predictor_of(data) & WELDED
-    # Less than a bit a corner says which corners meet.
+    # Which corners meet costs less than a bit per corner.
     assert 8 * (len(data) - len(surface)) < 0.8 * len(soup_shape.grid)
 
 
@@ -185,7 +186,7 @@ def test_rings_that_repeat_cost_what_one_of_them_does() -> None:
 
 
 def tube(rings: int, columns: int) -> Connectivity:
-    """Quads between rings."""
+    """Return the quads between rings."""
     row, column = np.meshgrid(np.arange(rings - 1), np.arange(columns), indexing="ij")
     right = (column + 1) % columns
     at = [row * columns + column, row * columns + right, (row + 1) * columns + right, (row + 1) * columns + column]

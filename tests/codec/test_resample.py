@@ -1,4 +1,4 @@
-"""Sequences at other times than their own."""
+"""Sequences sampled at other times than their own."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_times_that_rounding_put_outside_are_the_ends() -> None:
 
 @pytest.fixture(scope="module")
 def animation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Animation]:
-    """Five points that swing for a second, 12 frames a second, from second 1."""
+    """Open an animation of five points that swing for a second, at 12 frames per second, starting at 1 s."""
     times = 1 + np.arange(13) / 12
     points = np.zeros((13, 5, 3), np.float32)
     points[..., 0] = np.arange(5)

@@ -1,4 +1,4 @@
-"""Residuals of a group of frames: the decoder written from the specification reads them back; what they cost."""
+"""Residuals of a group of frames: the plain decoder of the specification reads them; and what they cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from tests.support.residual_cases import example, groups, none_of, of_field, of_
 
 
 def assert_comes_back(group: Residuals, starts: Int64Array) -> bytes:
-    """Through bytes: the same both times, as long as measured, and read alike by the plain decoder."""
+    """Encode residuals; check that the bytes are reproducible, as many as measured, and read correctly by both
+    decoders.
+    """
     data = encode_residuals(group, starts)
     assert encode_residuals(group, starts) == data
     assert -8 <= 8 * len(data) - plan_residuals(group, starts).bits < 64 + 0.005 * 8 * len(data)

@@ -1,4 +1,4 @@
-"""Whole round trips: the bound holds on the float32 that comes back, whatever goes in."""
+"""Whole round trips: the bound holds for the decoded float32 positions, for any input."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PROFILES = pytest.mark.parametrize("profile", ["auto", "paper"])
 
 
 def wave(frames: int = 12, rows: int = 5, columns: int = 7) -> Float32Array:
-    """A sheet of quads that waves smoothly."""
+    """Return positions of a smoothly waving sheet of quads."""
     x, y = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     t = np.arange(frames)[:, None, None] / 24
     height = np.sin(0.8 * x + 5 * t) * np.cos(0.5 * y - 3 * t)
@@ -49,7 +49,7 @@ def wave(frames: int = 12, rows: int = 5, columns: int = 7) -> Float32Array:
 
 
 def noise(frames: int, vertices: int, seed: int = 0) -> Float32Array:
-    """Every position at random: the worst a model can be given."""
+    """Return random positions: the worst case for any model."""
     return np.random.default_rng(seed).normal(size=(frames, vertices, 3)).astype(np.float32)
 
 
@@ -58,7 +58,7 @@ def sheet(points: Float32Array, rows: int = 5, columns: int = 7) -> ArraySequenc
 
 
 def changed(*changes: tuple[Any, Any]) -> ArraySequence:
-    """The waving sheet with positions set to others."""
+    """Return the waving sheet with some positions replaced."""
     points = wave()
     for where, value in changes:
         points[where] = value
@@ -126,7 +126,7 @@ def round_trip(sequence: MeshSequence, **options: Any) -> tuple[EncodeReport, An
 
 
 def assert_kept(sequence: MeshSequence, report: EncodeReport, animation: Animation) -> None:
-    """The bound if there is one, the report's figures, and everything that does not move."""
+    """Assert that the bound holds, that the report's figures are right, and that all constant data are restored."""
     frames = sequence.frame_count
     wanted, got = (source.read_frames(0, frames).astype(np.float64) for source in (sequence, animation))
     distances = np.sqrt(((wanted - got) ** 2).sum(axis=2))
@@ -222,7 +222,7 @@ def test_what_functions_carry_is_told_of_the_first_group_that_moves() -> None:
 
 @pytest.mark.parametrize(("frames", "groups"), [(2, [2, 2]), (3, [3, 4]), (5, [5, 7]), (11, [11, 11]), (64, [22, 22])])
 def test_segments_have_the_length_that_is_asked_for(frames: int, groups: list[int]) -> None:
-    # A rest of fewer frames than a segment's, and than functions, joins the segment before.
+    # The last frames, fewer than in a segment and fewer than functions, join the segment before.
     _, animation = round_trip(ArraySequence(noise(22, 5)), profile="paper", paper=PaperSettings(segment_frames=frames))
     assert animation.info()["group_frames"] == groups
 
@@ -292,7 +292,9 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 
 
 class Instrumented(MeshSequence):
-    """A clip that is never in memory, remembers what was asked for, and cannot be read beyond a frame."""
+    """A clip that is never in memory as a whole, records which frames are requested, and can be made unreadable
+    from a frame on.
+    """
 
     def __init__(self, frames: int, vertices: int, readable: int | None = None) -> None:
         self._readable = frames if readable is None else readable
@@ -313,7 +315,7 @@ class Instrumented(MeshSequence):
 
 
 class Shaken(Instrumented):
-    """Every vertex by itself."""
+    """A clip in which every vertex moves independently."""
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         noise = [np.random.default_rng(frame).normal(size=self._shape.shape) for frame in range(start, stop)]
@@ -339,7 +341,7 @@ def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(monk
     monkeypatch.setitem(TUNINGS, "fast", replace(TUNINGS["fast"], group_bytes=24 * 30 * 50))
     sequence = Instrumented(frames=200, vertices=30)
     report, animation = round_trip(sequence, effort="fast")
-    # Frame 0 alone gives the reference frame; then every frame is read once, from front to back.
+    # Frame 0 is read first, for the reference frame; then every frame is read once, in order.
     assert sequence.asked == [(0, 1), *((start, start + 50) for start in range(0, 200, 50))]
     assert animation.info()["group_frames"] == [50, 50]
     assert_kept(sequence, report, animation)

@@ -1,4 +1,4 @@
-"""Positions of more digits than float32 has: how far rounding moves them is known, and said where it matters."""
+"""Positions with more digits than float32: how far rounding moves them is recorded, and reported where it matters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LARGEST = float(np.linalg.norm(POINTS - POINTS.astype(np.float32), axis=2).max()
 
 
 def written(folder: Path, kind: str, points: np.ndarray = POINTS) -> Path:
-    """A file of float64 positions."""
+    """Write a file of float64 positions."""
     if kind == "npz":
         np.savez(folder / "a.npz", points=points)
     elif kind == "h5":

@@ -64,7 +64,7 @@ def fluid(lengths: Sequence[tuple[int, int]]) -> ChangingSequence:
 
 
 def frames_of(sequence: MeshSequence) -> list[np.ndarray[Any, Any]]:
-    """Positions of every frame."""
+    """Return the positions of every frame."""
     return [points for _, block in sequence.blocks() for points in block]
 
 

@@ -28,7 +28,7 @@ def file(request: pytest.FixtureRequest) -> Path:
 
 @pytest.fixture(scope="module")
 def changing(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of three runs of 40, 30 and 1 frames."""
+    """Make a file of three runs, of 40, 30 and 1 frames."""
     path = tmp_path_factory.mktemp("salvage") / "fluid.pdeanim"
     pdecodec.encode(fluid([(40, 0), (30, 1), (1, 2)]), path)
     return path
@@ -41,7 +41,7 @@ def place_of(path: Path, kind: str) -> tuple[int, int]:
 
 
 def damaged(path: Path, folder: Path, *places: int, end: int | None = None) -> Path:
-    """A copy with bytes changed, and cut at `end`."""
+    """Copy a file with bytes changed at some places, cut off at `end`."""
     data = bytearray(path.read_bytes())
     for place in places:
         data[place] ^= 0x5A
@@ -86,7 +86,7 @@ def test_a_file_that_ends_early_gives_the_groups_before(clip: Path, tmp_path: Pa
         assert 0 < first < end == saved.frame_count
         with pdecodec.open(clip) as whole:
             assert (saved.sequence.read_frames(0, first) == whole.read_frames(0, first)).all()
-    # All groups are before the attributes.
+    # All groups precede the attributes in the file.
     with pdecodec.salvage(damaged(clip, tmp_path, end=size - 1)) as saved:
         assert (saved.missing, len(saved.lost)) == ((), 1)
 

@@ -1,4 +1,4 @@
-"""Mesh sequences in memory: what is accepted, completed and refused; selections of frames and objects."""
+"""Mesh sequences in memory: which are accepted, completed and refused; and selections of frames and objects."""
 
 from __future__ import annotations
 
@@ -278,7 +278,7 @@ def test_a_sequence_says_what_it_holds(tmp_path: Path) -> None:
     with open_animation(tmp_path / "a.pdeanim") as animation:
         said = f"<Animation: 1 object, 4 vertices, 5 frames, 0.1667 s, {report.file_bytes:,} bytes>"
         assert repr(animation) == said
-    assert repr(animation) == said  # closed
+    assert repr(animation) == said  # after closing
     changing = ChangingSequence([moving(2, 1200, times=[0, 1]), moving(1, 3, times=[2])])
     data = encode(changing).data
     assert data is not None

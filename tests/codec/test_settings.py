@@ -1,4 +1,4 @@
-"""Settings of an encode: checked, and the same after a journey through JSON."""
+"""Settings of an encode: they are checked, and JSON restores them."""
 
 from __future__ import annotations
 

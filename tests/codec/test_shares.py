@@ -1,4 +1,6 @@
-"""Shares of work: every item once, from any number of threads, and errors come out; and how many threads there are."""
+"""Shares of work: every item is done once, with any number of threads, and errors are raised; and the number of
+threads.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,7 @@ def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
     def inner(first: int, end: int) -> None:
         seen.extend(range(first, end))
 
-    for _ in range(50):  # the one helper may be at work or not
+    for _ in range(50):  # the single helper may or may not have begun
         shares.side_by_side(*(partial(shares.in_shares, inner, 10) for _ in range(4)))
     assert len(seen) == 50 * 4 * 10
 
@@ -92,7 +94,7 @@ def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytes
     both = threading.Barrier(2, timeout=20)
     shares.side_by_side(both.wait, both.wait)
     child = os.fork()
-    if child == 0:  # nothing of pytest's may run here
+    if child == 0:  # no code of pytest may run in the child
         own = threading.Barrier(2, timeout=20)
         try:
             shares.side_by_side(own.wait, own.wait)

@@ -1,4 +1,4 @@
-"""An open animation in several threads and processes at once: always the same bits."""
+"""An open animation in several threads and processes at the same time: always the same bits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def clip() -> ArraySequence:
 
 
 FORGETFUL = DecodeLimits(max_kept=1)
-"""Limits with which every call reads and decodes again."""
+"""Limits with which every call has to read and decode again."""
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_a_fork_while_other_threads_decode_leaves_a_child_that_decodes(shared: A
                 ended = Thread(target=lambda: os._exit(0 if np.array_equal(at_frame(shared, 7), expected[7]) else 1))
                 ended.start()
                 ended.join(20)
-                os._exit(2)  # it waits for a lock whose owner was not copied
+                os._exit(2)  # reached if it waits for a lock whose owner the fork did not copy
             ends.append(os.waitpid(number, 0)[1])
     finally:
         done.set()
@@ -141,7 +141,7 @@ def test_pools_of_every_start_method_take_an_open_animation(
     method: str, source: str, path: Path, expected: np.ndarray
 ) -> None:
     with open_animation(path if source == "path" else path.read_bytes()) as animation:
-        assert np.array_equal(at_frame(animation, 3), expected[3])  # the parent has decoded, in threads, before
+        assert np.array_equal(at_frame(animation, 3), expected[3])  # the parent has decoded in threads before
         with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(method)) as pool:
             found = list(pool.map(at_frame, [animation] * 8, range(0, 56, 7)))
     assert np.array_equal(found, expected[0:56:7])

@@ -1,4 +1,4 @@
-"""Space bases: orthonormal, complete, and sparse where motion is simple."""
+"""Space bases: orthonormal, complete, and sparse if motion is simple."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RNG_SEED = 20
 
 
 def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, Int64Array]:
-    """A sheet of quads that bends, in whole steps."""
+    """Return a bending sheet of quads on integer coordinates."""
     u, v = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
     rest = np.stack([scale * u, scale * v, (scale * np.sin(u / 5.0) * 3).astype(np.int64)], axis=-1).reshape(-1, 3)
     index = np.arange(columns * rows).reshape(columns, rows)
@@ -60,7 +60,7 @@ def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: S
     functions=st.integers(1, 40),
 )
 def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], points: int, functions: int) -> None:
-    """Coincident and collinear ones included; with fewer functions the rest of a motion is left out, no more."""
+    """Points may coincide or be collinear, and there may be too few functions for a complete basis."""
     levels = np.array(rest, np.int64)
     basis = build_space_basis("patch", [points_only(levels)], levels, points=points, functions=functions)
     assert sorted(basis.order.tolist()) == list(range(len(levels)))
@@ -72,7 +72,7 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
 
 @pytest.mark.parametrize(("columns", "rows"), [(4, 8), (3, 20), (5, 7), (2, 30)])
 def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns: int, rows: int) -> None:
-    # With few columns of points, some polynomials are multiples of earlier ones and are dropped.
+    # If there are few columns of points, some polynomials are multiples of earlier ones and are dropped.
     item, rest = grid(columns, rows)
     whole = build_space_basis("patch", [item], rest, points=64, functions=64)
     for count in range(4, 64):
@@ -104,7 +104,7 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
     assert early is not None
     for field in ("order", "starts", "begins", "children", "node_of"):
         assert np.array_equal(getattr(early, field), getattr(build_patches([item], rest, 16), field))
-    rest[390] = rest[0]  # far apart along the faces
+    rest[390] = rest[0]  # close in space, but far apart along the faces
     welded = build_patches([item], rest, 16, early)
     assert not np.array_equal(welded.order, early.order)
     assert np.array_equal(welded.order, build_patches([item], rest, 16).order)

@@ -1,4 +1,4 @@
-"""The spline between frames: scipy's own, through every frame, and never not a number."""
+"""The spline between frames equals scipy's, passes through every frame, and is always finite."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tests.support.section_files import evaluator_of
 
 @cache
 def functions_of_one_frame(frames: int) -> bytes:
-    """Encode functions of time that are each 1 at one frame and 0 at all others, one for each frame.
+    """Encode functions of time each of which is 1 at one frame and 0 at all others.
 
-    They are straight lines: what is coded is how their speeds change, in sixteenths.
+    They are coded by the method of straight lines: as changes of speed, in sixteenths.
     """
     speeds = np.diff(np.eye(frames, dtype=np.int64), axis=0)
     turns = np.concatenate([np.eye(1, frames, dtype=np.int64), np.diff(speeds, axis=0, prepend=0)])
@@ -29,7 +29,7 @@ def functions_of_one_frame(frames: int) -> bytes:
 
 
 def frame_weights(times: Float64Array, at: Float64Array, derivative: int = 0) -> Float64Array:
-    """Return the weight of each frame at some times, or in a derivative, (n, frames)."""
+    """Return the weight of each frame at some times, or its derivative, (n, frames)."""
     evaluator = evaluator_of(times, times.size, functions_of_one_frame(times.size), axes=1)
     return np.array([evaluator.weights(time, 0, quantity=QUANTITIES[derivative])[:, 0] for time in at.tolist()])
 
@@ -47,7 +47,7 @@ def test_it_is_the_spline_that_scipy_knows(frames: int, ratio: float) -> None:
     for derivative in range(3):
         expected = CubicSpline(times, values)(at, derivative)
         found = frame_weights(times, at, derivative) @ values
-        # What lies beyond the window of 34 frames, or 62 of uneven ones, is below a billionth.
+        # Frames beyond the window of 34 frames, or of 62 if times are uneven, weigh less than a billionth.
         margin = (1e-11 if frames <= 34 else 1e-8) * (1 if ratio < 100 else 100)
         assert np.abs(found - expected).max() < margin * (1 + np.abs(expected).max())
 

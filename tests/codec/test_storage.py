@@ -1,4 +1,4 @@
-"""Files at addresses: which bytes are read, what is written, and errors."""
+"""Files at addresses: which bytes are read, how files are written, and errors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RATE, SECONDS = 24, 40
 
 
 def long_clip(side: int = 24, seconds: int = SECONDS) -> ArraySequence:
-    """A sheet that waves in no cycle."""
+    """Return a sheet that waves without repeating itself."""
     frames = RATE * seconds
     x, z = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 2, side), indexing="ij")
     moment = np.arange(frames)[:, None, None]
@@ -57,8 +57,8 @@ def test_a_second_of_a_long_clip_takes_a_seconds_share_of_its_bytes(server: Serv
             with pdecodec.open(f"{server.address}/long.pdeanim") as animation:
                 assert np.array_equal(animation.read_frames(*frames), local.read_frames(*frames))
                 opened = server.bytes_given
-                # Its size; the table of sections; what every frame needs; the group's functions of time, coefficients
-                # and residuals.
+                # The size of the file; the table of sections; the sections that every frame needs; the group's
+                # functions of time, its coefficients, and its residuals.
                 assert server.requests == 6
                 following = animation.read_frames(frames[0], min(frames[1] + RATE, RATE * SECONDS))
             assert opened <= 1.55 * share
@@ -99,7 +99,7 @@ def test_what_is_no_file_of_ours_is_refused_whatever_its_table_says(tmp_path: Pa
 
 
 def encoded(folder: Path) -> bytes:
-    """A file of a second."""
+    """Return a file of one second."""
     pdecodec.encode(long_clip(8, 1), folder / "second.pdeanim", effort="fast")
     return (folder / "second.pdeanim").read_bytes()
 

@@ -96,7 +96,7 @@ def test_a_dropped_field_leaves_the_bytes_of_a_clip_without_it() -> None:
     assert bare is not None
     with pdecodec.open(data) as animation:
         assert animation.fields == ()
-    # META records the settings, and so differs.
+    # META differs because it records the settings.
     contents = [{part.kind: part.content for part in take_apart(one) if part.kind != "META"} for one in (data, bare)]
     assert contents[0] == contents[1]
 
@@ -202,7 +202,7 @@ def test_damage_to_a_field_leaves_positions_readable() -> None:
 
 
 def edited_clip() -> ArraySequence:
-    """Return a clip of fields that change, hold and are constant."""
+    """Return a clip with fields that change, that are held and that are constant."""
     clip = smooth_clip(60)
     steps = np.repeat(np.arange(6, dtype=np.int16), 10)[:, None] * np.ones(12, np.int16)
     still = np.random.default_rng(0).random((1, 12, 2)).repeat(60, axis=0)

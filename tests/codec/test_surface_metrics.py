@@ -1,4 +1,4 @@
-"""Errors of normals and edge lengths: known values for simple shapes, and changes that do not count."""
+"""Errors of normals and edge lengths: known values for simple shapes, and changes that must not count."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_the_temporal_part_is_the_spread_of_steps_in_a_window() -> None:
     other[::2, :, 1] = 0.02  # all edges keep their length, so there is no spread
     assert edge_difference(points, other, line, 1.0) == pytest.approx(0.0, abs=1e-7)
     other = points.copy()
-    other[1:, :, 1] = 0.02  # one step of ten is off
+    other[1:, :, 1] = 0.02  # one step of ten has an error
     off = np.hypot(0.02, TIME_STEP) / TIME_STEP - 1
     spread = off * np.sqrt(0.1 * 0.9)
     assert edge_difference(points, other, line, 1.0) == pytest.approx(TIME_WEIGHT * spread, rel=1e-4)

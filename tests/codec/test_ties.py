@@ -1,4 +1,4 @@
-"""Vertices that lie on one another in every frame are coded once and stay together."""
+"""Vertices that coincide in every frame are coded once and stay together."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ FRAMES = 9
 
 
 def split_tube(frames: int = FRAMES, first: int = 0, *, opens_at: int = 99) -> ArraySequence:
-    """A bending tube of quads with vertices of their own, in two objects; from a frame on one quad is apart."""
+    """Return a bending tube of quads with vertices of their own, in two objects; from frame `opens_at` on one
+    quad is apart.
+    """
     rows, columns = 6, 9
     t = (first + np.arange(frames))[:, None, None] / 24
     angle, along = 2 * np.pi * np.arange(rows)[:, None] / rows, np.arange(columns) / 2
@@ -59,7 +61,7 @@ def split_tube(frames: int = FRAMES, first: int = 0, *, opens_at: int = 99) -> A
 
 
 def ties_of(points: Float32Array) -> Int32Array:
-    """Return the first vertex with the same path, for each vertex: the plain way."""
+    """Return for each vertex the first vertex with the same path, computed in the simplest way."""
     paths = (points + np.float32(0)).transpose(1, 0, 2).reshape(points.shape[1], -1)
     _, index, inverse = np.unique(paths, axis=0, return_index=True, return_inverse=True)
     return index[inverse.ravel()].astype(np.int32)
@@ -69,7 +71,7 @@ def ties_of(points: Float32Array) -> Int32Array:
 def test_ties_are_the_vertices_of_one_path_whatever_the_blocks(seed: int, vertices: int, frames: int) -> None:
     random = np.random.default_rng(seed)
     points = random.integers(0, 2, (frames, vertices, 3)).astype(np.float32)
-    points[random.random(points.shape) < 0.5] *= np.float32(-1.0)  # zeros of either sign are equal
+    points[random.random(points.shape) < 0.5] *= np.float32(-1.0)  # zeros of either sign must count as equal
     finder = TieFinder(points[0])
     for begin in range(0, frames, 2):
         finder.add(points[begin : begin + 2])
@@ -114,7 +116,7 @@ def test_fields_of_tied_vertices_keep_their_own_values() -> None:
     with pdecodec.open(report.data) as animation:
         assert animation.info()["tied_vertices"]
         found = animation.read_field("own", 0, FRAMES)
-        assert np.abs(found - own).max() < 0.5  # neighbours in a set are at least 1 apart
+        assert np.abs(found - own).max() < 0.5  # different sets of tied vertices are at least 1 apart
         np.testing.assert_array_equal(animation.read_field("label", 0, FRAMES), fields["label"])
 
 
@@ -127,7 +129,7 @@ def test_a_split_mesh_takes_hardly_more_than_a_whole_one() -> None:
 
 
 def test_ties_make_no_search_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clip with many tied vertices is not searched as one of few vertices would be."""
+    """A clip with many tied vertices must not be searched as thoroughly as a clip of few vertices."""
     clip = split_tube()
     tuning = replace(TUNINGS["default"], small_clip_positions=1000)
     monkeypatch.setitem(TUNINGS, "default", tuning)
@@ -147,7 +149,7 @@ def test_ties_make_no_search_longer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("step", [0.01, 0.5, 100.0])
 def test_both_decoders_find_the_same_ties(step: float) -> None:
-    """A step of 100 puts all vertices on one point: more sets than are looked at."""
+    """A step of 100 rounds all vertices to one point, where there are then more sets than the coder examines."""
     clip = split_tube(opens_at=0)
     ties = ties_of(clip.points)
     shape = quantise_smoothly(clip.points[0], step, clip.objects, ties)

@@ -1,4 +1,6 @@
-"""Functions of time to bytes and back, by the decoder written from the specification; what a step costs and does."""
+"""Functions of time encoded and decoded, also by the plain decoder of the specification; the cost and the
+effect of a step.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ LARGEST_ERROR = 0.6
 
 
 def assert_decodes(data: bytes, decoded: Float64Array, step: float) -> None:
-    """To the bit, where arithmetic is exact."""
+    """Assert that bytes decode to given values, to the last bit if arithmetic is exact."""
     frames, axes, count = decoded.shape
     found = np.ascontiguousarray(read_time_functions(data, frames, count, step, axes).transpose(1, 2, 0))
     if data[:1] == bytes([TRANSFORMED]):
@@ -40,19 +42,19 @@ def assert_decodes(data: bytes, decoded: Float64Array, step: float) -> None:
 
 
 def encoded(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array]:
-    """Functions of time as bytes, and what they decode to."""
+    """Return functions of time as bytes, with the values that these decode to."""
     found = quantise_time_functions(scaled, step)
     return found.to_bytes(), found.decoded
 
 
 def wanderings(frames: int, count: int, *, seed: int = 0) -> Float64Array:
-    """Functions without a rhythm: speeds that change at random, sizes falling from one to the next."""
+    """Return functions without a rhythm: their speeds change at random, and magnitudes fall from one to the next."""
     random = np.random.default_rng(seed)
     return random.normal(size=(frames, 3, count)).cumsum(0) * 30.0 / np.arange(1, count + 1)
 
 
 def swings(frames: int, count: int) -> Float64Array:
-    """Functions that swing, each at few frequencies."""
+    """Return functions that swing, each at few frequencies."""
     times, ranks = np.arange(frames)[:, None, None] + 0.5, np.arange(1, count + 1)
     phases = np.array([0.0, 1.0, 2.0])[:, None]
     return 200.0 / ranks * np.cos(0.9 * times + phases) * np.cos(0.13 * times * (1 + ranks % 3))
@@ -72,7 +74,7 @@ def test_functions_come_back_to_the_bit_and_within_the_step(scaled: Float64Array
     data, decoded = encoded(scaled, step)
     assert_decodes(data, decoded, step)
     error = (decoded - scaled) / step
-    # The error of each frequency is bounded, and the transform keeps sums of squares.
+    # The error at each frequency is bounded, and the transform preserves sums of squares.
     assert np.sum(error * error) <= LARGEST_ERROR**2 * error.size * (1.0 + 1e-6)
     if data and data[0] == PREDICTED:
         assert np.abs(error).max() <= LARGEST_ERROR * (1.0 + 1e-6)
@@ -99,7 +101,7 @@ def test_wandering_functions_are_predicted_and_swinging_ones_transformed() -> No
 
 
 def keyed(frames: int, count: int) -> Float64Array:
-    """Functions that go straight from key to key, each between keys of its own."""
+    """Return functions that are straight between keys, each with keys of its own."""
     keys = np.random.default_rng(3).integers(-40, 40, (count, 3, 5))
     at = np.linspace(0, frames - 1, 5)
     lines = [[np.interp(np.arange(frames), at + k, values) for values in function] for k, function in enumerate(keys)]
@@ -127,7 +129,7 @@ def test_the_method_with_fewer_bits_for_its_error_is_taken(make: Make) -> None:
 
 
 def test_independent_numbers_cost_what_theory_says() -> None:
-    # Gaussian numbers of 10 steps deviation that nothing predicts hold log2(10 sqrt(2 pi e)) bits each
+    # Gaussian numbers with a deviation of 10 steps that cannot be predicted carry log2(10 sqrt(2 pi e)) bits each
     scaled = 10.0 * np.random.default_rng(1).normal(size=(300, 3, 20))
     data, _ = encoded(scaled, 1.0)
     assert 8 * len(data) / scaled.size == pytest.approx(np.log2(10 * np.sqrt(2 * np.pi * np.e)), rel=0.03)
@@ -167,7 +169,7 @@ def test_numbers_of_thirty_bits_come_back() -> None:
     scaled = np.random.default_rng(2).uniform(-MAX_STEPS, MAX_STEPS, (30, 3, 5))
     data, decoded = encoded(scaled, 1.0)
     assert_decodes(data, decoded, 1.0)
-    assert np.abs(decoded - scaled).max() < 4  # a transform spreads the errors of its waves
+    assert np.abs(decoded - scaled).max() < 4  # the transform spreads errors over all frames
 
 
 def test_more_frames_than_are_transformed_are_predicted() -> None:
@@ -186,7 +188,7 @@ def test_a_step_that_is_none_is_refused(step: float) -> None:
 def test_where_numbers_would_exceed_the_steps_there_are_the_step_is_coarser(number: float) -> None:
     scaled = np.zeros((5, 3, 2))
     scaled[3, 1, 1] = number
-    for count in (2, 30):  # those of many are coded by the method that suits some of them
+    for count in (2, 30):  # many functions are coded by the method that suits a sample of them
         many = np.resize(scaled, (5, 3, count))
         found = quantise_time_functions(many, 1.0)
         assert found.step == number / MAX_STEPS

@@ -1,4 +1,6 @@
-"""Outputs appear whole or not at all: files that appear meanwhile, links, modes, killed runs, full disks, inputs."""
+"""Outputs appear whole or not at all: competing writers, links, file modes, killed runs, full disks, inputs as
+outputs.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ def sheet(frames: int = 12, value: float = 0.0, size: int = 30) -> ArraySequence
 
 
 class Meanwhile(ArraySequence):
-    """A sequence during whose reading another process writes a file."""
+    """A sequence during whose reading another process creates the output file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(np.zeros((3, 4, 3)), fps=24)
@@ -73,7 +75,7 @@ def test_a_link_is_written_through_and_a_mode_stays(tmp_path: Path, name: str) -
 
 
 def killed_at(change: str, number: int, folder: Path, name: str) -> None:
-    """Overwrite a sequence in a process that ends at once where it would call os.replace, os.unlink or os.rmdir."""
+    """Overwrite a sequence in a process that ends just before a certain call of os.replace, os.unlink or os.rmdir."""
     code = (
         "import os, sys\n"
         "from tests.codec.test_whole_output import sheet\n"
@@ -120,7 +122,7 @@ def test_what_dead_runs_left_is_removed_and_nothing_of_others(tmp_path: Path) ->
     kept = {own, elsewhere, ".x.partial", "notes.txt"}
     for name in (dead, *kept):
         (tmp_path / name).touch()
-    # A forged manifest reaches no other folder.
+    # A forged manifest must not affect another folder.
     (tmp_path / "precious").touch()
     folder = tmp_path / "in" / dead.replace(".partial", ".ready")
     folder.mkdir(parents=True)
@@ -144,7 +146,7 @@ def test_a_process_that_ended_is_dead_before_anybody_looked(tmp_path: Path) -> N
 
 @pytest.fixture(scope="module")
 def disk() -> Iterator[Path]:
-    """A file system whose size `full` sets; skipped where none may be mounted."""
+    """Mount a file system whose size `full` sets; skip the test if mounting is not permitted."""
     folder = Path(tempfile.mkdtemp(prefix="pdecodec-full-"))
     mount = shutil.which("mount")
     command = [mount or "mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
@@ -166,7 +168,7 @@ def test_a_full_disk_ends_in_one_line_and_leaves_nothing(disk: Path, tmp_path: P
     assert run(["convert", str(source), f"{whole}/{name}", "-q"]) == 0
     size = sum(path.stat().st_size for path in whole.iterdir())
     rooms = [max(4096, int(size * share) // 4096 * 4096) for share in (0.05, 0.9)]
-    # In a process of its own: a library that ends it must not end the tests.
+    # Run in a separate process: a library that ends its process must not end the tests.
     command = [sys.executable, "-c", _FILLING, str(source), str(disk), name, *map(str, rooms)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr[-1000:]

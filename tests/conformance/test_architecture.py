@@ -1,6 +1,6 @@
-"""The structure of the source tree: dependencies point one way, and no modules import each other in a circle.
+"""The structure of the source tree: dependencies point in one direction, and no modules import each other in a circle.
 
-Imports are read from the sources, wherever they stand: one inside a function makes a circle as well.
+Imports are read from the sources, wherever they stand: an import inside a function can close a circle too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Imports = dict[str, set[str]]
 """Files that each file imports, by their paths from the root."""
 
 FACADES = {"pdecodec/__init__.py", "pdecodec/__main__.py", "pdecodec/dask.py"}
-"""Files that give public names to what lies in any layer; nothing is built on them but their users' code."""
+"""Files that give public names to objects of any layer. Only users' code may import them."""
 
 PYTHON_LAYERS = (
     *("pdecodec/errors.py", "pdecodec/system", "pdecodec/mesh", "pdecodec/simulate"),

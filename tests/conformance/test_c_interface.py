@@ -31,7 +31,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("the core is not built here, or cmake is not in the path")
     prefix: Path = tmp_path_factory.mktemp("installed")
     newest = max(builds, key=lambda build: (build / "build.ninja").stat().st_mtime)
-    # The objects are there from the installation of the package.
+    # The object files exist since the package was installed.
     run("cmake", "--build", newest, "--target", "pdeanim")
     run("cmake", "--install", newest, "--component", "library", "--prefix", prefix)
     return prefix
@@ -52,7 +52,7 @@ def library_of(installed: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def player(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The example, compiled as its users do."""
+    """Return the example program, compiled as a user of the library would."""
     program: Path = tmp_path_factory.mktemp("player") / "play"
     compile_c(EXAMPLE, program, installed)
     return program
@@ -80,7 +80,7 @@ def link_by_cmake(installed: Path, folder: Path) -> Path:
 
 
 def link_by_pkg_config(installed: Path, folder: Path, *options: str) -> Path:
-    """Compile the example by the flags of pkg-config."""
+    """Compile the example with the flags that pkg-config prints."""
     if shutil.which("pkg-config") is None:
         pytest.skip("pkg-config is not in the path")
     (found,) = installed.glob("lib*/pkgconfig")
@@ -113,7 +113,7 @@ def test_a_program_in_c_links_each_build_of_the_library(tmp_path: Path, chosen: 
 
 
 def check_linking(installed: Path, folder: Path, options: tuple[str, ...] | None) -> None:
-    """Link the example by CMake, or by pkg-config with options, and play a file with it."""
+    """Link the example by CMake, or by pkg-config with options, and convert a file with it."""
     if shutil.which("cc") is None:
         pytest.skip("there is no C compiler in the path")
     player = link_by_cmake(installed, folder) if options is None else link_by_pkg_config(installed, folder, *options)
@@ -241,7 +241,7 @@ def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted
     assert (status, b"the output limit is" in text) == (2, True)
     status, text = opened(0, max_memory=1000)
     assert (status, b"more than the memory limit allows" in text) == (2, True)
-    # Callers that were compiled before the field was there have none.
+    # A program that was compiled before the field existed does not set it.
     assert opened(1, size=Options.max_output.offset) == (0, b"")
 
 

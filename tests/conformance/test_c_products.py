@@ -1,4 +1,4 @@
-"""The C interface's fields, weights and corrections: what a graphics processor multiplies and adds up."""
+"""The C interface's fields, weights and corrections, from which a graphics processor computes positions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["installed"]
 
 QUANTITIES = ("positions", "velocities", "accelerations")
 OUTSIDE = 1.0
-"""Seconds before the first frame and after the last one."""
+"""How far times lie before the first frame and after the last one [s]."""
 
 
 class Group(ctypes.Structure):
@@ -40,7 +40,7 @@ CORRECTION = np.dtype([("frame", np.int32), ("vertex", np.int32), ("offset", np.
 
 
 class OpenFile:
-    """A file of one run, through ctypes."""
+    """A file with a single run, opened through ctypes."""
 
     def __init__(self, library: ctypes.CDLL, handle: ctypes.c_void_p) -> None:
         self.library, self.handle, self.error = library, handle, Error()
@@ -80,14 +80,14 @@ class OpenFile:
         return range(first.value, first.value + count.value)
 
     def weights(self, quantity: int, time: float, index: int) -> Float64Array:
-        """Weights of a group's functions, (functions, axes)."""
+        """Return the weights of a group's functions, (functions, axes)."""
         group = self.groups[index]
         shape = (1 if group.axis_count == 3 else 3, group.function_count)
         found = self.array(shape, np.float64, "weights", quantity, ctypes.c_double(time), ctypes.c_int64(index))
         return found.astype(np.float64).T
 
     def fields(self, index: int) -> Float64Array:
-        """Fields of a group, (functions, vertices, axes)."""
+        """Return the fields of a group, (functions, vertices, axes)."""
         group = self.groups[index]
         shape = (group.function_count, self.vertices, group.axis_count)
         return self.array(shape, np.float32, "fields", ctypes.c_int64(index)).astype(np.float64)
@@ -104,7 +104,7 @@ class OpenFile:
 
 @contextmanager
 def opened(installed: Path, data: bytes, run: int | None = None) -> Iterator[OpenFile]:
-    """A file, or one run of it."""
+    """Open a file, or one run of it."""
     library = ctypes.CDLL(os.fspath(library_of(installed)))
     handle, error = ctypes.c_void_p(), Error()
     arguments = (ctypes.c_char_p(data), ctypes.c_size_t(len(data)), None, ctypes.byref(handle), ctypes.byref(error))
@@ -152,7 +152,7 @@ def product(file: OpenFile, times: Float64Array, quantity: int, time: float) -> 
 
 
 def times_of(animation: Animation) -> list[float]:
-    """Frames, times between them, and times before and after all."""
+    """Return times of frames, between them, and before and after all."""
     frames = animation.times
     between = frames[:-1] + 0.3 * np.diff(frames)
     return [frames[0] - OUTSIDE, *frames[:9], *between[:9], *frames[-3:], *between[-3:], frames[-1] + OUTSIDE]
@@ -168,7 +168,7 @@ def test_fields_weights_and_corrections_add_up_to_what_is_evaluated(installed: P
                     for time in times_of(run):
                         expected = getattr(run, name)(time).astype(np.float64)
                         found, largest = product(file, run.times, quantity, time)
-                        # Both add up a number a function, in single precision, each in its own order.
+                        # Both add up one number per function in single precision, each in its own order.
                         margin = 3 * SINGLE * (largest + np.abs(expected).max() + np.abs(run.positions(time)).max())
                         assert np.abs(found - expected).max() <= margin, (name, time)
 

@@ -1,4 +1,4 @@
-"""The same bytes on every processor: whatever kernels numpy, its BLAS, the C library or the core choose for it."""
+"""The same bytes on every processor, whatever kernels numpy, its BLAS, the C library or the core choose for it."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("large modes", {"tolerance": 1e-3}),
     ("large modes", {"tolerance": 2e-4, "effort": "fast"}),
 )
-"""Clips and settings. Different last bits would change few coefficients, so these clips have many."""
+"""Clips and settings. The clips have many coefficients, so that different last bits would change some of them."""
 
 SCENES = ("cloth",)
-"""Scenes of the simulator that use no sine of the C library, whose last bits depend on the processor."""
+"""Scenes of the simulator that do not use the C library's sine, whose last bits depend on the processor."""
 
 SCRIPT = """
 from tests.conformance.test_every_processor import print_digests
@@ -63,14 +63,14 @@ print_digests()
 
 
 def sheet(rows: int, heights: Float64Array) -> ArraySequence:
-    """A sheet, (frames, rows, rows) high."""
+    """Return a sheet of `rows` x `rows` vertices with heights (frames, rows, rows)."""
     x, y = np.meshgrid(np.arange(rows), np.arange(rows))
     points = np.stack([*np.broadcast_arrays(x, y, heights)], axis=-1).reshape(len(heights), -1, 3)
     return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(rows, rows))])
 
 
 def waves(rows: int, frames: int) -> ArraySequence:
-    """Waves that run over a sheet, of few functions of time."""
+    """Return waves that run over a sheet, which need few functions of time."""
     x, y = np.meshgrid(np.arange(rows), np.arange(rows))
     at = np.arange(frames)[:, None, None]
     return sheet(rows, 0.002 * x * x * np.sin(0.3 * x + 0.4 * at) + 0.5 * np.cos(0.2 * y - 0.3 * at))
@@ -93,7 +93,7 @@ def noise() -> ArraySequence:
 
 
 def poses() -> ArraySequence:
-    """Frames between a few poses, the faces of a character."""
+    """Return frames between a few poses, as of a character's face."""
     random = np.random.default_rng(9)
     keys = random.normal(size=(7, 16, 16)) * (random.random((7, 16, 16)) < 0.2)
     shares = np.maximum(0.0, 1.0 - np.abs(np.linspace(0, 6, 60)[:, None] - np.arange(7)))
@@ -111,7 +111,7 @@ CLIPS: dict[str, Callable[[], ArraySequence]] = {
 
 
 def print_digests() -> None:
-    """Print a line for all bytes of each encode, all positions of each decode, and all of each simulation."""
+    """Print a line with digests: of the bytes of each encode, the positions of each decode, and each simulation."""
 
     def print_digest(*words: object, data: bytes) -> None:
         print(*words, hashlib.sha256(data).hexdigest())
@@ -151,10 +151,10 @@ OTHER_BITS = {"linalg", "einsum", "tensordot", "matmul", "dot", "vdot", "inner"}
     *("exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "power", "hypot", "cbrt"),
     *("sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan", "arctan2"),
 }
-"""Names of numpy's functions whose last bits differ from one processor to another."""
+"""Names of numpy's functions whose last bits differ from processor to processor."""
 
 OF_THE_PAPER = {"closed_form.py"}
-"""The paper's functions as printed, which no encode takes."""
+"""Modules with the paper's functions as printed, which no encode uses."""
 
 
 def test_the_encoder_calls_nothing_of_numpy_that_depends_on_the_processor() -> None:

@@ -1,4 +1,6 @@
-"""Whoever computes otherwise parses alike, and decodes to within the margin that the encoder keeps below the bound."""
+"""A decoder with other arithmetic reads the same data, and decodes positions to within the margin that the
+encoder leaves below the bound.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from tests.support.shaken_arithmetic import decoder, shaker, trace
 
 
 def sheet(frames: int, rows: int, columns: int, *, tilt: float = 0.0) -> ArraySequence:
-    """A square sheet that waves; at rest it lies flat, so that its two widest axes are alike."""
+    """Return a waving square sheet; at rest it is flat and as wide as long, so its two principal axes are equal."""
     x, y = np.meshgrid(np.arange(rows) - rows / 2, np.arange(columns) - columns / 2, indexing="ij")
     t = np.arange(frames)[:, None, None]
     z = np.sin(0.9 * x + 0.4 * t) * np.cos(0.7 * y - 0.3 * t) * np.minimum(t, 3) / 3
@@ -36,7 +38,7 @@ def sheet(frames: int, rows: int, columns: int, *, tilt: float = 0.0) -> ArraySe
 
 
 def scattered(frames: int, points: int) -> ArraySequence:
-    """Points without a face, some at one place, that tremble on their way."""
+    """Return points without faces, some of them coincident, that tremble while they drift."""
     random = np.random.default_rng(4)
     first = random.normal(size=(points, 3))
     first[: points // 4] = first[0]
@@ -104,13 +106,13 @@ def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
 
 
 def element_of(coordinates: list[tuple[int, int, int]]) -> SpaceBasis:
-    """The affine functions of one element of these points."""
+    """Return a basis with the affine functions of one element that has these points."""
     item = MeshObject("points", Connectivity(len(coordinates)))
     return build_space_basis("patch", [item], np.array(coordinates), points=len(coordinates), functions=4)
 
 
 def local_count(basis: SpaceBasis) -> int:
-    """Return the number of local coordinates of a single element, without those that are only rounding errors."""
+    """Return the number of local coordinates of a single element that are more than rounding errors."""
     _, kinds, _ = basis.subbands
     return -2 - int(kinds[-1])
 

@@ -62,7 +62,9 @@ RUNS = ("runs", "runs_in_closed_form")
 
 VECTORS = accepted_vectors()
 DAMAGED = ("groups_of_shapes", "raw_vertices", "welded", "polygons_attributes", "several_objects", "many_pieces")
-"""Vectors that are damaged behind their checksums: together they have every section, and corrections of both kinds."""
+"""Vectors that are damaged although checksums are valid: together they have every section, and both kinds of
+corrections.
+"""
 
 MEMORY = 2**25
 """Limit that every file here is opened with."""
@@ -86,7 +88,9 @@ def _bounded_memory() -> Iterator[None]:
 
 
 def outcome(data: bytes) -> str:
-    """Decode all there is in these bytes: "sound" or the name of the error; any error but ours fails the test."""
+    """Return "sound" if everything in these bytes decodes, or the name of the error; any error that is not ours
+    fails the test.
+    """
     try:
         with open_animation(data, limits=DecodeLimits(max_memory=MEMORY)) as animation:
             animation.verify()
@@ -104,7 +108,7 @@ def outcome(data: bytes) -> str:
 
 
 def is_sound_elsewhere(data: bytes) -> bool:
-    """Return whether the plain decoder reads these bytes."""
+    """Return whether the plain decoder can read these bytes."""
     try:
         decode(data)
     except PlainCorruptFileError:
@@ -155,11 +159,11 @@ def test_behind_the_checksums_every_byte_changed_ends_in_our_own_error_or_decode
 def test_sections_cut_short_too_long_or_missing_are_refused(name: str) -> None:
     parts = take_apart(VECTORS[name])
     for part in parts:
-        if part.kind in ("SEQN", "CONN", "ORDR"):  # other names, faces and another order may be some, too
+        if part.kind in ("SEQN", "CONN", "ORDR"):  # different names, faces and orders are valid too
             continue
         is_optional = part.kind in ("META", "ATTR")
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
-            # META and ATTR may be empty. A truncated stream is seldom a complete one.
+            # META and ATTR may be empty. A truncated stream is rarely a valid one.
             cut = seal(with_section(parts, part.kind, part.content[:size]))
             is_sound = (size == 0 and is_optional) or (part.kind == "REST" and is_sound_elsewhere(cut))
             assert outcome(cut) == (SOUND if is_sound else CORRUPT), (part.kind, size)
@@ -169,7 +173,7 @@ def test_sections_cut_short_too_long_or_missing_are_refused(name: str) -> None:
 
 
 def in_run(parts: list[Part], number: int, kind: str, new: bytes) -> bytes:
-    """A file of runs with another section in one of them; checksums of groups are made right."""
+    """Return a file of runs with another section in one of them, and valid checksums of groups."""
     runs = take_runs(parts)
     sections = {name: section or b"" for name, section in runs[number].sections.items()}
     if kind == "NAME":
@@ -239,7 +243,7 @@ def test_behind_the_checksums_any_damage_ends_in_our_own_error_or_decodes(
 def points_only(vertices: int, frames: int = 64) -> list[Part]:
     """Return the sections of a file that declares this many points and frames, all near the origin, and no faces."""
     places = np.arange(min(vertices, 20_000))[np.newaxis, :, np.newaxis]
-    points = ArraySequence(1e-6 * places * [1.0, 0.0, 0.0])  # not tied
+    points = ArraySequence(1e-6 * places * [1.0, 0.0, 0.0])  # positions differ, so that no vertices are tied
     data = encode(points, settings=EncodeSettings(effort="fast", max_error=1.0)).data
     assert data is not None
     parts = [part for part in take_apart(data) if part.kind != "META"]
@@ -251,7 +255,7 @@ def points_only(vertices: int, frames: int = 64) -> list[Part]:
 
 
 def hostile_sizes() -> Iterator[tuple[str, bytes, str]]:
-    """Files of a few kilobytes that ask for gigabytes: what for, the bytes, the error."""
+    """Files of a few kilobytes that ask for gigabytes: the purpose, the bytes, the error."""
     few = points_only(100)
     yield "vertices", seal(points_only(2**30)), LIMIT
     yield "frames", seal(with_section(few, "SEQN", sequence(2**62, flags=28) + b"\0")), LIMIT
@@ -311,7 +315,7 @@ def many_objects(objects: int) -> bytes:
 
 
 def one_name(size: int) -> bytes:
-    item = MeshObject("a" * size + "\U0001f600", Connectivity(1))  # with it Python takes four bytes a character
+    item = MeshObject("a" * size + "\U0001f600", Connectivity(1))  # makes Python take four bytes per character
     return encode(ArraySequence(np.zeros((1, 1, 3)), objects=[item]), effort="fast").data or b""
 
 
@@ -359,7 +363,7 @@ def test_whatever_a_file_declares_many_of_stays_within_the_limit(name: str) -> N
     data = make()
     read, write = os.pipe()
     if (child := os.fork()) == 0:
-        # Measure the peak from here on.
+        # Reset the peak, so that it is measured from here on.
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
         before = resident("VmRSS")
         os.write(write, f"{outcome(data)} {resident('VmHWM') - before}".encode())
@@ -373,7 +377,7 @@ def test_whatever_a_file_declares_many_of_stays_within_the_limit(name: str) -> N
 
 
 def resident(field: str) -> int:
-    """Bytes in memory, now (VmRSS) or at most so far (VmHWM)."""
+    """Return the memory of the process [bytes]: at present (VmRSS) or its peak (VmHWM)."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return 1024 * int(status.split(f"{field}:")[1].split()[0])
 

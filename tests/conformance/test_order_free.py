@@ -1,4 +1,4 @@
-"""Files without the order that vertices and faces had: the same surface, under numbers that cost nothing."""
+"""Files that leave out the order of vertices and faces: the same surface, with numbers that cost nothing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def shuffled(sequence: ArraySequence, seed: int = 0) -> ArraySequence:
 
 
 def faces_at(sequence: MeshSequence, places: NDArray[np.intp]) -> Counter[tuple[int, ...]]:
-    """How often each face is there, as the places of its corners, from the least one on."""
+    """Count the faces: each as the positions of its corners, starting at the smallest one."""
     part = sequence.connectivity
     found: Counter[tuple[int, ...]] = Counter()
     for face in np.split(part.face_indices, np.cumsum(part.face_counts)[:-1]):
@@ -91,7 +91,7 @@ def test_attributes_move_with_their_vertices_faces_and_corners() -> None:
 
 
 def rows_of(attribute: Attribute) -> Counter[str]:
-    """How often each value is there."""
+    """Count the values of an attribute."""
     values = attribute.values if attribute.indices is None else attribute.values[attribute.indices]
     return Counter(map(str, values.tolist()))
 

@@ -100,7 +100,7 @@ def test_damaged_headers_of_fields_are_refused_or_read_by_both_decoders() -> Non
 
 
 def bending_strips() -> ArraySequence:
-    """Two strips of quads apart from each other, one of them bending, and a vertex of no face."""
+    """Return two separate strips of quads, one of them bending, and a vertex without faces."""
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(5), np.arange(14), indexing="ij"))
     frame = np.arange(9.0)[:, None]
     strip = np.stack(np.broadcast_arrays(column + 0.0 * frame, row, np.sin(0.3 * row * column + 0.8 * frame)), axis=-1)

@@ -1,4 +1,4 @@
-"""The vectors of the specification: accepted ones decode to the pinned bits, refused ones to the pinned error."""
+"""The vectors of the specification: accepted ones decode to the recorded bits, refused ones to the recorded error."""
 
 from __future__ import annotations
 
@@ -141,13 +141,17 @@ Parsed = tuple[list[tuple[int, int]], dict[str, str], list[tuple[Any, ...]]]
 
 @pytest.fixture(scope="module")
 def parsers() -> Iterator[tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]]:
-    """The plain decoder as it is, and with every floating-point result a unit off: what they read of a file."""
+    """Yield two functions that read a file: with the plain decoder, and with that decoder when every
+    floating-point result is off by one unit.
+    """
     with decoder(None) as usual, decoder(shaker(1), exempt=set()) as shaken:
         yield parser(usual), parser(shaken)
 
 
 def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
-    """Decodes files: every bit and its probability, integers as in the manifest, and attributes."""
+    """Return a function that decodes files: every bit with its probability, the integers listed in the
+    manifest, and attributes.
+    """
     read = trace(modules)
 
     def parse(data: bytes) -> Parsed:

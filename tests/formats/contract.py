@@ -1,6 +1,7 @@
 """What survives a round trip through each format: one entry per format in :data:`CONTRACT`, checked by `test_contract`.
 
-One more entry here runs all of these tests on a new format. It must report everything that it does not keep as lost.
+A new format needs only one more entry here to run all of these tests. It must report everything that it does not
+keep as lost.
 """
 
 from __future__ import annotations
@@ -88,26 +89,26 @@ class Holds:
     Attributes
     ----------
     file : str
-        A name of such a file: ``x.abc``, ``x.####.ply``, or ``x/`` for a folder.
+        Name of such a file: ``x.abc``, ``x.####.ply``, or ``x/`` for a folder.
     write : callable
-        Writes a sequence to a path; where the format is only read, by other means, with `written` false.
+        Writes a sequence to a path. If pdecodec only reads the format, another program's writer, with `written` false.
     read : mapping
-        What opening takes, by a path.
+        Options for opening the file, by the path.
     shapes : tuple of str
-        Of :data:`SHAPES`.
+        Names in :data:`SHAPES`.
     attributes : tuple of str
-        Of :data:`ATTRIBUTES`.
+        Names in :data:`ATTRIBUTES`.
     fields : tuple of str
         Domains of fields.
     names : {"all", "tree", "one"}
-        Whether objects keep their names; in a tree, or joined to one mesh.
+        Whether objects keep all names, keep them as paths in a tree, or are joined to one mesh.
     times : {"all", "counted"}
         Whether frames have times, or only numbers.
     metadata, runs, empty, infinite : bool
-        Whether metadata, connectivity that changes, objects without vertices, and positions that are no numbers come
-        back.
+        Whether these are restored: metadata, changing connectivity, objects without vertices, positions that are not
+        finite.
     error, attribute_error : float
-        Of positions, over the largest coordinate; of attributes.
+        Largest error of positions, divided by the largest coordinate; and of attributes.
     bytes_again : bool
         Whether the same sequence gives the same bytes.
     """
@@ -142,7 +143,7 @@ class Holds:
 def _write_cache(sequence: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
     """Write a point cache, and an NPZ file with the data that it cannot hold."""
     told = write_sequence(sequence, path, **options)
-    # Opening the cache takes all but fields from the NPZ file.
+    # The cache is opened with the NPZ file, which has everything but fields.
     return (*(line for line in told if line.startswith("fields")), *write_sequence(sequence, f"{path}.npz", **options))
 
 
@@ -245,7 +246,7 @@ _OBJ = (
 _COLORS = ("color", "color alpha", "color bytes")
 _PLY = (*_COLORS, "uv own", "uv shared")
 _OF_TWO = tuple(name for name in SHAPES if name not in ("lines that share", "faces and lines"))
-"""Shapes for formats that tell lines from faces by their number of vertices."""
+"""Shapes for formats that distinguish lines from faces by their number of vertices."""
 
 _DOMAINS = ("vertex", "face", "corner", "object")
 

@@ -1,4 +1,4 @@
-"""Alembic: how it lies in the file, what is refused, and files of real tools."""
+"""Alembic: the layout in the file, what is refused, and files of real tools."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ ARRAYS = {
     "hypercube": "hypercube",
     "vellum_balloon": "vellum_balloon",
 }
-"""Alembic files whose animation is also an array, by name."""
+"""Alembic files whose animation is also stored as an array, by name."""
 
 
 def test_faces_run_the_other_way_round_in_the_file(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_every_kind_of_sample_is_written_from_arrays_that_are_still_there(
 
 
 def by_hand(path: Path, samples: list[tuple[list[int], list[int]]], *, points: int = 4) -> None:
-    """A mesh written with the library itself, with a sample of counts and indices for each frame."""
+    """Write a mesh with the Alembic library itself, with a sample of counts and indices for each frame."""
     archive = Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / 24, 0.0))
     schema = AbcGeom.OPolyMesh(archive.getTop(), "changing", sampling).getSchema()
@@ -158,7 +158,7 @@ def test_damaged_text_in_an_archive_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.data
 def test_a_file_that_ends_the_library_is_one_line_where_it_is_isolated(shared_data: Path, tmp_path: Path) -> None:
     damaged = bytearray((shared_data / "interop" / "abc" / "rotatingCube.abc").read_bytes())
-    # Of random damage, the first that ends this process in a segmentation fault.
+    # The first random damage that ends this process with a segmentation fault.
     random = Random(39)
     for _ in range(random.randint(1, 8)):
         damaged[random.randrange(len(damaged))] = random.randrange(256)
@@ -197,7 +197,7 @@ def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
         faces = [run.connectivity.face_indices.tolist() for run in read.runs]
         assert faces == [[2, 1, 0], [3, 2, 1, 0], [2, 1, 0]]
         assert [len(block) for _, block in read.blocks()] == [2, 1, 1]
-    # Between the samples of two runs the earlier one stands still.
+    # Between the samples of two runs, the earlier run is held.
     with open_sequence(tmp_path / "x.abc", fps=48) as read:
         assert read.run_starts.tolist() == [0, 4, 6]
         points = read.runs[0].read_frames(0, 4)
@@ -290,7 +290,7 @@ def test_files_hard_on_readers_are_read_and_come_back(
     with open_sequence(shared_data / "files" / "abc" / f"{name}.abc", transforms=transforms) as read:  # type: ignore[arg-type]
         assert len(read.objects) == int(kinds.split()[0])
         with written(read, tmp_path / "x.abc", transforms=transforms) as again:
-            # What moves rigidly comes back under a transform.
+            # Objects that move rigidly are restored under a transform.
             error = 2 * RIGID_TOLERANCE
             assert_same_scene(
                 bake_transforms(again), bake_transforms(read), attributes=transforms == "bake", error=error
@@ -321,7 +321,7 @@ def test_an_encoded_scene_of_29_moving_objects_decodes_with_its_tree_and_names(
 
 
 def turning_wheel(path: Path, matrices: list[Float64Array], rate: float = 12.0) -> Path:
-    """A triangle below a transform with a sample for each matrix, for points that are rows."""
+    """Write a triangle below a transform with one sample for each matrix; points are rows."""
     archive = Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / rate, 0.0))
     above = AbcGeom.OXform(archive.getTop(), "wheel", sampling)

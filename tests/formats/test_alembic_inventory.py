@@ -1,4 +1,4 @@
-"""Everything that an Alembic archive holds is listed, with what becomes of it, and what is not kept is named."""
+"""Everything in an Alembic archive is listed with what happens to it, and notices name what is not kept."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VERTEX, OBJECT = AbcGeom.GeometryScope.kVertexScope, AbcGeom.GeometryScope.kCons
 
 
 def listing(path: Path) -> list[str]:
-    """Paths of all objects and properties, as the library names them."""
+    """Return the paths of all objects and properties, as the library names them."""
     found: list[str] = []
 
     def properties(compound: Any, above: str) -> None:
@@ -49,7 +49,7 @@ def listing(path: Path) -> list[str]:
 def read_or_refused(path: Path) -> list[Any]:
     archive = Abc.IArchive(str(path))
     if path.stem == "openusd_testAbcCamera":
-        # It is no geometry, so its content is not read.
+        # The object is not geometry, so its content is not read.
         return list(take_inventory(archive, [], [], [])[0])
     with open_sequence(path) as read:
         return list(read.contents)
@@ -77,7 +77,7 @@ def parameter(schema: Any, name: str, scope: Any, count: int, samples: int = 1, 
 
 
 def everything(path: Path) -> Path:
-    """An archive with an object of each schema and a property of each kind."""
+    """Write an archive with an object of each schema and a property of each kind."""
     archive = Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / 24, 0.0))
     top = archive.getTop()

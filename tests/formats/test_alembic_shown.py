@@ -1,4 +1,6 @@
-"""Alembic files as programs show them: names of objects, colours, and face sets, which are materials there."""
+"""Alembic files as other programs show them: names of objects, colours, and face sets, which they take for
+materials.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from alembic3d import Abc, AbcGeom
 
 
 def shapes_below(node: Any, above: str = "") -> dict[str, Any]:
-    """Meshes of an archive by the path of the transform above each."""
+    """Return the meshes of an archive, by the path of the transform above each."""
     found: dict[str, Any] = {}
     for child in (node.getChild(index) for index in range(node.getNumChildren())):
         if AbcGeom.IPolyMesh.matches(child.getHeader()):
@@ -44,7 +46,7 @@ def test_each_shape_has_a_transform_of_its_own_by_which_programs_name_it(tmp_pat
         assert np.allclose(bake_transforms(read).read_frames(0, 5), expected, atol=1e-6)
     top = Abc.IArchive(str(tmp_path / "x.abc")).getTop()
     assert list(shapes_below(top)) == ["/body/left", "/body/right", "/alone", "/deep/one"]
-    # The transform that both share is on the node above them, and they inherit it.
+    # The transform that both objects share is at the node above them, and they inherit it.
     assert AbcGeom.IXform(top, "body").getSchema().getNumSamples() == clip.frame_count
     assert AbcGeom.IXform(top.getChild("body"), "left").getSchema().getInheritsXforms()
 
@@ -83,7 +85,7 @@ def test_colours_are_those_that_programs_show_and_come_back(kind: str, tmp_path:
     param = AbcGeom.IC3fGeomParam(shape.getSchema().getArbGeomParams(), attribute.name.removeprefix("color:"))
     assert str(param.getScope()) == scope
     values = to_numpy(param.getExpandedValue().getVals())
-    # Blender looks colours of corners up, and no others.
+    # Blender resolves the indices of colours of corners, but of no others.
     assert param.isIndexed() == (scope == "kFacevaryingScope")
     order = reversed_corners(body().connectivity.face_counts)
     assert np.array_equal(values if len(values) == 5 else values[order], expected)
@@ -91,12 +93,12 @@ def test_colours_are_those_that_programs_show_and_come_back(kind: str, tmp_path:
         (found,) = read.objects[0].attributes
     assert (found.name, found.domain) == (attribute.name, attribute.domain)
     rows = np.arange(len(attribute.values)) if attribute.indices is None else attribute.indices
-    # Index -1, which means no value, selects the row of white that is appended.
+    # Index -1, which means no value, refers to a row of white that is appended.
     assert np.array_equal(expanded(found), np.concatenate([attribute.values, WHITE])[rows])
 
 
 def with_face_sets(path: Path, sets: dict[str, list[int]]) -> Path:
-    """Four triangles and sets of them, as other programs write."""
+    """Write four triangles and face sets, as other programs do."""
     archive = Abc.OArchive(str(path))
     mesh = AbcGeom.OPolyMesh(archive.getTop(), "shape")
     points = imath.V3fArrayFromBuffer(np.random.default_rng(0).random((6, 3)).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Files that belong together: each counts once, however it is named."""
+"""Files that belong together count once, whichever of them is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pdecodec info --json` of a rich file of each format, against what the format's own library lists of it."""
+"""`pdecodec info --json` on a rich file of each format, compared with what the format's own library lists."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.scene_cases import needed
 
 
 def alembic(folder: Path) -> tuple[Path, Counter[str]]:
-    """An archive, and how often the library lists each name of a property."""
+    """Write an archive; return it, and how often the library lists each name of a property."""
     from tests.formats.test_alembic_inventory import everything, listing
 
     path = everything(folder / "x.abc")
@@ -27,7 +27,9 @@ def alembic(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def usd(folder: Path) -> tuple[Path, Counter[str]]:
-    """A stage, and how often its flattened layer has each type of prim, property and key of metadata."""
+    """Write a stage; return it, and how often its flattened layer has each type of prim, property and key of
+    metadata.
+    """
     from pxr import Usd
 
     from tests.formats.test_usd_inventory import SHOP, listing
@@ -43,7 +45,7 @@ def usd(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def gltf(folder: Path) -> tuple[Path, Counter[str]]:
-    """A scene, and how often its JSON has each kind of entry, attribute, extension and extra."""
+    """Write a scene; return it, and how often its JSON has each kind of entry, attribute, extension and extra."""
     from tests.formats.test_gltf_inventory import kinds_in
 
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]] * 3, "<f4")
@@ -108,7 +110,9 @@ def gltf(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def ply(folder: Path) -> tuple[Path, Counter[str]]:
-    """Frames with colours, other numbers and lists that have no place, and how often their headers have each kind."""
+    """Write frames with colours, other numbers and lists that are not kept; return them, and how often their headers
+    have each kind.
+    """
     from tests.formats.test_frame_inventory import CHANNELS, RED
     from tests.formats.test_frame_inventory import ply as text_of
 
@@ -121,7 +125,9 @@ def ply(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def obj(folder: Path) -> tuple[Path, Counter[str]]:
-    """Frames with names, colours and what has no place, and how often their text has each kind of statement."""
+    """Write frames with names, colours and statements that are not kept; return them, and how often each kind
+    of statement occurs.
+    """
     text = """# by hand
 #MRGB ffff0000
 mtllib a.mtl
@@ -151,7 +157,7 @@ lod 3
     frames = [text, text.replace("1 0 0\nv", "1 1 0\nv").replace("v 0 0 1\n", "v 0 0 1\n# later\n")]
     for number, frame in enumerate(frames):
         (folder / f"x.{number}.obj").write_text(frame)
-    # One entry for the numbers of an object, one for each name.
+    # One entry for all numbers of an object, one for each name.
     lines = [line.split(maxsplit=1) for line in text.splitlines()]
     first = Counter(dict.fromkeys((word for word, _ in lines), 1))
     names = Counter(word for word, _ in {(word, tuple(rest.split())) for word, rest in lines})
@@ -161,7 +167,7 @@ lod 3
         "groups": names["g"],
         "materials": names["usemtl"],
         "smoothing groups": names["s"],
-        "positions": names["o"],  # both have their own
+        "positions": names["o"],  # both objects have positions of their own
         "faces": first["f"],
         "lines": first["l"],
         "UVs": first["vt"],
@@ -192,7 +198,9 @@ ARRAYS = {
 
 
 def npz(folder: Path) -> tuple[Path, Counter[str]]:
-    """An archive with arrays of the layout and others, also under the layout's names, and NumPy's list of it."""
+    """Write an archive with arrays of the layout and others, some under names of the layout; return it, and
+    NumPy's list of it.
+    """
     typed = {name: np.array(value, None if np.size(value) else np.int32) for name, value in ARRAYS.items()}
     np.savez(folder / "x.npz", **typed)
     with np.load(folder / "x.npz") as archive:
@@ -200,7 +208,7 @@ def npz(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def hdf5(folder: Path) -> tuple[Path, Counter[str]]:
-    """A file of the same datasets, groups and attributes, and h5py's list of it."""
+    """Write a file with the same datasets, groups and attributes; return it, and h5py's list of it."""
     import h5py
 
     listed: Counter[str] = Counter()
@@ -219,19 +227,19 @@ def hdf5(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def mdd(folder: Path) -> tuple[Path, Counter[str]]:
-    """A cache of one frame of one point, and bytes after it."""
+    """Write a cache of one frame of one point, with bytes after it."""
     (folder / "x.mdd").write_bytes(struct.pack(">iif3f", 1, 1, 0.5, 1, 2, 3) + b"more")
     return folder / "x.mdd", Counter(("times", "positions", "bytes after the last frame"))
 
 
 def pc2(folder: Path) -> tuple[Path, Counter[str]]:
-    """A cache of two frames of one point."""
+    """Write a cache of two frames of one point."""
     (folder / "x.pc2").write_bytes(b"POINTCACHE2\0" + struct.pack("<iiffi6f", 1, 1, 0, 1, 2, *range(6)))
     return folder / "x.pc2", Counter(("times", "positions"))
 
 
 def vtu(folder: Path) -> tuple[Path, Counter[str]]:
-    """A grid with data on points, cells and the whole, and meshio's list of them."""
+    """Write a grid with data on points, on cells and on the whole; return it, and meshio's list of the data."""
     import meshio
 
     from tests.formats.test_specifications import array
@@ -246,7 +254,9 @@ def vtu(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def xdmf(folder: Path) -> tuple[Path, Counter[str]]:
-    """A grid with attributes, a set and notes, and how often its XML has each kind of element."""
+    """Write a grid with attributes, a set and information; return it, and how often its XML has each kind of
+    element.
+    """
     from tests.formats.test_specifications import ITEM
     from tests.formats.test_specifications import xdmf as written
 
@@ -263,7 +273,7 @@ def xdmf(folder: Path) -> tuple[Path, Counter[str]]:
 
 
 def exodus(folder: Path) -> tuple[Path, Counter[str]]:
-    """A file with variables, blocks, sets and records, and what h5py lists of it."""
+    """Write a file with variables, blocks, sets and records; return it, and what h5py lists."""
     import h5py
 
     from tests.support.exodus_files import write_exodus

@@ -1,4 +1,4 @@
-"""The contract that every format keeps: what :mod:`tests.formats.contract` says that it holds comes back."""
+"""The contract of every format: what :mod:`tests.formats.contract` declares to survive a round trip does survive."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ NAMES = [
 
 
 def each_format(*unlike: str, **wanted: Any) -> Any:
-    """Every line of the contract that says so, but for some files."""
+    """Parametrise a test with every format whose entry has certain values, except for some files."""
     chosen = [one for one in CONTRACT if one.file not in unlike]
     chosen = [one for one in chosen if all(getattr(one, name) == value for name, value in wanted.items())]
     return pytest.mark.parametrize("held", chosen, ids=lambda one: one.file)
@@ -71,7 +71,7 @@ def clip(frames: int = 5, times: NDArray[np.float64] | None = None) -> ArraySequ
 
 
 def assert_same_motion(read: MeshSequence, expected: MeshSequence, held: Holds) -> None:
-    """Positions within the error of the format, and times to a nanosecond or float32."""
+    """Assert that positions agree within the error of the format, and times within a nanosecond or to float32."""
     points, wanted = read.read_frames(0, read.frame_count), expected.read_frames(0, expected.frame_count)
     assert points.shape == wanted.shape
     assert np.abs(points - wanted).max() <= held.error * np.abs(wanted).max()
@@ -79,7 +79,7 @@ def assert_same_motion(read: MeshSequence, expected: MeshSequence, held: Holds) 
 
 
 def scenes(held: Holds, objects: Sequence[MeshObject]) -> Iterator[ArraySequence]:
-    """Objects as one scene, or, where the format joins them, as one each."""
+    """Yield the objects as one scene or, if the format joins objects, one scene for each."""
     for part in [objects] if held.names != "one" else [[one] for one in objects]:
         yield scene(part, frames=2, **SPACE)
 
@@ -100,7 +100,7 @@ def assert_same_attribute(held: Holds, found: Attribute, expected: Attribute) ->
     if mine.dtype.kind == "U":
         assert mine.tolist() == other.tolist()
     else:
-        # Colours may get an alpha of one.
+        # The format may add an alpha of one to colours.
         assert np.abs(mine[..., : other.shape[-1]] - other).max() <= held.attribute_error
     if expected.indices is not None and expected.name.startswith("uv"):
         assert found.indices is not None
@@ -195,10 +195,10 @@ def test_any_mix_of_faces_lines_and_points_comes_back(held: Holds, tmp_path: Pat
 
 
 def told_objects() -> Mapping[str, MeshObject]:
-    """Return one object per attribute, with the other attributes that some of them need."""
+    """Return one object per attribute, with other attributes if some are needed with it."""
     others = {
         "group overlapping": [Attribute("group:other", "face", np.array([0, 1], np.uint8))],
-        # A subdivision surface has no normals in a file; its edges are kept all the same.
+        # A subdivision surface has no normals in a file, but its hard edges are kept.
         "catmull-clark": [ATTRIBUTES["edges"]],
     }
     return {name: body(name, [one, *others.get(name, [])]) for name, one in ATTRIBUTES.items()}
@@ -221,7 +221,7 @@ def test_attributes_and_metadata_come_back_or_are_named(held: Holds, tmp_path: P
                 found = {one.name: one for one in mine.attributes}
                 if other.name not in held.attributes:
                     (one,) = other.attributes[:1]
-                    if one.name in [field.name for field in read.fields]:  # a format may take it for a field
+                    if one.name in [field.name for field in read.fields]:  # the format may store it as a field
                         shown = one.values / np.float32(255) if one.values.dtype == np.uint8 else one.values
                         assert np.array_equal(read.read_field(one.name, 0, 1)[0], shown)
                     else:
@@ -292,7 +292,7 @@ def test_names_that_are_one_or_a_branch_of_another_are_told_apart(held: Holds, t
     if held.file == "x/":
         assert names == ["mesh"]
         assert "several objects are called 'a': the file is one object" in told
-    elif ".gl" in path:  # whose siblings may have one name
+    elif ".gl" in path:  # in these formats siblings may have equal names
         assert names == ["a", "a", "a/b"]
     else:
         assert names == ["a_2", "a_3", "a/b"]
@@ -400,7 +400,7 @@ def test_a_file_cut_or_changed_anywhere_gives_frames_or_our_error(held: Holds, t
     whole = file.read_bytes()
     step = max(1, len(whole) // 25)
     damaged = [whole[:length] for length in range(0, len(whole), step)]
-    # The binding of Alembic may crash on a file that is damaged inside.
+    # Alembic's Python binding may crash on a file that is damaged inside.
     places = () if ".abc" in path else (*range(16), *range(16, len(whole), step))
     damaged += [whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :] for place in places]
     for content in damaged:

@@ -1,6 +1,7 @@
-"""What readers open: regular files, and of those that a file names only the ones in its folder, unless one allows more.
+"""What readers open: regular files, and of the files that a file names only those in its folder or in allowed folders.
 
-What lies outside never comes back as positions, by whatever name or link, and no pipe makes a reader wait.
+Data outside these folders are never returned as positions, by whatever name or link, and no pipe makes a reader
+wait.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def Points "P" (
 """
 
 Maker = Callable[[Path, str], Path]
-"""Writes a file that names a place, and returns it."""
+"""A function that writes a file which refers to another path, and returns it."""
 
 
 def gltf(folder: Path, place: str) -> Path:
@@ -108,7 +109,7 @@ def link_behind_link(file: h5py.File, place: str) -> None:
 
 
 def link_of_a_neighbour(file: h5py.File, place: str) -> None:
-    """A link to a file in the folder that has the link away from it."""
+    """A file that links to a file in the same folder, which in turn links to another place."""
     with h5py.File(Path(file.filename).with_name("between.h5"), "w") as other:
         other["points"] = h5py.ExternalLink(place, "/points")
     file["points"] = h5py.ExternalLink("between.h5", "/points")
@@ -183,7 +184,7 @@ KINDS: dict[str, tuple[Maker, str]] = {
 
 
 def secrets(folder: Path) -> None:
-    """Files outside, of every kind, that all hold the same points."""
+    """Write files of every kind outside the folder, which all hold the same points."""
     (folder / "secret.bin").write_bytes(SECRET.tobytes())
     with h5py.File(folder / "secret.h5", "w") as file:
         file["points"] = SECRET.reshape(1, 4, 3)
@@ -270,7 +271,7 @@ def test_a_pipe_that_a_file_names_is_refused_and_nobody_waits_for_it(
 
 @contextmanager
 def freed(pipe: Path) -> Iterator[list[bool]]:
-    """Within, whoever waits for a pipe meets its end soon, and is in the list."""
+    """Within this block, end the wait of a process that opens a pipe, and record it in the list."""
     waited: list[bool] = []
     is_over = Event()
 
@@ -313,11 +314,11 @@ def test_a_device_is_refused_before_it_is_opened() -> None:
 def test_no_more_of_a_buffer_is_read_than_is_declared(project: Path) -> None:
     with (project / "large.bin").open("wb") as file:
         file.write(SECRET.tobytes())
-        file.truncate(2**40)  # takes no room on disk, and more memory than there is
+        file.truncate(2**40)  # takes no room on disk, but would take more memory than there is
     with open_sequence(gltf(project, "large.bin")) as sequence:
         assert np.array_equal(sequence.read_frames(0, 1).reshape(-1), SECRET)
     assert read_regular(project / "large.bin", 48) == SECRET.tobytes()
-    # A length that is declared takes no memory either.
+    # Declaring a length must not take memory either.
     scope = FileScope(project / "x.gltf")
     assert len(scope.read("../project/x.gltf", 2**62)) == (project / "x.gltf").stat().st_size
 

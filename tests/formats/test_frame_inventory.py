@@ -1,4 +1,4 @@
-"""Data of frame files besides positions are kept or named, and changes from frame to frame are noted once."""
+"""Data of frame files other than positions are kept or named, and each kind of change between frames is noted once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ INDICES = "list uchar int vertex_indices"
 def ply(
     vertex: list[str], face: list[str] | None = None, *, columns: tuple[tuple[str, ...], ...], more: str = ""
 ) -> str:
-    """Text of a PLY file: what stands after the positions of its vertices, its faces, and the columns of both."""
+    """Return the text of a PLY file. Arguments are the values after the positions of its vertices, its faces,
+    and the further columns of both.
+    """
     places = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
     head = ["ply", "format ascii 1.0", *more.splitlines(), f"element vertex {len(vertex)}"]
     head += [f"property {column}" for column in ("float x", "float y", "float z", *columns[0])]
@@ -288,7 +290,9 @@ CORNERS = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
 
 
 def obj(*colors: str, more: str = "f 1 2 3 4\n") -> str:
-    """Text of an OBJ file of four vertices, what follows the position of each, and other statements."""
+    """Return the text of an OBJ file of four vertices. Arguments are the values after the position of each, and
+    other statements.
+    """
     ends = (*colors, "", "", "", "")[:4]
     return "".join(f"v {corner} {end}\n" for corner, end in zip(CORNERS, ends, strict=True)) + more
 
@@ -335,12 +339,12 @@ def test_vertices_without_a_colour_are_white_in_every_format(
         assert sequence.notices == notices
         lost = write_sequence(sequence, tmp_path / target)
         assert not [notice for notice in lost if "color" in notice or "white" in notice]
-        if values is None or target == "x.vtu":  # whose colours are not read
+        if values is None or target == "x.vtu":  # from which colours are not read
             return
     with open_sequence(tmp_path / target) as again:
         back = attributes(again)["color"]
         rows = back.values if back.indices is None else back.values[back.indices]
-        if back.domain == "corner":  # of glTF
+        if back.domain == "corner":  # in glTF
             rows = rows[np.argsort(again.connectivity.face_indices)]
         if back.values.dtype == np.uint8:
             rows = rows / 255

@@ -1,4 +1,4 @@
-"""Structure that glTF keeps: the notes of a mesh, colours, sets of faces, trees of objects."""
+"""Structure that survives glTF: the notes in a mesh, colours, face sets, trees of objects."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None
         expected = read.read_frames(0, 5)
     turned = clip.points[..., [0, 2, 1]] * np.float32([1, 1, -1])
     assert np.abs(expected - turned).max() < 1e-6
-    # A mesh of several materials is several to three.js, each with all the vertices.
+    # For three.js, a mesh of several materials is several meshes, each with all vertices.
     assert np.abs(hand.points[:, :5] - turned[:, :5]).max() < 1e-5
 
 
 def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) -> Path:
-    """Rewrite a file as another program would: drop what nothing refers to, and renumber the rest."""
+    """Rewrite a file as another program would: drop data that are not referred to, and renumber the rest."""
     file = read_gltf(source)
     root: dict[str, Any] = json.loads(json.dumps(file.root))
     made = GltfBuilder()
@@ -64,7 +64,7 @@ def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) ->
     for one in primitives:
         one.pop("material", None)
         if "indices" in one:
-            # Compression turns triangles.
+            # Compression may rotate the corners of triangles.
             corners = file.accessor(one["indices"]).reshape(-1, 3)
             one["indices"] = made.integers(np.roll(corners, 1, axis=1).reshape(-1))
     change(made)
@@ -126,7 +126,7 @@ def test_another_library_reads_the_same_numbers(tmp_path: Path) -> None:
 
 
 def two_triangles(*attributes: Attribute, frames: int = 2) -> ArraySequence:
-    """Two triangles that share an edge."""
+    """Return two triangles that share an edge."""
     item = MeshObject("mesh", connectivity_of(4, [[0, 1, 2], [2, 1, 3]]), attributes)
     points = np.random.default_rng(1).normal(size=(frames, 4, 3)).astype(np.float32)
     return ArraySequence(points, objects=[item], times=np.arange(frames) / 24, fps=24.0, metadata=SPACE)
@@ -170,7 +170,7 @@ def test_sets_of_faces_are_primitives_named_in_their_extras_and_come_back(tmp_pa
         def forget(made: GltfBuilder) -> None:
             del made.root["meshes"][0]["extras"]
 
-        # Another program may drop a mesh's extras, but each primitive still says what it is.
+        # Another program may drop the extras of a mesh, but keep those of each primitive, which suffice.
         path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", forget)
         with open_sequence(path) as read:
             item = read.objects[0]

@@ -1,4 +1,4 @@
-"""glTF between frames: splines of the decoder or straight lines, and sizes of files."""
+"""glTF between frames: the decoder's splines or straight lines, and the sizes of files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RATE = 240
 
 
 def write_keyed(path: Path, times: list[float], weights: list[float]) -> None:
-    """Write a sheet whose one morph target has these weights at these times [s], straight lines between them."""
+    """Write a sheet with one morph target and linear keys: these weights at these times [s]."""
     builder, random = GltfBuilder(), np.random.default_rng(0)
     sheet = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.3]], np.float32)
     position = builder.floats(sheet, bounds=True)
@@ -38,7 +38,7 @@ def write_keyed(path: Path, times: list[float], weights: list[float]) -> None:
 
 
 def off(path: Path, other: Path) -> float:
-    """Largest distance between two files at any time, over the diagonal of the first frame."""
+    """Return the largest distance between two files at any time, divided by the diagonal of the first frame."""
     with open_sequence(path, fps=RATE) as one, open_sequence(other, fps=RATE) as two:
         points, others = (each.read_frames(0, each.frame_count) for each in (one, two))
     largest = np.linalg.norm(points - others, axis=2).max()

@@ -1,4 +1,4 @@
-"""glTF: every kind of primitive, times from anywhere, morphed colours and UVs, what scenes show, what is dropped."""
+"""glTF: every kind of primitive, times of any source, morphed colours and UVs, what scenes show, what is dropped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CLOUD = [[2, 0, 0], [3, 0, 0], [2, 1, 0], [3, 1, 0]]
 
 
 def drawn_places(path: Path, mode: int) -> list[list[float]]:
-    """Positions that the primitives of a mode draw, of the first mesh of a file."""
+    """Return the positions of the vertices that primitives of a mode draw in the first mesh of a file."""
     file, found = read_gltf(path), []
     for one in file.root["meshes"][0]["primitives"]:
         if one.get("mode", TRIANGLES) == mode:
@@ -36,7 +36,7 @@ def drawn_places(path: Path, mode: int) -> list[list[float]]:
 
 
 def beside_a_triangle(mode: int, indices: list[int] | None, *, shares: bool = False, faces: bool = True) -> Scene:
-    """A triangle and a primitive of another mode, of four vertices of its own or the triangle's."""
+    """Return a triangle and a primitive of another mode, which has four vertices of its own or uses the triangle's."""
     made, _ = triangle()
     primitives = made.builder.root["meshes"][0]["primitives"]
     place = primitives[0]["attributes"]["POSITION"] if shares else made.builder.floats(CLOUD, bounds=True)
@@ -90,7 +90,7 @@ def test_reported_points_beside_a_triangle_come_back(shared_data: Path, tmp_path
 
 
 def moved(times: Any, *, kind: str = "any") -> MeshSequence:
-    """A sheet at times [s] that moves by functions of its vertices, as a whole, or not at all."""
+    """Return a sheet at times [s] that moves by few functions of time, rigidly, or not at all."""
     times = np.asarray(times, np.float64)
     points = np.repeat(np.random.default_rng(2).normal(size=(1, 16, 3)), times.size, axis=0)
     if kind == "any":
@@ -167,7 +167,9 @@ def test_motion_onto_a_file_that_starts_late_keeps_its_place_among_other_animati
 
 
 def morphed(name: str, base: Any, added: Any, *, weights: Any = None, node: Any = None, keys: Any = None) -> Scene:
-    """A triangle whose colours or UVs a morph target changes, with weights of the mesh, of the node or over time."""
+    """Return a triangle whose colours or UVs a morph target changes; weights are those of the mesh, of the
+    node, or keys over time.
+    """
     made = Scene()
     floats = made.builder.floats
     attributes = {"POSITION": floats(TRIANGLE, bounds=True), name: floats(base)}
@@ -237,7 +239,7 @@ def test_morph_targets_of_colours_and_uvs_are_applied(
 
 
 def test_colours_that_our_writer_stored_change_on_their_faces(tmp_path: Path) -> None:
-    """A morph target that another program adds to our file changes the values of the elements that they belong to."""
+    """A morph target that another program has added to our file changes the values of the elements that have them."""
     shades = Attribute("color", "face", np.array([[1, 0, 0], [0, 0, 1]], np.float32))
     clip = ArraySequence(
         np.random.default_rng(0).random((2, 4, 3)),
@@ -324,7 +326,7 @@ def test_weights_that_are_not_as_many_as_targets_are_refused_or_read(tmp_path: P
 
 
 def with_entries(**entries: Any) -> Scene:
-    """A triangle whose file has other things too, in lists of the root."""
+    """Return a triangle whose file has further entries in lists of the root."""
     made, _ = triangle()
     for kind, value in entries.items():
         made.builder.root[kind] = [*made.builder.root.get(kind, []), *value] if isinstance(value, list) else value
@@ -411,7 +413,7 @@ def test_our_own_files_have_nothing_to_name(tmp_path: Path) -> None:
 
 @pytest.mark.data
 def test_everything_in_files_of_other_tools_is_named_or_kept(shared_data: Path) -> None:
-    """List the contents of files from their JSON alone, level by level, and look for each name in the notices."""
+    """List the contents of files from their JSON alone, level by level, and find each name in the notices."""
     paths = [*(shared_data / "files" / "gltf").glob("*.gl*"), *(shared_data / "interop" / "gltf").rglob("*.gl[tb]*")]
     assert len(paths) > 10
     read_extensions = ("draco", "meshopt", "instancing", "pointer", "visibility", "quantization")
@@ -439,7 +441,9 @@ def test_everything_in_files_of_other_tools_is_named_or_kept(shared_data: Path) 
 
 
 def roof(kind: str) -> Scene:
-    """Two squares that meet at a ridge, where they are cut apart: two primitives, or one; a target bends them."""
+    """Return two squares that meet at a ridge, where they are separate: in two primitives, or in one. A target
+    bends them.
+    """
     made = Scene()
     floats, integers = made.builder.floats, made.builder.integers
     left = np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 1], [-1, 1, 0]], np.float32)
@@ -472,7 +476,9 @@ def roof(kind: str) -> Scene:
 
 
 def seam_angles(path: Path) -> list[float]:
-    """Angles [degrees] between the normals of the two sides of the roof's ridge, of each end at rest and bent."""
+    """Return the angles [degrees] between the normals of the two sides at each end of the roof's ridge, at rest
+    and bent.
+    """
     file = read_gltf(path)
     primitives = file.root["meshes"][0]["primitives"]
     found: list[np.ndarray[Any, Any]] = []

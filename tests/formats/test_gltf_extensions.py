@@ -49,7 +49,7 @@ def draco_sheet() -> Scene:
 
 
 def meshopt_view(builder: GltfBuilder, data: Any, stride: int, count: int, mode: str, name: str, **more: str) -> int:
-    """A compressed view, which would lie in a buffer without data if it were not."""
+    """Add a buffer view that meshoptimizer compresses; uncompressed it would lie in a buffer without data."""
     stored = builder.view(np.frombuffer(data, np.uint8))
     where = builder.root["bufferViews"][stored]
     packed = {**where, "byteStride": stride, "count": count, "mode": mode, **more}
@@ -82,7 +82,7 @@ def meshopt_sheet(mode: str = "TRIANGLES", dtype: str = "<u2", name: str = "EXT_
 
 
 def save_with_fallback(made: Scene, path: Path, name: str = "EXT_meshopt_compression") -> Path:
-    """Save with a second buffer that has a size alone, as compressors leave it."""
+    """Save with a second buffer that has only a size, as compressors leave it."""
     import json
 
     from pdecodec.formats.gltf.file import read_gltf

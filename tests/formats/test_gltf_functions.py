@@ -1,4 +1,4 @@
-"""Finding functions of time from a motion: the fewest that give it, or none if it needs too many."""
+"""Finding functions of time of a motion: the fewest that represent it, or none if it needs too many."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BOUND = 1e-5
 
 
 def motion_of_functions(count: int, samples: int = 300, vertices: int = 100) -> Float64Array:
-    """(samples, vertices, 3): a place, and as many cosines of time times shapes."""
+    """Return positions (samples, vertices, 3): constant ones plus this many cosines of time times shapes."""
     rng = np.random.default_rng(5)
     cosines = np.cos(np.outer(np.linspace(0, np.pi, samples), np.arange(1, count + 1)))
     return rng.normal(size=(vertices, 3)) + np.tensordot(cosines, rng.normal(size=(count, vertices, 3)), 1)

@@ -1,4 +1,4 @@
-"""Inventories of glTF files: all that their JSON lists must be kept, or named as not kept."""
+"""Inventories of glTF files: everything that their JSON lists must be kept, or named as not kept."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pdecodec.formats import open_sequence
 from pdecodec.formats.base.attribute_roles import MATERIAL, face_sets
 
 READ = ("POSITION", "NORMAL", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_")
-"""Beginnings of the names of attributes that meshes are made of."""
+"""Beginnings of the names of attributes that are read."""
 
 APPLIED = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing"}
 APPLIED |= {"KHR_animation_pointer", "KHR_node_visibility"}
-"""Extensions that decide where vertices are."""
+"""Extensions that affect where vertices are."""
 
 KINDS = ("texture", "camera", "tangents", "extras of", "nodes without meshes", "copyright", "animations,", "KHR_lights")
-"""Words of notices, each of which stands there only where the file has what it names."""
+"""Words of notices, each of which must occur exactly if the file has such a thing."""
 
 
 def json_of(path: Path) -> dict[str, Any]:
-    """The JSON of a .gltf or .glb file."""
+    """Return the JSON of a .gltf or .glb file."""
     data = path.read_bytes()
     if data[:4] == b"glTF":
         (size,) = struct.unpack_from("<I", data, 12)
@@ -34,7 +34,7 @@ def json_of(path: Path) -> dict[str, Any]:
 
 
 def objects_in(value: Any) -> Iterator[dict[str, Any]]:
-    """Every object of a JSON value."""
+    """Yield every object in a JSON value."""
     if isinstance(value, dict):
         yield value
     for one in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
@@ -42,7 +42,7 @@ def objects_in(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def named(entries: list[dict[str, Any]], kind: str) -> list[str]:
-    """Names of entries, or of their files."""
+    """Return the names of entries, or the names of their files."""
     found = []
     for number, one in enumerate(entries):
         uri = one.get("uri", "data:")
@@ -61,7 +61,7 @@ def shown_nodes(root: dict[str, Any]) -> list[int]:
 
 
 def listing(root: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield what a file holds besides moving meshes: a kind of :data:`KINDS`, if it has one, and a name."""
+    """Yield everything in a file except moving meshes: a kind of :data:`KINDS` if it has one, and a name."""
     for kind in ("image", "camera"):
         for name in named(root.get(f"{kind}s", []), kind):
             yield ("texture" if kind == "image" else kind), name
@@ -96,7 +96,7 @@ def listing(root: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def kinds_in(root: dict[str, Any]) -> Counter[str]:
-    """How many entries the lists of a file have, and how often it has each attribute, extension and extra."""
+    """Count the entries of each list of a file, and each attribute, extension and extra."""
     found = Counter({kind: len(entries) for kind, entries in root.items() if isinstance(entries, list)})
     for kind in ("extensionsUsed", "extensionsRequired"):
         del found[kind]

@@ -1,4 +1,4 @@
-"""How meshes look on every way from glTF to glTF: materials, textures, colours, normals."""
+"""The look of meshes in every conversion from glTF to glTF: materials, textures, colours, normals."""
 
 from __future__ import annotations
 
@@ -64,7 +64,9 @@ def write_textured(folder: Path) -> None:
 
 
 def shown(file: GltfFile, folder: Path) -> list[Any]:
-    """Materials of the primitives in order, every texture replaced by its image's bytes and its sampler."""
+    """Return the materials of the primitives in order, with every texture replaced by its image's bytes and its
+    sampler.
+    """
 
     def seen(entry: Any) -> Any:
         if isinstance(entry, list):
@@ -111,7 +113,7 @@ def test_materials_with_textures_and_extensions_survive(
     assert shown(after, target.parent) == shown(before, source.parent)
     assert {"KHR_texture_transform", "KHR_materials_clearcoat"} <= set(after.root["extensionsUsed"])
     if way == "library":
-        # The source has no tangents either, and the validator gets no other files.
+        # The source has no tangents either; and the validator does not get the external files.
         tangents = ("MESH_PRIMITIVE_GENERATED_TANGENT_SPACE", "/meshes/0/primitives/1/material")
         assert_valid(target, expected=[tangents, ("IO_ERROR", "/images/1/uri")])
 
@@ -174,7 +176,7 @@ def test_normals_that_are_no_averages_of_faces_are_told_to_be_computed_anew(
     normals = np.tile([0.0, 0.0, 1.0], (5, 1))
     normals[1] = [np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))]
     attributes = {"POSITION": builder.floats(points, bounds=True), "NORMAL": builder.floats(normals)}
-    # The last triangle has no area and no normal of its own.
+    # The last triangle has no area, and no normal that could be computed.
     primitive = {"attributes": attributes, "indices": builder.integers([0, 1, 2, 1, 3, 0, 4, 4, 4])}
     builder.add("meshes", {"primitives": [primitive]})
     builder.add("nodes", {"mesh": 0})

@@ -1,4 +1,4 @@
-"""Motions written to glTF as morph targets that any viewer plays, as they are or quantised."""
+"""Motion written to glTF as morph targets that any viewer plays, exact or quantised."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_motion_of_few_functions_of_time_has_a_target_for_each_and_any_other_o
     ("options", "error"),
     [
         ({"profile": "auto", "tolerance": 1e-2}, 1e-5),
-        # The paper's functions are no cubics, but nearly.
+        # The paper's functions are not cubics, but nearly.
         ({"profile": "paper"}, 1e-3),
     ],
     ids=["auto", "paper"],
@@ -83,7 +83,7 @@ def test_a_decoded_animation_moves_between_its_frames_as_the_decoder_says_in_a_b
 
 
 def weights_between_keys(path: Path) -> Any:
-    """(times, targets): weights of the first mesh at its keys and at nine places between each two."""
+    """Return the weights of the first mesh, (times, targets), at its keys and at nine times between each two."""
     file = read_gltf(path)
     sampler = file.root["animations"][0]["samplers"][0]
     keys, output = file.accessor(sampler["input"]).astype(float), file.accessor(sampler["output"]).astype(float)
@@ -118,7 +118,7 @@ def test_weights_stay_between_0_and_1_and_those_of_the_mesh_show_its_first_frame
 
 
 def unpacked(path: Path) -> list[bytes]:
-    """Buffer views of a file, decompressed by meshoptimizer itself."""
+    """Return the buffer views of a file, decompressed by meshoptimizer itself."""
     codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     whole = path.read_bytes()
     length = int.from_bytes(whole[12:16], "little")
@@ -157,7 +157,7 @@ def test_compressed_files_hold_the_same_numbers(tmp_path: Path) -> None:
     }
     for number, (one, other) in enumerate(zip(plain, small, strict=True)):
         if number in triangles:
-            # Triangles may begin with another corner.
+            # A triangle may begin with another of its corners.
             rows, turned = (np.frombuffer(data, "<u2").reshape(-1, 3).tolist() for data in (one, other))
             for mine, theirs in zip(rows, turned, strict=True):
                 assert theirs in [mine, mine[1:] + mine[:1], mine[2:] + mine[:2]]
@@ -177,7 +177,7 @@ def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
         scale = np.abs(clip.points).max()
         assert error < 2e-4 * scale
         with open_sequence(tmp_path / "x.glb") as read:
-            # The notice has two digits, and weights are rounded too.
+            # The notice shows only two digits, and weights are rounded too.
             assert np.abs(read.read_frames(0, read.frame_count) - clip.points).max() < 1.1 * error + 2e-5 * scale
         root = read_gltf(tmp_path / "x.glb").root
         assert root["extensionsRequired"] == ["KHR_mesh_quantization"]
@@ -187,7 +187,9 @@ def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
 
 
 def sums_of_normals(path: Path, weights: NDArray[Any]) -> NDArray[Any]:
-    """(samples, rows, 3): what a viewer makes of the normals of the first primitive, before it makes them unit."""
+    """Return the sums that a viewer forms for the normals of the first primitive before it normalises them,
+    (samples, rows, 3).
+    """
     file = read_gltf(path)
     primitive = file.root["meshes"][0]["primitives"][0]
     rest = file.accessor(primitive["attributes"]["NORMAL"]).astype(np.float64)
@@ -260,7 +262,7 @@ def test_normals_at_rest_differ_from_those_of_every_triangle_where_an_even_sheet
     normals = file.accessor(primitive["attributes"]["NORMAL"]).astype(np.float64)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     cosines = np.abs(normals[triangles][..., 2]).min(axis=1)
-    # Blender takes triangles above this for flat ones.
+    # Blender takes triangles for flat if the cosine is above this.
     assert cosines.max() < 0.9999999
     assert np.degrees(np.arccos(cosines)).max() < most
     rows = smooth_rows(clip.objects[0])

@@ -1,4 +1,4 @@
-"""glTF scenes evaluated at a rate: nodes, skins, morph targets, primitives and files of other tools."""
+"""glTF scenes sampled at a rate: nodes, skins, morph targets, primitives and files of other tools."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_faces_under_a_node_that_mirrors_face_outward_in_any_frames(tmp_path: Pa
 
 def test_cubic_weights_of_morph_targets_are_hermite_splines(tmp_path: Path) -> None:
     made, node = lifted()
-    # From 0 to 1 with slopes 3 and 0: s^3 - 3 s^2 + 3 s.
+    # A cubic from 0 to 1 with slopes 3 and 0: s^3 - 3 s^2 + 3 s.
     made.animate(node, "weights", [0, 1], [0, 0, 3, 0, 1, 0], "CUBICSPLINE")
     with open_sequence(made.save(tmp_path / "x.glb"), fps=4) as read:
         s = read.times
@@ -138,7 +138,7 @@ def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
         assert found["uv"].indices.tolist() == [0, 1, 2, *[-1] * 6]
         assert found["uv"].values.tolist() == [[0, 1], [0.25, 1], [0, 0.5]]
         assert found["color"].values.tolist() == [[0.5, 0, 0, 1]] * 3 + [[0, 0, 0.5, 0.5]] * 4
-        # The two triangles without normals are flat: where they meet, corners have normals of their own.
+        # The two triangles without normals are flat: where they meet, corners have separate normals.
         assert found["normal_group"].values.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 0]
         hidden = "hidden in the file, always or at times, but always visible here: 'node_0'"
         assert read.notices == ("not kept: _HEAT", hidden)
@@ -215,7 +215,7 @@ def test_a_clip_of_billions_of_frames_is_refused_as_bad_input(tmp_path: Path) ->
 def test_files_of_real_tools_agree_with_their_arrays(shared_data: Path, name: str, array: str) -> None:
     expected = array_of(shared_data, array)
     with open_sequence(shared_data / "files" / "gltf" / name, fps=30) as read:
-        # A last key between frames is one more, which the arrays do not have.
+        # A last key between two frames is a further frame, which the arrays do not have.
         points = read.read_frames(0, len(expected["points"]))
         assert points.shape == expected["points"].shape
         assert read.frame_count - len(points) == {"Fox.glb": 1}.get(name, 0)

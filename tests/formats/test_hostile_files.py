@@ -1,6 +1,6 @@
-"""Files made to be bad, for every reader: each is refused in one line, in little time and memory.
+"""Malicious files for every reader: each is refused in one line, with little time and memory.
 
-`make fuzz-readers` looks for more of them; `test_file_scope.py` has those that name other files.
+`make fuzz-readers` searches for more of them; `test_file_scope.py` has files that name other files.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.scene_cases import needed
 
 MAX_SECONDS = 10
-"""Limit of processor time [s]; the load of the machine does not count."""
+"""Limit of processor time [s], which does not depend on the load of the machine."""
 
 MAX_MEMORY = 2**29
-"""Address space beyond what the process has [bytes]."""
+"""Address space that may be used in addition to that of the process [bytes]."""
 
 HUGE = 10**12
 
 
 @contextmanager
 def little(memory: int = MAX_MEMORY) -> Iterator[None]:
-    """Limit time and memory of the block; Python raises an error if it needs more."""
+    """Limit time and memory in this block; Python raises an error if they are exceeded."""
 
     def too_slow(number: int, frame: object) -> None:
         raise TimeoutError(f"took more than {MAX_SECONDS} s")
@@ -114,7 +114,7 @@ BOMB = "<!DOCTYPE x [" + "<!ENTITY a0 'aaaaaaaaaa'>" + "".join(
 
 
 FILES: dict[str, tuple[str, bytes | Callable[[], bytes], str]] = {}
-"""For each fault: the name of a file, its bytes, and words of the error message."""
+"""For each fault: the name of a file, its bytes, and words of the expected message."""
 
 
 def case(name: str, what: str, data: bytes | Callable[[], bytes], words: str) -> None:
@@ -409,7 +409,7 @@ case(
 @pytest.mark.parametrize("what", FILES)
 def test_a_file_made_to_be_bad_is_refused_in_one_line_with_little_time_and_memory(what: str, tmp_path: Path) -> None:
     name, data, words = FILES[what]
-    # USD and Alembic reserve addresses that they do not use, and end the process if there are none.
+    # USD and Alembic reserve address space that they do not use, and end the process if there is none.
     in_library = name.endswith((".usda", ".usdc", ".usdz", ".abc"))
     if in_library:
         needed(name.rpartition(".")[2])
@@ -440,7 +440,7 @@ def test_no_more_is_unpacked_of_binary_data_than_is_declared(packing: str, tmp_p
         assert not found.read_frames(0, 1).any()
 
 
-# --- as long and as many as one likes
+# --- values of unlimited length and number
 
 
 def many_objects(count: int) -> ArraySequence:

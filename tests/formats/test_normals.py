@@ -30,7 +30,7 @@ CORNERS = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1
 
 
 def sphere(rows: int = 9) -> tuple[Connectivity, Normals]:
-    """Rings of quads, poles of triangles, in one mesh."""
+    """Return a sphere with rings of quads and poles of triangles."""
     turn, rise = np.meshgrid(np.arange(rows) * 2 * np.pi / rows, np.arange(1, rows) * np.pi / rows, indexing="ij")
     rings = np.stack([np.cos(turn) * np.sin(rise), np.sin(turn) * np.sin(rise), np.cos(rise)], axis=-1)
     points = np.concatenate([rings.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
@@ -42,11 +42,11 @@ def sphere(rows: int = 9) -> tuple[Connectivity, Normals]:
 
 
 def meshes() -> dict[str, tuple[Connectivity, Normals, list[int]]]:
-    """Connectivity, positions and groups of a hard cube, a smooth sphere, and a bent sheet with one crease."""
+    """Return connectivity, positions and groups of a hard cube, a smooth sphere, and a bent sheet with one crease."""
     ball, round_points = sphere()
     sheet = grid(5, 5)
     bent = np.array([[x, y, abs(x - 2) * 0.6 + 0.05 * (x * y)] for x in range(5) for y in range(5)], float)
-    # The third row of vertices is the crease; faces from the third row of faces on are beyond it.
+    # The crease is the third row of vertices; the faces from the third row on are on its other side.
     beyond = np.repeat(np.arange(16) >= 8, 4)
     creased = (beyond & np.isin(sheet.face_indices, np.arange(10, 15))).astype(int)
     numbers = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2, 2]
@@ -58,7 +58,7 @@ def meshes() -> dict[str, tuple[Connectivity, Normals, list[int]]]:
 
 
 def moving(name: str, frames: int = 5) -> ArraySequence:
-    """One of the meshes, turned, sheared and bent."""
+    """Return one of the meshes, rotated, sheared and bent."""
     connectivity, points, groups = meshes()[name]
     attribute = normal_group(connectivity, np.array(groups))
     assert attribute.values.tolist() == groups
@@ -71,7 +71,7 @@ def moving(name: str, frames: int = 5) -> ArraySequence:
 
 
 def plain_normals(points: Normals, connectivity: Connectivity, groups: list[int]) -> Normals:
-    """(corners, 3): normals by a loop over corners, each face's by the fan of its triangles."""
+    """Compute normals (corners, 3) by a loop over corners, with the normal of a face by the fan of its triangles."""
     sums: dict[tuple[int, int], Normals] = {}
     keys, first = [], 0
     for count in connectivity.face_counts.tolist():
@@ -180,7 +180,7 @@ def test_a_decoded_animation_has_normals_of_its_own_shape_with_the_edges_of_the_
         write_sequence(animation, tmp_path / f"x.{extension}")
         expected = [plain_normals(points, connectivity, groups) for points in animation.read_frames(0, 9)]
     written = list(NORMALS[extension](tmp_path / f"x.{extension}", connectivity))
-    # Keys of glTF's cubic splines stand between tangents.
+    # Between the values of glTF's cubic spline keys there are tangents.
     written = written[1::3] if len(written) == 27 else written
     for mine, other in zip(written, expected, strict=True):
         assert np.abs(mine - other).max() < 2e-3
@@ -216,7 +216,7 @@ def test_a_mesh_without_normals_is_smooth_in_gltf_and_comes_back_without(tmp_pat
 def test_the_shape_at_rest_of_a_gltf_file_has_its_own_normals(tmp_path: Path) -> None:
     connectivity, points = sphere()
     time = np.arange(20)[:, None, None] / 5
-    # Weights of 0 are far from any frame, and turn what is shown.
+    # The weights are never all near 0, so the rest shape is unlike every frame, and affects the normals that are shown.
     clip = points * [1, 1, 0] + points * [0, 0, 2] * np.sin(time) + points[:, ::-1] * [3, 0, 0] * np.cos(time)
     frames = ArraySequence(clip, objects=[MeshObject("thing", connectivity)])
     write_sequence(frames, tmp_path / "x.glb")
@@ -277,7 +277,7 @@ def test_vertices_that_gltf_cuts_stay_apart_with_their_normals(tmp_path: Path, n
         expected = [plain_normals(points, read.connectivity, smooth) for points in read.read_frames(0, 5)]
         before, after = (list(glb_normals(tmp_path / file, read.connectivity)) for file in ("x.gltf", "y.glb"))
     assert np.abs(np.array(after) - expected).max() < 1e-3
-    # Quads that are not flat have other normals as triangles.
+    # Quads that are not flat have other normals when they are split into triangles.
     assert np.abs(np.array(before) - after).max() < (1e-3 if name == "cube" else 0.06)
 
 

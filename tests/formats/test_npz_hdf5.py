@@ -1,4 +1,4 @@
-"""NPZ and HDF5: our files give everything back, plain ones are understood, broken ones are refused."""
+"""NPZ and HDF5: files of our writer restore everything, plain ones are understood, damaged ones are refused."""
 
 from __future__ import annotations
 

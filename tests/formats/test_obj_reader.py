@@ -42,7 +42,7 @@ def corners(sequence: MeshSequence) -> list[object]:
 
 
 def read_plainly(path: Path) -> tuple[Float32Array, list[list[int]], list[list[int]]]:
-    """Positions, and the vertices of faces and of lines, by a loop: what the fast reader is compared with."""
+    """Read positions, and the vertices of faces and of lines, by a simple loop, to compare with the fast reader."""
     points: list[list[float]] = []
     elements: dict[str, list[list[int]]] = {"f": [], "l": []}
     for line in path.read_text().splitlines():
@@ -195,7 +195,7 @@ def float32_of(tokens: list[str]) -> np.ndarray:
 
 
 PLAIN = ["0", "-0", "5.", ".5", "+1E2", "1e39", "-1e4000", "1e-50", "1.401298464324817e-45", "1.0000001", "9" * 30]
-# Exactly between two float32, and a little more: double arithmetic cannot tell.
+# Exactly half-way between two float32 numbers, and a little more: double arithmetic cannot decide.
 CLOSE = ["1.000000059604644775390625", "1.000000059604644775390626", f"0.{'0' * 49}1e50"]
 NONE = dict.fromkeys(("nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND00"), "nan")
 INFINITE = {"inf": "inf", "+Infinity": "inf", "1.#INF": "inf", "-inf": "-inf", "-1.#INF00": "-inf"}

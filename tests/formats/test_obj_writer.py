@@ -1,4 +1,4 @@
-"""OBJ sequences out: what was written comes back, numbers to the last bit, whole or not at all."""
+"""Writing OBJ sequences: frames read back with the same numbers to the last bit, whole or not at all."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def moving(frames: int = 3, *, first_frame: int = 0, fps: float = 24.0) -> Array
 
 
 def words_of(frame: ArraySequence, folder: Path) -> list[str]:
-    """The words of the ``v`` lines of a frame."""
+    """Return the words of the ``v`` lines of a frame."""
     write_sequence(frame, folder / "one.obj")
     lines = (folder / "one.obj").read_text().splitlines()
     return [word for line in lines if line.startswith("v ") for word in line.split()[1:]]

@@ -1,4 +1,4 @@
-"""Inputs of every reader that tempt it to guess, to lose something without a word, to make up times, or to fill in."""
+"""Inputs that tempt readers to guess, to lose data silently, to invent times, or to fill in values."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def hdf5(path: Path, **more: Any) -> None:
 
 
 def gltf(path: Path, interpolation: str = "", outputs: Any = (), lacking: int = 0) -> None:
-    """A triangle with an attribute of its own, moved by an animation of two keys at 0 and 1 s."""
+    """Write a triangle with an attribute, moved by an animation with two keys at 0 and 1 s."""
     arrays = [TRIANGLE, np.ones((3, 3)), np.array([[0.0], [1.0]]), np.array(outputs or [[0.0, 0, 0]])]
     parts = [np.asarray(one, np.float32).tobytes() for one in arrays]
     starts = np.cumsum([0, *map(len, parts)]).tolist()

@@ -1,4 +1,6 @@
-"""Motion onto a file that is there: what the original has stays, and what moves is where the sequence says."""
+"""Motion written onto an existing file: everything else in the original stays, and positions are those of the
+sequence.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from tests.support.scene_cases import SPACE, body, needed, scene
 EXTENSIONS = ["abc", "usda", "usdc", "usdz", "glb", "gltf", "obj"]
 
 CLOSE = 4e-7
-"""Over the largest coordinate: what float32 leaves of positions that go to another space and back."""
+"""Largest error divided by the largest coordinate: that of float32 positions converted to another space and back."""
 
 
 def others(source: MeshSequence, frames: int = 4, seed: int = 3) -> ArraySequence:
@@ -37,7 +39,7 @@ def others(source: MeshSequence, frames: int = 4, seed: int = 3) -> ArraySequenc
 
 
 def assert_moves(path: Path, clip: MeshSequence, asset_folders: Sequence[Path] = ()) -> None:
-    """Objects of a file move as those of their names in a sequence, at its times."""
+    """Assert that the objects of a file move like those of the same names in a sequence, at its times."""
     with open_sequence(path, asset_folders=asset_folders) as read:
         frames = [int(np.abs(read.times - time).argmin()) for time in clip.times]
         assert np.abs(read.times[frames] - clip.times).max() < 1e-6
@@ -99,7 +101,7 @@ def test_gltf_keeps_nodes_cameras_skins_materials_and_extras(tmp_path: Path) -> 
 
 
 def test_gltf_onto_is_valid_and_rows_cut_at_seams_keep_one_normal(tmp_path: Path) -> None:
-    # A folded quad, cut along its fold at equal positions and normals: its halves are one surface.
+    # A folded quad that is cut along its fold, with equal positions and normals there, so the halves are one surface.
     made = Scene()
     flat = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
     indices = made.builder.integers([0, 1, 2, 3, 5, 4], triangles=True)
@@ -130,7 +132,7 @@ def test_gltf_onto_is_valid_and_rows_cut_at_seams_keep_one_normal(tmp_path: Path
 
 
 def namesakes(path: Path, *shapes: Any) -> Path:
-    """A glTF file of nodes with one and the same name, one for each shape."""
+    """Write a glTF file of nodes with equal names, one for each shape."""
     made = Scene()
     for points in shapes:
         made.builder.add("nodes", {"name": "a", "mesh": made.mesh(points)})
@@ -253,7 +255,7 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     assert UsdGeom.GetStageUpAxis(stage) == "Y"
     assert not UsdSkel.BindingAPI(mesh).GetSkeleton()
     assert not mesh.GetAttribute("accelerations").HasAuthoredValue()
-    # The velocities of points and of the node above add up to velocities in the scene.
+    # The velocities of points and that of the node above them add up to velocities in the scene.
     place = [UsdGeom.XformCache(code).GetLocalToWorldTransform(mesh).GetRow3(3) for code in (2, 2.01)]
     carried = (np.array(place[1]) - np.array(place[0])) / (0.01 / 24)
     speeds = np.array(mesh.GetAttribute("velocities").Get(2)) + carried
@@ -278,7 +280,7 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
 
 
 def alembic_scene(path: Path) -> Path:
-    """A triangle under a transform that moves, with properties of its own, and a camera."""
+    """Write a triangle under a moving transform, with properties of its own, and a camera."""
     import imath
     from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
@@ -315,7 +317,7 @@ def alembic_scene(path: Path) -> Path:
 
 
 def properties(node: Any, path: str = "") -> dict[str, Any]:
-    """Every property below an object of an archive by its path: samples and metadata."""
+    """Return every property below an object of an archive by its path: samples and metadata."""
     from alembic3d import Abc
 
     found: dict[str, Any] = {}

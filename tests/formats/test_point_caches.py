@@ -1,4 +1,4 @@
-"""MDD and PC2: headers and floats, faces from another file."""
+"""MDD and PC2: headers, floats, and faces from another file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.mesh_cases import connectivity_of
 
 
 def square(times: np.ndarray | None = None, frames: int = 5) -> ArraySequence:
-    """A quad of one object that moves."""
+    """Return a moving quad."""
     points = np.random.default_rng(1).normal(size=(frames, 4, 3)).astype(np.float32)
     item = MeshObject("square", connectivity_of(4, [[0, 1, 2, 3]]))
     return ArraySequence(points, objects=[item], times=times, fps=25)

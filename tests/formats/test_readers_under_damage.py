@@ -1,7 +1,7 @@
-"""Readers of other formats under damage that knows the formats: nothing but our own errors.
+"""Readers of other formats on files that are damaged with knowledge of the format: they raise only our own errors.
 
-`make fuzz-readers` does the same with as many files as there is time for; what it found is here by its number or as a
-file of its own.
+`make fuzz-readers` does the same with as many files as time allows. Files in which it has found errors are tested
+here, by their number or as a file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.slow.fuzz.seeds import target
 from tests.support.scene_cases import scene
 
 MUTANTS = 60
-"""Damaged files for each reader."""
+"""Number of damaged files for each reader."""
 
 
 @pytest.mark.parametrize("reader", ["obj", "mdd", "pc2", "ply", "stl", "off", "gltf", "glb", "npz", "hdf5"])
@@ -49,7 +49,7 @@ def test_a_mutant_is_the_same_whenever_it_is_made() -> None:
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A .gltf file with an animation of morph targets."""
+    """Write a .gltf file with an animation of morph targets."""
     path = tmp_path_factory.mktemp("gltf") / "clip.gltf"
     write_sequence(scene(frames=3), path)
     return path

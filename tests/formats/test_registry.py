@@ -1,4 +1,4 @@
-"""The registry of formats: which one takes a path, and how a new one joins."""
+"""The registry of formats: which format takes a path, and how a new format is added."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects that move rigidly: found, written as moving nodes, and the same when they come back."""
+"""Objects that move rigidly are found and written as moving nodes, and read back unchanged."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_machine_of_many_parts_takes_a_matrix_a_part_and_frame(tmp_path: Path)
     for name in ("x.glb", "x.abc", "x.usdc"):
         needed(name.rpartition(".")[2])
         write_sequence(clip, tmp_path / name)
-        # 5.8 MB of positions.
+        # positions would take 5.8 MB
         assert (tmp_path / name).stat().st_size < 1e6
 
 
@@ -145,7 +145,7 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
 
 
 def robot() -> ArraySequence:
-    """Two objects of plates that go with one of two limbs each, of 40 plates, and a sheet that bends."""
+    """Return two objects whose plates each move with one of two limbs of 40 plates, and a sheet that bends."""
     seconds, random = np.arange(30) / 24, np.random.default_rng(7)
     limbs = [
         Rotation.from_rotvec(np.outer(np.sin(rate * seconds), axis)) for rate, axis in ((2, [0, 0, 1]), (3, [1, 0, 0]))
@@ -180,7 +180,7 @@ def test_an_object_of_several_rigid_parts_is_a_skin_in_gltf_unasked(tmp_path: Pa
     assert skinned == {0: "body/left", 1: "right"}
     assert targets == {0: False, 1: False, 2: True}
     assert "skins" not in read_gltf(tmp_path / "plain.glb").root
-    # Both objects go with the same limbs.
+    # Both objects share the nodes of the limbs.
     joints = {joint for skin in root["skins"] for joint in skin["joints"]}
     assert len(joints) < 8
     with open_sequence(tmp_path / "x.glb") as read:

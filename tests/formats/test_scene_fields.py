@@ -1,4 +1,4 @@
-"""Fields in scene formats: parameters of every scope that change, velocities, and what turns with positions."""
+"""Fields in scene formats: changing parameters of every scope, velocities, and fields that rotate with positions."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path)
     local = clip.read_field("velocities", 0, FRAMES)
     np.testing.assert_allclose(moved[:, :5], local[:, :5] * [-2, 3, 0.5], rtol=1e-6)
     np.testing.assert_array_equal(moved[:, 5:], local[:, 5:])
-    # A normal stays normal to the edge that a vector at right angles to it lies along.
+    # A normal stays perpendicular to the edge that a vector along this edge follows.
     up = Field("normal:up", "vertex", components=3)
     normal, edge = np.array([[[0.6, 0.8, 0.0]]]), np.array([[[0.8, -0.6, 0.3]]])
     turned = turned_directions(up, normal, MIRRORED[:1])
@@ -162,7 +162,7 @@ def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path)
 def test_the_rows_of_many_objects_are_counted_once(
     reading: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No reading of a field, nor a block that is written, counts the rows of all objects for each object."""
+    """Neither reading a field nor writing a block may count the rows of all objects once for each object."""
     many, corners = 100, connectivity_of(3, [[0, 1, 2]])
     attributes = (transform_attribute([0.0], MIRRORED[:1]),) if reading == "bake" else ()
     clip = ArraySequence(
@@ -238,7 +238,9 @@ def test_values_that_stay_are_read_once_and_matrices_only_for_directions(
 
 
 def test_primvars_of_usd_are_uvs_by_their_type_and_fields_without_samples(tmp_path: Path) -> None:
-    """Of numbers, only pairs of floats are UVs by their name; one value of our writer's key is a field that stays."""
+    """By their name, only pairs of floats are taken for UVs. A primvar with one value and our writer's key
+    stays a field.
+    """
     needed("usda")
     from pxr import Sdf, Usd, UsdGeom
 
@@ -306,17 +308,19 @@ def alembic_of_two_rates(path: Path) -> None:
 
 
 def test_parameters_of_alembic_have_samples_of_their_own_and_indices(tmp_path: Path) -> None:
-    """Between samples floats are interpolated and whole numbers hold; parameters of 64-bit integers are named."""
+    """Between samples floats are interpolated, and whole numbers are held. Parameters of 64-bit integers are
+    named in a notice.
+    """
     needed("abc")
     alembic_of_two_rates(tmp_path / "x.abc")
     with open_sequence(tmp_path / "x.abc", fps=4) as read:
         found = {one.name: read.read_field(one.name, 0, 3) for one in read.fields}
         assert [line for line in read.notices if "kept" in line] == ["not kept: serial"]
         assert {one.kind for one in read.contents if one.fate == "dropped"} == {".arbGeomParams/serial"}
-    # A value that is NaN in one of two samples holds.
+    # A value that is NaN in one of two samples is not interpolated.
     np.testing.assert_array_equal(found["heat"], [[0, 2, 4], [4, 2, 4], [8, 2, np.nan]])
     np.testing.assert_array_equal(found["state"], [[1, 2, 3], [1, 2, 3], [7, 8, 9]])
-    # Corners are in reverse order: Alembic's faces run clockwise.
+    # Corners are in reverse order, because Alembic's faces run clockwise.
     np.testing.assert_array_equal(found["seams"], [[6, 6, 5], [5.5, 6, 5.5], [5, 6, 6]])
     assert found["half"].dtype == np.float32
     np.testing.assert_array_equal(found["orient"][[0, 2], 0], [[1, 0, 0, 0], [0, 1, 0, 0]])
@@ -328,8 +332,8 @@ def test_alembic_keeps_seams_of_uvs_that_change_and_says_which_numbers_are_too_l
 
     corners = connectivity_of(4, [[0, 1, 2], [2, 1, 3]])
     uvs = np.tile(np.arange(12, dtype=np.float32).reshape(6, 2), (3, 1, 1))
-    uvs[:, 3] = uvs[:, 2]  # vertex 2 has no seam
-    uvs[2, 3] += 1  # until the last frame
+    uvs[:, 3] = uvs[:, 2]  # no seam at vertex 2
+    uvs[2, 3] += 1  # except in the last frame
     large = np.array([[0, 2**53 + 1]] * 3).repeat(2, axis=1)
     clip = ArraySequence(
         np.zeros((3, 4, 3)), objects=[MeshObject("a", corners)], fields={"uv": uvs, "serial": large.astype(np.int64)}
@@ -361,7 +365,7 @@ def usd_values(path: Path) -> dict[str, list[Any]]:
 
 
 def abc_values(path: Path) -> dict[str, list[Any]]:
-    """Rows of corners are returned in our order of corners, colours of faces by the first corner of each face."""
+    """Return values in our order of corners; colours of faces are those of each face's first corner."""
     import imath
     from alembic3d import Abc, AbcGeom
 
@@ -413,7 +417,7 @@ SEEN: dict[str, tuple[Callable[[Path], dict[str, list[Any]]], dict[str, str]]] =
         },
     ),
 }
-"""What a format's own library finds in the object "a" of :data:`ROLES`, and the field that it is."""
+"""What a format's own library finds in the object "a" of :data:`ROLES`, and the field that must result."""
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)

@@ -1,4 +1,4 @@
-"""Connectivity that changes in Alembic and USD files that we write: what comes back, and what other readers see."""
+"""Changing connectivity in Alembic and USD files of our writer: what reads back, and what other readers see."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def halves(faces: int, *labels: str) -> Attribute:
 
 
 def edges(faces: int) -> Attribute:
-    """Every face by itself."""
+    """Return an attribute that makes the edges of all faces hard."""
     corners = grid(3, 4).face_indices
     assert corners.size == 4 * faces
     seen = [int((corners[:k] == vertex).sum()) for k, vertex in enumerate(corners)]
@@ -52,7 +52,7 @@ def strings(vertices: int, *lines: tuple[int, ...]) -> MeshObject:
 
 
 def pond() -> ChangingSequence:
-    """Objects that come, go and change, with attributes that they do not always have."""
+    """Return objects that appear, disappear and change, with attributes that they do not always have."""
     small, large, wide = grid(3, 4), grid(4, 4), grid(2, 5)
     color = Attribute("color", "vertex", np.abs(noise(16, 3)).astype(np.float32))
     hot = Attribute("hot", "vertex", np.arange(4, dtype=np.float32))
@@ -74,7 +74,7 @@ def pond() -> ChangingSequence:
 
 
 def by_name(sequence: MeshSequence) -> list[dict[str, np.ndarray[Any, Any]]]:
-    """Positions of each object, of every frame."""
+    """Return the positions of each object by name, for every frame."""
     found = []
     for part in sequence.runs:
         ends = np.cumsum([item.vertex_count for item in part.objects])

@@ -1,4 +1,4 @@
-"""Up axis, unit and scale; transforms kept and baked; velocities of positions."""
+"""Up axis, unit and scale; transforms that are kept and baked; velocities of positions."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_scale_must_be_a_positive_number(scale: float) -> None:
 
 
 def moving(matrices: np.ndarray, times: list[float]) -> ArraySequence:
-    """Two objects of one point at (1, 2, 3); the first moves by matrices."""
+    """Return two objects of one point at (1, 2, 3), of which matrices move the first."""
     first = MeshObject("moving", Connectivity(1), (transform_attribute(times, matrices),))
     points = np.repeat(np.repeat(POINT, 3, axis=0), 2, axis=1)
     return ArraySequence(points, objects=[first, MeshObject("still", Connectivity(1))], times=[0.0, 1.0, 2.0])
@@ -192,7 +192,7 @@ def test_differences_are_the_velocities_of_parabolas_at_irregular_times() -> Non
 
 
 def spun(names: str, moving: str) -> ArraySequence:
-    """Return objects, some of which turn and rise."""
+    """Return objects, some of which rotate and rise."""
     clip = scene([body(name, ()) for name in names.split()])
     turns = np.repeat(np.eye(4)[None], 5, axis=0)
     turns[:, :2, :2] = [[[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]] for t in clip.times]

@@ -1,4 +1,4 @@
-"""VTU, PVD, VTP, VTK, XDMF, Exodus, PLY, STL and OFF: sequences of meshes of simulations and scans."""
+"""VTU, PVD, VTP, VTK, XDMF, Exodus, PLY, STL and OFF: sequences of meshes from simulations and scans."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ CELLS = {
     "wedge": [[0, 1, 2, 4, 5, 6], [1, 3, 2, 5, 7, 6]],
     "tetra": [[0, 1, 2, 4], [1, 3, 2, 7], [1, 2, 4, 7], [1, 4, 5, 7], [2, 6, 4, 7]],
 }
-"""A cube cut into solids of a kind."""
+"""Cells by kind: a cube cut into such solids."""
 
 
 def closed_volume(points: np.ndarray, whole: Connectivity) -> float:
-    """Volume of a surface that is closed: each edge once in each direction."""
+    """Return the volume of a closed surface, after checking that it has each edge once in each direction."""
     ends = np.cumsum(whole.face_counts)
     edges, six_volumes = set(), 0.0
     for face in np.split(whole.face_indices, ends[:-1]):
@@ -69,7 +69,7 @@ def closed_volume(points: np.ndarray, whole: Connectivity) -> float:
 
 
 def curved(kind: str, cells: list[list[int]], *, vtk: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Points and cells with a node in the middle of each edge."""
+    """Return points and cells with a node in the middle of each edge."""
     edges = {"tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]}
     for name, size in (("wedge", 3), ("hexahedron", 4)):
         low = [(k, (k + 1) % size) for k in range(size)]
@@ -93,10 +93,10 @@ def curved(kind: str, cells: list[list[int]], *, vtk: bool) -> tuple[np.ndarray,
 def test_solids_give_their_closed_surface_outwards_with_the_numbers_of_its_nodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, extension: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # where meshio puts the data
+    monkeypatch.chdir(tmp_path)  # meshio writes data to the current folder
     inside = np.array([[0.5, 0.5, 0.5]])
     cells = np.array(CELLS[kind]) + 1
-    points = np.concatenate([inside, CUBE])  # a node that no face has, first
+    points = np.concatenate([inside, CUBE])  # the first node belongs to no face
     path = tmp_path / f"x.{extension}"
     if extension == "e":
         exodus_hdf5(path, kind.upper().encode(), (cells + 1).tolist(), points)
@@ -118,7 +118,7 @@ def test_solids_give_their_closed_surface_outwards_with_the_numbers_of_its_nodes
     [
         *(("hexahedron", 20, extension) for extension in ("vtu", "xdmf", "e")),
         *(("tetra", 10, extension) for extension in ("vtu", "xdmf", "e")),
-        *(("wedge", 15, extension) for extension in ("xdmf", "e")),  # meshio knows no such wedges
+        *(("wedge", 15, extension) for extension in ("xdmf", "e")),  # meshio does not know such wedges
     ],
 )
 def test_curved_solids_have_the_nodes_on_their_edges(tmp_path: Path, kind: str, nodes: int, extension: str) -> None:
@@ -220,7 +220,7 @@ def test_what_meshio_refuses_vtk_reads_where_it_is_installed(tmp_path: Path, mon
             assert (read.vertex_count, read.connectivity.face_count) == (24, 6)
             assert np.allclose(np.abs(read.read_frames(0, 1)), 0.5)
     assert vtk_library.worker.process_id is not None
-    os.kill(vtk_library.worker.process_id, signal.SIGKILL)  # as a damaged file does
+    os.kill(vtk_library.worker.process_id, signal.SIGKILL)  # as a damaged file might
     with pytest.raises(InputError, match=r"poly\.vtk: meshio cannot read it"):
         open_sequence(tmp_path / "poly.vtk")
     with open_sequence(tmp_path / "poly.vtk") as read:
@@ -329,7 +329,7 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 
 def test_stl_keeps_three_vertices_to_a_triangle_in_every_frame(tmp_path: Path) -> None:
     frames = np.random.default_rng(3).normal(size=(2, 3, 3, 3)).astype(np.float32)
-    frames[1] = frames[1, :1]  # coincident triangles keep their own vertices
+    frames[1] = frames[1, :1]  # coincident triangles must keep separate vertices
     for number, triangles in enumerate(frames):
         facets = np.zeros(3, FACET)
         facets["corners"] = triangles
@@ -373,7 +373,7 @@ def test_a_damaged_off_file_is_one_line(tmp_path: Path, rows: str, message: str)
 
 
 def vtp_text(style: str, points: np.ndarray) -> bytes:
-    """A quad and a line, its data in one of VTK's styles."""
+    """Return a VTP file with a quad and a line, its data in one of VTK's encodings."""
     arrays: list[tuple[str, str, np.ndarray]] = [("Float32", "Points", points.astype("<f4"))]
     for name, numbers in (("connectivity", [0, 1]), ("offsets", [2]), ("connectivity", [0, 1, 2, 3]), ("offsets", [4])):
         arrays.append(("Int64", name, np.array(numbers, "<i8")))
@@ -430,7 +430,7 @@ def test_cell_data_of_lines_in_vtp_files_are_named(tmp_path: Path) -> None:
 def test_xdmf_of_one_geometry_is_moved_by_the_displacement_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # where meshio puts the data
+    monkeypatch.chdir(tmp_path)  # meshio writes data to the current folder
     rest = np.eye(3, dtype=np.float32)
     with meshio.xdmf.TimeSeriesWriter(str(tmp_path / "x.xdmf"), data_format="HDF") as writer:
         writer.write_points_cells(rest, [("triangle", np.array([[0, 1, 2]]))])

@@ -1,4 +1,4 @@
-"""Fields pass from one format of simulations to another through a .pdeanim file, and VTK's readers see them."""
+"""Fields pass from one simulation format to another through a .pdeanim file, and VTK's readers find them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ Values = Mapping[str, NDArray[Any]]
 
 
 def clip() -> ArraySequence:
-    """Three frames of a strip, with fields of several types and widths; a value is missing in one frame."""
+    """Return three frames of a strip, with fields of several types and widths, one of which lacks a value in
+    one frame.
+    """
     random = np.random.default_rng(4)
     points = random.random((3, 6, 3)).astype(np.float32)
     fields = []
@@ -71,7 +73,7 @@ def shown_by_vtk(path: Path, time: float) -> tuple[NDArray[Any], Values]:
             reader.SetObjectStatus(reader.ELEM_BLOCK, number, 1)
     reader.UpdateTimeStep(time)
     grid = reader.GetOutputDataObject(0)
-    while not grid.IsA("vtkUnstructuredGrid"):  # the only block of the first kind of blocks
+    while not grid.IsA("vtkUnstructuredGrid"):  # descend to the only block of the first kind
         grid = grid.GetBlock(0)
     data = {
         found.GetArrayName(number): support.vtk_to_numpy(found.GetArray(number))

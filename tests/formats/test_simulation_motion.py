@@ -1,4 +1,4 @@
-"""Displacements of VTK, XDMF and Exodus meshes follow one rule; file lists of VTK; notices of what is not kept."""
+"""Displacements of VTK, XDMF and Exodus meshes follow one rule; lists of VTK files; notices of what is not kept."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from tests.support.exodus_files import SQUARE, write_exodus
 from tests.support.mesh_cases import connectivity_of
 
 RISE = np.array([0.0, 0.1, 0.2])
-"""A displacement a step."""
+"""Displacement in each step."""
 
 STILL = np.zeros(3)
 
 
 def moved_by(path: Path, displacement: str | None = None) -> list[list[float]]:
-    """How far the second vertex is from its place in the first frame of the mesh at rest, a frame each."""
+    """Return for each frame how far the second vertex is from its position in the first frame of the mesh at rest."""
     with open_sequence(path, displacement=displacement) as read:
         points = read.read_frames(0, read.frame_count)[:, 1].astype(np.float64)
     return np.round(points - SQUARE[1], 6).tolist()
@@ -170,15 +170,15 @@ def test_variables_of_exodus_are_fields_on_nodes_and_on_the_faces_of_their_eleme
         element = np.minimum(heights.astype(int), 2)
         found = read.read_field("load", 0, 3)
         np.testing.assert_array_equal(found[1], np.array([3, 4, 8])[element])
-        assert np.isnan(found[2]).tolist() == (element == 2).tolist()  # netCDF's NaN
+        assert np.isnan(found[2]).tolist() == (element == 2).tolist()  # netCDF's fill value
         tensor = read.read_field("S", 0, 1)[0]
         np.testing.assert_array_equal(tensor[element == 1], [[10, 11, 12, 13, 14, 15]] * 4)
-        assert np.isnan(tensor[element == 2]).all()  # a block that lacks the variable
+        assert np.isnan(tensor[element == 2]).all()  # one block lacks the variable
         assert not any("variables" in line for line in read.notices)
 
 
 def test_variables_of_exodus_that_cannot_be_placed_are_named(tmp_path: Path) -> None:
-    """Inner elements, bars, and values of fewer steps than there are times."""
+    """Inner elements, bars, and values for fewer steps than there are times."""
     write_exodus(
         tmp_path / "x.e",
         {"heat": RISE},
@@ -215,7 +215,7 @@ def test_a_real_exodus_file_moves_in_all_of_its_steps(shared_data: Path) -> None
         assert np.array_equal(read.times, expected["times"])
         assert (np.abs(np.diff(read.read_frames(0, 11), axis=0)).max(axis=(1, 2)) > 0).all()
         assert np.array_equal(read.read_field("vel", 0, 11), expected["field_vel"][:, node.values - 1])
-        # Every face has the stress of one element, and the faces of solids those of most.
+        # Every face has the stress of its element; for most faces the element is a solid.
         found, stress = read.read_field("stress", 3, 4)[0], expected["field_stress"][3]
         assert {tuple(row) for row in found} <= {tuple(row) for row in stress}
         assert len({tuple(row) for row in found}) > 0.7 * len({tuple(row) for row in stress})
@@ -225,7 +225,7 @@ VELOCITY = SQUARE * 0 + [1, 0, 0]
 
 
 def write_vtk(path: Path, rise: float = 0.0, x: float = 0.0, **point_data: np.ndarray) -> None:
-    """A VTK square at a height, with data and the rank of the cell."""
+    """Write a square to a VTK file at some height, with data and the rank of the cell."""
     mesh = meshio.Mesh(SQUARE + np.array([x, 0, rise]), [("quad", [[0, 1, 2, 3]])], point_data, {"rank": [np.zeros(1)]})
     mesh.write(path)
 
@@ -288,7 +288,9 @@ def test_constant_data_of_a_vtu_file_that_a_field_replaces_are_named(tmp_path: P
 
 
 def test_data_that_some_files_lack_are_missing_there_or_named(tmp_path: Path) -> None:
-    """Floats are NaN where a file lacks them; whole numbers, and components that change, have no place."""
+    """Floats are NaN at steps whose file lacks them. Whole numbers, and fields whose number of components
+    changes, are left out.
+    """
     write_vtk(tmp_path / "x0.vtu", flag=np.zeros(4, np.int32), flow=np.zeros((4, 3)))
     write_vtk(tmp_path / "x1.vtu", 1.0, late=np.arange(4.0), flow=np.zeros(4), rank=np.arange(4, dtype=np.int8))
     with open_sequence(tmp_path / "x#.vtu", fps=24) as read:
@@ -305,7 +307,7 @@ def test_empty_data_keep_their_components() -> None:
 
 
 def test_data_that_find_no_room_are_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two fields of 16 bytes a frame; there is room for those of the first frame."""
+    """Two fields of 16 bytes per frame; memory suffices for those of the first frame."""
     decoded: list[str] = []
 
     def read(path: Path) -> MeshFile:
@@ -405,7 +407,7 @@ def pvd(path: Path, rows: Sequence[tuple[str, str, str]]) -> None:
 
 
 def parallel(folder: Path) -> None:
-    """Three steps of two parts side by side."""
+    """Write three steps with two parts each, side by side."""
     for frame, amount in enumerate(RISE):
         write_vtk(folder / f"p0_{frame}.vtu", float(amount), u=VELOCITY)
         write_vtk(folder / f"p1_{frame}.vtu", float(amount), x=2.0, u=VELOCITY)

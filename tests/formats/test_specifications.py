@@ -1,4 +1,6 @@
-"""Formats do what they declare: small files are read, one per feature, and whatever is dropped is named."""
+"""Formats do what their specifications declare: one small file per feature is read, and whatever is dropped is
+named.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,12 @@ def attributes(clip: MeshSequence) -> set[str]:
 
 
 def has(*names: str) -> Callable[[MeshSequence], bool]:
-    """Return a check whether objects have attributes of these names and domains."""
+    """Return a function that checks whether objects have attributes of these names and domains."""
     return lambda clip: set(names) <= attributes(clip)
 
 
 def has_field(name: str) -> Callable[[MeshSequence], bool]:
-    """Return a check whether there is a field of that name and domain."""
+    """Return a function that checks whether there is a field of that name and domain."""
     return lambda clip: name in [f"{field.name} {field.domain}" for field in clip.fields]
 
 
@@ -51,7 +53,9 @@ def obj(folder: Path, lines: str, triangle: str = "f 1 2 3") -> Path:
 
 
 def ply(folder: Path, vertex: str = "", face: str = "", more: str = "", rows: str = "", head: str = "") -> Path:
-    """A triangle; `vertex` and `face` are further properties, uchar unless a type stands before, all 1."""
+    """Write a triangle; `vertex` and `face` are names of further properties, of type uchar unless a type
+    precedes them, with value 1.
+    """
     columns = [[one if " " in one else f"uchar {one}" for one in text.split(",") if one] for text in (vertex, face)]
     values = [" 1" * len(columns[0]), "".join(" 2 1 1" if one.startswith("list") else " 1" for one in columns[1])]
     text = ["ply", "format ascii 1.0", *head.splitlines(), "element vertex 3"]
@@ -325,8 +329,9 @@ LISTED: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
 }
-"""Formats whose readers list all that a file holds, which other tests compare with the formats' own libraries: the
-packages, and words for things that notices call otherwise."""
+"""Formats whose readers list everything in a file, which other tests compare with the formats' own libraries:
+for each the package, and its words for things that notices call something else.
+"""
 
 
 def with_all(name: str, folder: Path) -> Path:
@@ -365,7 +370,7 @@ def test_what_is_dropped_of_scenes_is_named(name: str, tmp_path: Path) -> None:
 
 
 ALIKE = {"vtp": "vtu", "vtk": "vtu", "pvtu": "vtu", "pvd": "vtu", "series": "vtu"}
-"""Formats of one reader."""
+"""Formats that share a reader."""
 
 CASES = [
     (name, fate, thing)

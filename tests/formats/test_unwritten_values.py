@@ -1,4 +1,6 @@
-"""Values that were never written are refused in HDF5, XDMF and Exodus: libraries give zeros or another fill."""
+"""Values that were never written are refused in HDF5, XDMF and Exodus, because libraries return zeros or fill
+values for them.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ def sources(folder: Path, frames: int = 3) -> None:
 
 
 def virtual(path: Path, name: str = "points", frames: int = 3, source: str = "s{}.h5") -> None:
-    """Add a virtual dataset of three frames, the first `frames` of which have a source."""
+    """Add a virtual dataset of three frames, of which the first `frames` have a source."""
     layout = h5py.VirtualLayout(SHAPE, "f4")
     for number in range(frames):
         layout[number] = h5py.VirtualSource(source.format(number), "p", SHAPE[1:])
@@ -164,7 +166,7 @@ def test_datasets_that_are_links_are_read(tmp_path: Path) -> None:
 def test_values_of_hdf5_that_are_not_there_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], None], message: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # HDF5 makes raw files there
+    monkeypatch.chdir(tmp_path)  # HDF5 creates raw files in the current folder
     make(tmp_path / "x.h5")
     with pytest.raises(InputError, match=message):
         open_sequence(tmp_path / "x.h5", fps=24)
@@ -196,7 +198,7 @@ def test_values_of_xdmf_that_are_not_there_are_refused(
 
 
 def exodus_with(path: Path, **replaced: np.ndarray | None) -> None:
-    """An Exodus file with variables in place of its own; None for one that is never written."""
+    """Write an Exodus file with some variables replaced; None creates a variable that is never written."""
     write_exodus(path, {"HEAT": np.zeros(3), "DISPLX": np.zeros(3)})
     with h5py.File(path, "a") as file:
         for name, values in replaced.items():

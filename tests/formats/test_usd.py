@@ -1,4 +1,4 @@
-"""USD: stages that are skinned, blended and placed, what is refused, and files of real tools."""
+"""USD: stages with skinning, blend shapes and transforms, what is refused, and files of real tools."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ def test_transforms_up_the_tree_are_applied_at_every_time_that_any_is_sampled_at
 
 
 def turning(path: Path) -> None:
-    """A triangle that a quarter turn and a shift move, keys at codes 0, 3 and 10.5 of 24 a second."""
+    """Write a triangle moved by a quarter turn and a shift, with keys at the time codes 0, 3 and 10.5, of which
+    there are 24 per second.
+    """
     stage = stage_at(path)
     mesh = triangle(stage, "/a")
     turn = mesh.AddRotateZOp()
@@ -316,7 +318,7 @@ SOLIDS = {
     "Capsule": ({"radius": 1, "height": 2, "axis": "Z"}, (2 + 4 / 3) * np.pi, (2, 2, 4)),
     "Plane": ({"width": 2, "length": 3, "axis": "Z"}, 0, (2, 3, 0)),
 }
-"""Implicit shapes, their sizes, volume, and the extent of their bounds."""
+"""Implicit shapes with their sizes, volume, and the extent of their bounds."""
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -480,7 +482,8 @@ def test_the_baked_blend_shapes_agree_with_their_array_to_the_bit(shared_data: P
 
 @pytest.mark.data
 def test_the_skinned_elephant_agrees_with_its_array(shared_data: Path) -> None:
-    # The array is the two skinned meshes, 24 frames a second from the first sample on: every second one is a sample.
+    # The array has the two skinned meshes at 24 frames per second from the first sample on; every second frame is a
+    # sample.
     expected = array_of(shared_data, "elephant_monochord")["points"]
     with open_sequence(shared_data / "files" / "usd" / "SoC-ElephantWithMonochord.usdc") as read:
         assert (read.frame_count, read.fps) == (3023, 60)

@@ -1,4 +1,4 @@
-"""Missing parts of USD stages: USD goes on without them; the reader names them in a notice, or refuses the stage."""
+"""Missing parts of USD stages: USD continues without them; the reader names them in a notice, or refuses the stage."""
 
 from __future__ import annotations
 

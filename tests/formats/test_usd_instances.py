@@ -1,4 +1,4 @@
-"""USD's point instancers and tetrahedra: read wherever USD draws them, else refused by one reason everywhere."""
+"""USD's point instancers and tetrahedra: read if USD draws them, otherwise refused with the same reason everywhere."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pdecodec.formats.usd import walk
 
 
 def trees(path: Path) -> tuple[Usd.Stage, UsdGeom.PointInstancer]:
-    """Two prototypes, the second a tree, and three instances under a transform."""
+    """Make a stage with two prototypes, the second of them a tree, and three instances under a transform."""
     stage = stage_at(path)
     above = UsdGeom.Xform.Define(stage, "/up")
     above.AddTranslateOp().Set(Gf.Vec3d(100, 0, 0))
@@ -109,7 +109,7 @@ def test_instances_of_instancers_stand_where_usd_draws_them(tmp_path: Path) -> N
         points = read.read_frames(2, 3)[0]
         assert points[9].tolist() == [20, 0, 2 * (4 + 50 + 7)]
         box = boxes.ComputeWorldBound(outer.GetPrim()).ComputeAlignedRange()
-        # USD turns the box around each instance, which is larger than its points.
+        # USD rotates the box around each instance, which is larger than its points.
         assert (points[9:].min(axis=0) >= np.array(box.GetMin()) - 0.1).all()
         assert (points[9:].max(axis=0) <= np.array(box.GetMax()) + 0.1).all()
         assert np.allclose(points[18], [0, 2000 + 20, 2 * 57], atol=0.1)

@@ -138,7 +138,7 @@ class "_kind" {
 
 
 def listing(path: Path) -> set[tuple[str, str]]:
-    """Prims, properties and metadata of a stage that OpenUSD makes into one layer, by way of its layers alone."""
+    """Return the prims, properties and metadata of a stage, found through its layers alone."""
     layer = Usd.Stage.Open(str(path)).Flatten(addSourceFileComment=False)
     found: set[tuple[str, str]] = set()
 

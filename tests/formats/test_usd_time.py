@@ -1,4 +1,4 @@
-"""Time in USD: values come from USD at a code, whatever they are stored as; what has no time is a constant."""
+"""Time in USD: values are those of USD at a time code, however they are stored; what does not change is constant."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ def prim(kind: str, name: str, *lines: str) -> str:
 
 
 def splined(**steps: str) -> str:
-    """A quad below a transform of steps, each with its spline."""
+    """Return the text of a quad below a transform whose operations each follow a spline."""
     lines = [f"double xformOp:{name}.spline = {spline}" for name, spline in steps.items()]
     order = ", ".join(f'"xformOp:{name}"' for name in steps)
     return prim("Xform", "ball", *lines, f"uniform token[] xformOpOrder = [{order}]", prim("Mesh", "shape", *QUAD))
 
 
 def moving(*more: str, middle: str = "") -> str:
-    """A triangle with two samples of points, and others between them."""
+    """Return the text of a triangle with two samples of points, and optionally more between them."""
     samples = f"0: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], {middle} 10: [(5, 0, 1), (1, 0, 1), (0, 1, 1)]"
     faces = ("int[] faceVertexCounts = [3]", "int[] faceVertexIndices = [0, 1, 2]")
     return prim("Mesh", "m", *faces, *more, f"point3f[] points.timeSamples = {{ {samples} }}")
 
 
 def first_x(path: Path, **options: Any) -> tuple[list[float], list[float]]:
-    """Times, and where the first vertex is along x."""
+    """Return the times, and the x coordinate of the first vertex at each."""
     with open_sequence(path, **options) as read:
         return read.times.tolist(), read.read_frames(0, read.frame_count)[:, 0, 0].tolist()
 

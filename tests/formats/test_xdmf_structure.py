@@ -1,4 +1,4 @@
-"""XDMF is read by its structure: grids, parts, times, includes, references and items as the format defines them."""
+"""XDMF is read by its structure: grids, parts, times, includes, references and items, as the format defines them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TO_MESH = "/Xdmf/Domain/Grid[@Name='{}']/*[self::Topology or self::Geometry]"
 
 
 def lifted(z: float, x: float = 0.0) -> np.ndarray:
-    """The square at a height, moved along x."""
+    """Return the square raised to a height, and moved along x."""
     return SQUARE + np.array([x, 0.0, z])
 
 
@@ -65,7 +65,7 @@ def write(path: Path, domain: str) -> Path:
 
 
 def heights(path: Path, displacement: str | None = None) -> tuple[list[float], list[list[float]]]:
-    """Times, and z of every vertex at each."""
+    """Return the times, and z of every vertex at each."""
     with open_sequence(path, displacement=displacement) as read:
         return read.times.tolist(), read.read_frames(0, read.frame_count)[:, :, 2].tolist()
 
@@ -75,7 +75,7 @@ def flat(*levels: float) -> list[list[float]]:
 
 
 THREE = [(0.0, 0.0), (0.5, 0.5), (1.0, 1.0)]
-"""Times and heights."""
+"""Pairs of a time and a height."""
 
 
 def test_parts_of_a_spatial_collection_are_objects_at_the_time_of_the_collection(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_each_step_has_the_mesh_that_it_includes(tmp_path: Path, pointer: str) -
 def test_a_step_includes_what_another_step_includes(tmp_path: Path) -> None:
     mesh = grid(QUAD + geometry(2), "mesh")
     first = grid(f'<xi:include xpointer="xpointer({TO_MESH.format("mesh")})"/>', "a", 0)
-    # The first step's children are its time and its include.
+    # The children of the first step are its time and its include.
     second = grid("<xi:include xpointer=\"xpointer(//Grid[@Name='c']/Grid[1]/*[2])\"/>", "b", 1)
     assert heights(write(tmp_path / "x.xdmf", mesh + collection(first + second)))[1] == flat(2, 2)
 
@@ -281,7 +281,7 @@ def test_degrees_of_freedom_are_no_displacements(tmp_path: Path, name: str) -> N
 
 
 def attribute(name: str, center: str, text: str, item: str = "") -> str:
-    """An attribute of as many numbers as its text has."""
+    """Return an attribute whose number of values is that of its text."""
     at = f' Center="{center}"' if center else ""
     return (
         f'<Attribute Name="{name}"{at}><DataItem Dimensions="{len(text.split())}" {item}>{text}</DataItem></Attribute>'

@@ -1,4 +1,6 @@
-"""Run by a Python that has bpy: what Blender shows of files at frames. Argument: a JSON file of jobs."""
+"""Run by a Python with bpy: record what Blender shows of files at certain frames. The argument is a JSON file
+of jobs.
+"""
 
 import json
 import sys
@@ -16,7 +18,7 @@ IMPORTERS = {
 
 
 def seen(job):
-    """Points of every mesh at every frame; corners, normals, materials and UV sets."""
+    """Return the points of every mesh at every frame; corners, normals, materials and UV sets."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     render = bpy.context.scene.render
     render.fps = max(1, round(job["fps"]))

@@ -1,4 +1,4 @@
-"""How far what a program shows is from what was written: positions at frames and between, normals."""
+"""How far the picture in a program is from what was written: positions at frames and between, normals."""
 
 from __future__ import annotations
 
@@ -13,28 +13,30 @@ from pdecodec.mesh.sequence import ArraySequence
 from tests.interop.viewers import Seen
 
 WEIGHT_BETWEEN = 0.01
-"""Weight of positions between frames in matching points: other programs turn parts there, our positions do not."""
+"""Weight of positions between frames when points are matched: other programs rotate parts there, ours does not."""
 
 
 SAME_PLACE = 1e-3
-"""Share of the diagonal within which a program shows the points of a source where we read them."""
+"""Largest distance, divided by the diagonal, at which a program counts as showing the points of a source where
+we read them.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """A sequence at the times at which it is looked at.
+    """A sequence at the times at which it is compared.
 
     Attributes
     ----------
     sequence : ArraySequence
     times : tuple of float [s]
     points : (times, vertices, 3) float64
-        Frames, or on the straight line between two.
+        At frames, or on the straight line between two frames.
     is_frame : (times,) bool
     used : (n,) int
-        Vertices of faces, which every program shows; of lines if there are no faces.
+        Vertices of faces, which every program shows; vertices of lines if there are no faces.
     shown : (n,) int
-        Those of lines too, which some show.
+        Also vertices of lines, which some programs show.
     """
 
     sequence: ArraySequence
@@ -46,7 +48,9 @@ class Expected:
 
 
 def expected_of(sequence: ArraySequence) -> Expected:
-    """The first frame, one in the middle and the last; and times between frames after the first and the middle one."""
+    """Return the sequence at its first, middle and last frame, and at times between frames after the first and
+    the middle one.
+    """
     last = sequence.frame_count - 1
     frames = sorted({0, last // 2, last})
     places = sorted({*map(float, frames), *(frame + 0.4 for frame in frames if frame < last)})
@@ -69,9 +73,10 @@ def expected_of(sequence: ArraySequence) -> Expected:
 
 @dataclass(frozen=True)
 class Difference:
-    """Largest distances over the diagonal at frames and between; angles of normals [degrees], 99 % of them and all.
+    """Largest distances over the diagonal at frames and between; angles of normals [degrees], for 99 % of them and for
+    all.
 
-    `is_to_source` tells whether normals are compared with those of the source, not with those that we compute.
+    `is_to_source` tells whether normals are compared with those of the source instead of those that we compute.
     """
 
     frames: float
@@ -88,11 +93,12 @@ class Difference:
 
 
 def difference(seen: Seen, expected: Expected, source: Seen | None = None) -> Difference | str:
-    """How far it is off, each point from the vertex whose way it goes, each vertex of a face from such a point.
+    """Return how far a program's points and normals are from the expected ones.
 
-    Normals are compared with those of `source`, the source in the same program, where the source has normals and the
-    program shows its points where they belong; else with those that we compute. Text where the program did not show
-    the file.
+    Points are matched with vertices by their paths over time: each point with a vertex, and each vertex of a face
+    with a point. Normals are compared with those of `source`, which is the source in the same program, if the source
+    has normals and the program shows its points in the right place; otherwise with those that we compute. Returns a
+    text if the program did not show the file.
     """
     if seen.failed:
         return seen.failed
@@ -149,8 +155,8 @@ def _normals(
 ) -> tuple[float, float] | None:
     """Return angles at frames between each corner's normal and the nearest normal of the vertices that share its path.
 
-    The normals of vertices are those of the source, of whose corners `source_vertex` has the vertices, or ours. Where
-    no face has an area nothing is seen, and normals are anyone's.
+    The normals of vertices are those of the source (`source_vertex` has the vertices of its corners), or ours. If no
+    face has an area, nothing is visible, and normals are arbitrary.
     """
     if seen.normals is None or seen.corners is None or not len(seen.corners):
         return None
@@ -192,7 +198,7 @@ def _unit(normals: np.ndarray) -> np.ndarray:
 def _angles(normals: np.ndarray, wanted: np.ndarray, expected: np.ndarray, owner: np.ndarray) -> np.ndarray:
     """Return the angle [degrees] of each corner's normal to the nearest expected one.
 
-    Corners go the ways `wanted`, expected normals, of length 1, the ways `owner`.
+    Corners have the paths `wanted`; expected normals, of length 1, belong to the paths `owner`.
     """
     order = np.argsort(owner, kind="stable")
     owner, expected = owner[order], expected[order]
@@ -208,7 +214,7 @@ def _angles(normals: np.ndarray, wanted: np.ndarray, expected: np.ndarray, owner
 
 
 def _of_area(sequence: ArraySequence, points: np.ndarray) -> np.ndarray:
-    """Vertices of faces that have an area at one frame."""
+    """Return the vertices of faces that have an area at a frame."""
     counts, corners = sequence.connectivity.face_counts, sequence.connectivity.face_indices
     starts = np.cumsum(counts, dtype=np.int64) - counts
     ahead = np.arange(1, corners.size + 1)

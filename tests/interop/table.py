@@ -1,9 +1,9 @@
-"""`make interop`: real files there and back, as other programs see them; writes docs/interop.md.
+"""`make interop`: convert real files and back, and show them in other programs; writes docs/interop.md.
 
     python -m tests.interop.table docs/interop.md [scenes] [sequences] [exodus]
 
 PDECODEC_DATA names the folder of shared data, PDECODEC_BLENDER a Python with the package bpy, PDECODEC_NODE_MODULES
-where gltf-validator and three are. The page names missing tools and files.
+a folder with gltf-validator and three. The page names missing tools and files.
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ GLB_VARIANTS = {
 MEGABYTE = 1e6
 
 MAX_FRAMES = 48
-"""Frames per clip; with all frames, programs take hours to import the targets."""
+"""Largest number of frames per clip: with all frames, programs take hours to import the morph targets."""
 
 
 def main(target: Path, chosen: Sequence[str]) -> None:
-    """Measure the sections that are named, all if none is; the page keeps the others as they are."""
+    """Measure the named sections, by default all; the page keeps the others unchanged."""
     data = Path(os.environ["PDECODEC_DATA"])
     kept = {}
     if target.exists():
@@ -76,7 +76,7 @@ def main(target: Path, chosen: Sequence[str]) -> None:
 
 
 def say(text: str) -> None:
-    """Tell how far it is."""
+    """Print progress."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -87,7 +87,7 @@ def _as_array(sequence: MeshSequence) -> ArraySequence:
 
 
 def round_trips(data: Path, folder: Path) -> Iterator[str]:
-    """The table of files of scenes, there and back."""
+    """Yield the lines of the table of scene files that are converted and back."""
     clips: dict[str, Expected] = {}
     read: dict[str, str] = {}
     for path in _scene_files(data):
@@ -169,7 +169,7 @@ def _kept(expected: Expected, seen: Seen | None) -> list[str]:
 
 
 def sizes(data: Path, folder: Path) -> Iterator[str]:
-    """The table of glb files of sequences."""
+    """Yield the lines of the table of glb files of sequences."""
     clips = {}
     yield (
         "Sizes in MB: of the positions as float32, and of the glb as written by default, with `--quantize`, with "
@@ -213,7 +213,7 @@ def _issues(file: Path) -> str:
 
 
 def exodus(data: Path, folder: Path) -> Iterator[str]:
-    """The table of Exodus files: the surface, or one line."""
+    """Yield the lines of the table of Exodus files: their surface, or one line."""
     yield _row(["file", "vertices", "faces", "lines", "message"])
     yield _row(["---"] * 5)
     for path in sorted((data / "interop" / "exodus").iterdir()):
@@ -236,7 +236,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
     "sequences": ("glTF of the shared sequences", sizes),
     "exodus": ("Exodus files", exodus),
 }
-"""Sections of the page by what they are called on the command line: title, and what measures it."""
+"""Sections of the page by their names on the command line: title, and the function that measures it."""
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]), sys.argv[2:])

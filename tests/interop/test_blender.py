@@ -1,4 +1,4 @@
-"""What Blender shows of files that we write: positions, at frames and between, normals and hard edges."""
+"""What Blender shows of files of our writer: positions at frames and between, normals and hard edges."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from tests.support.gltf_files import even_at_first, few_functions
 from tests.support.scene_cases import SPACE, body, needed, scene
 
 NORMAL_ERRORS = {"abc": 2e-3, "usdc": 2e-3, "glb": 0.3}
-"""Blender does not read how morph targets turn normals, but turns those at rest with the surface; smoothed, a cube's
-would be 0.9 off."""
+"""Blender ignores how morph targets change normals, and turns the normals at rest with the surface. If it
+smoothed the edges of a cube, errors would be 0.9.
+"""
 
 TO_BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
 
@@ -34,7 +35,7 @@ def test_blender_shows_positions_and_normals_of_every_frame(tmp_path: Path, name
         (mesh,) = found.values()
         points, normals = np.array(mesh["points"]), np.array(mesh["normals"])[:, None]
         expected = clip.points[frame] @ TO_BLENDER
-        # Faces may be triangles, and vertices be cut: each corner is compared with all those at its place.
+        # Faces may be triangulated, and vertices split: each corner is compared with all corners at its position.
         near = np.linalg.norm(points[:, None] - expected, axis=2)
         assert near.min(axis=1).max() < 1e-4
         here = near.argmin(axis=1)[mesh["corners"]][:, None] == connectivity.face_indices

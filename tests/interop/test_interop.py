@@ -1,4 +1,4 @@
-"""Differences that `make interop` measures: none if a program shows what was written, large if it does not."""
+"""Differences that `make interop` measures are zero if a program shows what was written, and large if it does not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_what_is_shown_is_measured_at_frames_and_between_whatever_the_order_of_p
     assert isinstance(found, Difference)
     scale = np.linalg.norm(np.ptp(sheet().points[0], axis=0))
     assert (found.frames, found.between) == (0, pytest.approx(0.01 / scale))
-    # A vertex that the program does not show has the error of the nearest shown one.
+    # A vertex that the program does not show gets the error of the nearest shown one.
     missing = difference(Seen(np.delete(expected.points, 0, axis=1)), expected)
     assert isinstance(missing, Difference)
     assert missing.frames > 0.1
@@ -98,7 +98,7 @@ def test_normals_are_compared_with_those_of_the_source_where_it_has_some() -> No
     assert isinstance(turned, Difference)
     assert turned.normals is not None
     assert turned.normals[1] == pytest.approx(45)
-    # A source that has no normals, or that the program shows elsewhere, is not compared with.
+    # There is no comparison with a source that has no normals, or that the program shows somewhere else.
     elsewhere = Seen(source.points * 100, normals=up, corners=source.corners)
     for expected, other in (
         (expected_of(clip), source),

@@ -1,4 +1,4 @@
-"""Other programs as they see files: Blender, three.js and OpenUSD. Each takes many files in one start."""
+"""What other programs show of files: Blender, three.js and OpenUSD. Each opens many files in one start."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from tests.support.three_player import play
 HERE = Path(__file__).resolve().parent
 
 PATIENCE = 3600
-"""Seconds for all files of a program."""
+"""Time limit of a program for all files [s]."""
 
 BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
-"""Turns rows of a Y-up file as Blender, Z-up, shows them."""
+"""Converts rows of coordinates from a Y-up file to Blender, which is Z-up."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A file and the times [s] at which it is looked at; `fps` is its nominal rate."""
+    """A file and the times [s] at which a program shows it; `fps` is its nominal rate."""
 
     path: Path
     times: tuple[float, ...]
@@ -41,12 +41,12 @@ class Seen:
     ----------
     points : (times, points, 3) float64
     failed : str
-        What the program said instead; else empty.
+        The program's message if it failed; otherwise empty.
     normals, corners : (times, corners, 3), (corners,) or None
         None if the program does not report them.
     materials : int
     uvs : int
-        Most UV sets of a mesh.
+        Largest number of UV sets of a mesh.
     """
 
     points: np.ndarray[Any, Any]
@@ -58,7 +58,7 @@ class Seen:
 
 
 def failure(reason: str) -> Seen:
-    """A program that did not show a file."""
+    """Return the result for a program that did not show a file."""
     return Seen(np.zeros((0, 0, 3)), failed=reason)
 
 

@@ -1,4 +1,6 @@
-"""Baselines keep the bound they are given, on bytes that they decoded again; and what they are made of is exact."""
+"""Baselines keep the given bound, measured on positions decoded from their bytes; and their lossless parts are
+exact.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ ROWS, COLUMNS, FRAMES = 6, 20, 12
 
 
 def wave(frames: int = FRAMES, rows: int = ROWS, columns: int = COLUMNS) -> Float32Array:
-    """A sheet that waves and drifts, as many vertices as ``grid(rows, columns)``."""
+    """Return positions of a sheet that waves and drifts, with as many vertices as ``grid(rows, columns)``."""
     u, v = np.linspace(0, 2, columns), np.linspace(0, 1, rows)[:, None]
     t = np.linspace(0, 1, frames)[:, None, None]
     x, y = np.broadcast_to(u + 0.3 * t, (frames, rows, columns)), np.broadcast_to(v, (frames, rows, columns))
@@ -78,7 +80,7 @@ CASES = {
 
 
 def here(baseline: Baseline) -> Baseline:
-    """The baseline, or a skip that says what is missing."""
+    """Return the baseline; if it cannot run here, skip the test with the reason."""
     reason = baseline.missing()
     if reason is not None:
         pytest.skip(reason)
@@ -147,11 +149,13 @@ def test_motion_of_one_degree_of_freedom_costs_a_component_whatever_the_frames(b
     for frames in (20, 80):
         along = np.sin(np.linspace(0, 3, frames))[:, None, None] * noise(1, len(shape), 3, seed=1)
         sizes.append(smallest(baseline, (shape + along).astype(np.float32), SHEET, 1e-2).size)
-    assert sizes[1] < 1.5 * sizes[0]  # four times the frames: the shape stays, its weights are smooth
+    assert sizes[1] < 1.5 * sizes[0]  # four times as many frames: the shape stays the same, and its weights are smooth
 
 
 def two_limbs(frames: int = 20) -> Float32Array:
-    """Return as many vertices as SHEET has: half of the columns stay, half make two turns about an axis and drift."""
+    """Return as many vertices as SHEET has: half of the columns stand still, half make two turns about an axis
+    and drift.
+    """
     limb = wave(1)[0].astype(np.float64).reshape(ROWS, COLUMNS, 3)
     turned = np.repeat(limb[None], frames, axis=0)
     angles, half = np.linspace(0.0, 4.0 * np.pi, frames), limb[:, COLUMNS // 2 :]
@@ -231,7 +235,7 @@ def test_corrections_touch_only_what_the_transform_leaves_beyond_the_bound() -> 
 
 
 class Rounding(Baseline):
-    """Rounds to multiples of the length; its bytes say so."""
+    """A baseline that rounds to multiples of the length, and stores the length in its bytes."""
 
     name = "rounding"
     source = "this test"
@@ -269,7 +273,7 @@ def test_the_search_names_the_reason_where_no_length_is_fine_enough() -> None:
 
 def test_a_length_that_cannot_be_encoded_does_not_lose_what_was_found() -> None:
     class Ceiling(Rounding):
-        """Refuses anything coarser than what it is asked for first."""
+        """A baseline that refuses any length above the first one requested."""
 
         def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
             encode = super().prepare(points, connectivity)
@@ -434,7 +438,7 @@ def test_parallelograms_predict_a_flat_even_sheet_exactly() -> None:
     row, column = np.divmod(traversal.order, COLUMNS)
     values = np.stack([7 * row - 3 * column, column], axis=1)
     known = np.diff(traversal.starts) > 0
-    assert known.sum() == SHEET.vertex_count - 3  # all but the first triangle
+    assert known.sum() == SHEET.vertex_count - 3  # one parallelogram for all vertices but the first triangle's
     assert not traversal.residuals(values)[known].any()
 
 
@@ -450,7 +454,7 @@ def test_columns_come_back_over_mesh_and_time(connectivity: Connectivity, column
 
 
 def test_fitted_weights_learn_what_parallelograms_miss() -> None:
-    """On a sheet of uneven rows and columns parallelograms miss what is linear; fitted weights learn it."""
+    """Parallelograms miss linear values on a sheet of uneven rows and columns; fitted weights learn them."""
     traversal, random = traverse(SHEET), np.random.default_rng(0)
     across = np.cumsum(random.uniform(0.3, 3.0, COLUMNS)) * np.ones((ROWS, 1)) + random.uniform(0, 0.3, (ROWS, 1))
     down = np.cumsum(random.uniform(0.3, 3.0, (ROWS, COLUMNS)), axis=0)

@@ -1,4 +1,6 @@
-"""Numpy's linear algebra takes one thread while the paper's method is measured, and as many as before afterwards."""
+"""numpy's linear algebra is limited to one thread while the paper's method is measured, and the number is
+restored afterwards.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of how time and memory grow with the size of a clip."""
+"""Tables of the growth of time and memory with the size of a clip."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_sizes_are_measured_in_processes_of_their_own() -> None:
 def test_exponents_are_of_first_and_last_as_a_whole_and_after_the_first_group() -> None:
     assert exponent(0.5, 50, 100) == pytest.approx(1)
     assert exponent(2, 2, 10) == 0
-    # The first group takes 4 s, a frame after that 0.01 s to encode; to decode, less and less.
+    # Encoding takes 4 s for the first group and 0.01 s for each frame after it; decoding takes less and less per frame.
     small = Size(100, 64, 50, 999, Seconds(4.0, 4.5), Seconds(1.0, 2.0), 10**8)
     large = Size(10_000, 64, 50, 9999, Seconds(4.0, 103.5), Seconds(1.0, 12.0), 10**8)
     table = list(rows([small, large]))

@@ -1,4 +1,4 @@
-"""What a report says was measured on decoded bytes, is kept, compared and drawn; and clips of every kind have one."""
+"""Reports: measurements are made on decoded bytes, kept, compared and drawn; and clips of every kind get a report."""
 
 from __future__ import annotations
 
@@ -341,7 +341,7 @@ def report(source: Path, output: Path, *more: str) -> Result:
 
 @pytest.fixture(scope="module")
 def reported(three_baselines: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
-    """A folder with wave.npz, and its report in out."""
+    """Make a folder with wave.npz, and its report in out."""
     folder = tmp_path_factory.mktemp("reported")
     write_sequence(wave_sequence(8), folder / "wave.npz")
     return folder, report(folder / "wave.npz", folder / "out")
@@ -353,7 +353,7 @@ def test_a_report_has_its_page_charts_figures_and_summary(reported: tuple[Path, 
     assert result.stdout == (folder / "out" / "summary.md").read_text()
     assert "- Hero (no vertex off by more than a pixel" in result.stdout
     assert "note: zfp needs the package zfpy" in result.stderr
-    assert "12 points measured, 0 kept" in result.stderr  # ten, and two other efforts
+    assert "12 points measured, 0 kept" in result.stderr  # ten points, and two other efforts
     out = folder / "out"
     page = (out / "index.html").read_text()
     record = json.loads((out / "report.json").read_text())
@@ -441,7 +441,7 @@ ODD_CLIPS = {
 
 @pytest.fixture(scope="module")
 def odd_reports(three_baselines: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a report for each of the odd clips."""
+    """Make a folder with a report for each of the odd clips."""
     folder = tmp_path_factory.mktemp("odd")
     for kind, make in ODD_CLIPS.items():
         write_sequence(make(), folder / f"{kind}.npz")

@@ -1,4 +1,4 @@
-"""The paper's experiment: what is mathematical about it holds as a fact, and the command writes its report."""
+"""The paper's experiment: its mathematical findings are checked as facts, and the command writes its report."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ RATES = [(1.0, 1.0), (2.0, 2.0), (0.7, 3.1), (5.0, 1.3)]
 
 
 def swinging_curve(frames: int = 11, points: int = 200) -> np.ndarray:
-    """A curve that sags and sways, (frames, points, 3): no coordinate is constant at any frame."""
+    """Return a curve, (frames, points, 3), that sags and sways so that no coordinate is constant at any frame."""
     s, t = np.linspace(0, 1, points)[None, :], np.linspace(0, 1, frames)[:, None]
     x = 10 * s + 0.3 * np.sin(6 * s + 2 * t)
     y = -4 * t**2 * s * (1 - s) + 0.4 * np.sin(19 * s)
@@ -82,7 +82,7 @@ def test_sixteen_functions_solve_the_printed_equation_and_the_other_sixteen_the_
     assert np.array_equal(found.printed < ROUNDING, SOLVES_EQ_10)
     assert np.array_equal(found.beam < ROUNDING, ~SOLVES_EQ_10)
     assert SOLVES_EQ_10.sum() == 16
-    # What does not solve it misses by as much as its terms: left and right differ by their sign.
+    # A function that does not solve the equation misses it by as much as its terms: both sides differ by their sign.
     assert (found.printed[~SOLVES_EQ_10] > 0.9).all()
 
 
@@ -111,7 +111,7 @@ def test_the_parameter_of_the_paper_is_the_answer_scaled() -> None:
 def test_constants_of_one_curve_draw_another_when_given_its_parameter() -> None:
     shape = draw_another_shape(swinging_curve())
     assert shape.mean_error < 0.06
-    # They draw the knot they never saw, and nothing of the curve they were fitted to.
+    # The constants draw the knot, which they were not fitted to, and nothing of the curve that they were fitted to.
     far = np.linalg.norm(shape.drawn - shape.fitted, axis=1).mean() / math.sqrt(3)
     assert far > 4 * shape.mean_error
 
@@ -199,7 +199,7 @@ def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
         for point in sizes:
             assert point.errors.largest <= ROUNDING_ERROR_RATIO * point.unrounded.largest
             assert point.coded_bytes < (point.plain_bytes or 0)
-        # The errors of the mesh that the curves form fall with more constants, too.
+        # The errors of the mesh of all curves decrease with more constants, too.
         for of_mesh in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
             found = [of_mesh(point) for point in sizes]
             assert found[0] > found[2] > 0
@@ -343,14 +343,14 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
     assert raw == 64 * 4 * 11 * 12
     assert rows["PDE as printed"][column["u of Eq. 24 [bytes]"]] == raw
     assert rows["PDE as printed"][column["constants [bytes]"]] == 4 * 32 * 12
-    # u by index is known: nothing but the constants is counted, nor for B-splines but their control points.
+    # With u by index only the constants are counted; for B-splines, only the control points.
     assert rows["PDE, u by index"][column["total [bytes]"]] == 4 * 32 * 12
     assert rows["B-splines, u by index"][column["total [bytes]"]] == 4 * 300 * 12
 
 
 @pytest.fixture(scope="module")
 def rope() -> Rope:
-    """Return a rope of the paper's size."""
+    """Return settings for a rope of the paper's size."""
     return simulate_rope(RopeSettings())
 
 
@@ -361,7 +361,7 @@ def test_the_kept_table_of_choices_is_what_a_run_finds_today(rope: Rope) -> None
     for line, row in zip(kept, table.rows, strict=True):
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         assert cells[:2] == list(row[:2])
-        # Eq. 23 undone divides by singular values near zero: the last digits of the simulation show.
+        # Undoing Eq. 23 divides by singular values near zero, so the last digits of the simulation show.
         close = 0.05 if "undone" in cells[1] else 0.005
         assert [float(cell) for cell in cells[2:]] == pytest.approx(list(row[2:]), rel=close), line
 

@@ -1,4 +1,4 @@
-"""The atlas of stability: its findings as facts, that the library acts on them, and that the command writes it."""
+"""The stability atlas: its findings as facts, how the library deals with them, and the command that writes it."""
 
 from __future__ import annotations
 
@@ -292,6 +292,6 @@ def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
     assert json.loads(first["report.json"])["figures"]["one"]["rows"] == [[None]]
     with Image.open(io.BytesIO(first["two.png"])) as drawn:
         assert drawn.size == (120, 120)
-        # White outside the square; the square's own colour in its middle, as the light leaves it.
+        # White outside the square; in its middle the square's own colour, shaded by the light.
         assert drawn.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
         assert drawn.convert("L").getpixel((60, 60)) == pytest.approx(255 * (0.35 + 0.65 * 0.507), abs=2)

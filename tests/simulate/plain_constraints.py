@@ -1,4 +1,4 @@
-"""Constraints and sweeps over them in plain numpy, one by one, exactly as in the equations."""
+"""Constraints and sweeps in plain numpy, one constraint after another, exactly as in the equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fields of a simulated sequence, against statics worked out by hand and sums over constraints one by one."""
+"""Fields of a simulated sequence, compared with statics worked out by hand and with sums over single constraints."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_constraints_share_energies_and_multipliers_among_their_particles(
     assert fields.keys() == {"velocity"} | {f"{kind}_multiplier" for kind in kinds} | {
         f"{kind}_energy"
         for kind in kinds
-        if kind != "volume"  # constant volumes are rigid
+        if kind != "volume"  # constraints of constant volume are rigid, and store no energy
     }
     for name, field in fields.items():
         kind, _, quantity = name.partition("_")

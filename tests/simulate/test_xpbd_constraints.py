@@ -1,4 +1,6 @@
-"""Every constraint type: its gradient against differences, its compiled sweep against the equations in plain numpy."""
+"""Every type of constraint: its gradient compared with differences, its compiled sweep with the equations in
+plain numpy.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,7 @@ TYPES: dict[str, Callable[..., Constraints]] = {
 
 
 def make(kind: str, *, damping: float = 0.0) -> tuple[Constraints, np.ndarray]:
-    """A small batch and its rest positions."""
+    """Return a small batch and its positions at rest."""
     rest = SHEET if kind in ("distance", "chain", "bending") else CUBE
     return TYPES[kind](damping=damping, stiffness=0.3), rest
 
@@ -94,7 +96,7 @@ def test_constraints_that_are_taken_at_once_give_the_bits_of_one_after_another(k
     random = np.random.default_rng(7)
     count, each = 60, {"distance": 2, "chain": 5, "bending": 4}[kind]
     rest = random.normal(size=(count, 3))
-    # Some constraints share particles with the previous one, others with none of the recent ones.
+    # Some constraints share particles with the previous constraint, others with none of the recent ones.
     particles = np.stack([random.choice(20 if i % 3 else count, each, replace=False) for i in range(150)])
     make_batch = {
         "distance": partial(DistanceConstraints.from_positions, compliance=0.02),
@@ -190,7 +192,7 @@ def test_bending_energy_of_a_cylinder_is_half_rigidity_times_squared_curvature(r
     along, across = cosine * flat[:, 0] + sine * flat[:, 1], cosine * flat[:, 1] - sine * flat[:, 0]
     bent = np.stack([radius * np.sin(along / radius), across, radius * (1 - np.cos(along / radius))], axis=1)
     expected = 0.5 * rigidity / radius**2 * math.sqrt(0.75)
-    # Edges of the border bend nothing; their share of the area falls with the resolution.
+    # Edges on the border have no bending energy; their share of the area falls with the resolution.
     assert batch.energy(bent) == pytest.approx(expected, rel=1.2 / resolution)
     assert batch.energy(flat) < 1e-20
 
@@ -222,7 +224,7 @@ def test_compiled_wind_equals_the_plain_form() -> None:
     random = np.random.default_rng(6)
     positions, velocities = random.normal(size=(2, 30, 3))
     triangles = random.permuted(np.tile(np.arange(30), (40, 1)), axis=1)[:, :3]
-    triangles[7] = triangles[7, 0]  # no area
+    triangles[7] = triangles[7, 0]  # a triangle without area
     wind = Wind(triangles=triangles, velocity=np.array([3.0, 1.0, -2.0]), gusts=0.4)
     corners = positions[triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -322,7 +324,9 @@ def test_what_cannot_be_is_refused_in_one_line(make_wrong, message: str) -> None
 
 
 def in_halves(particles: np.ndarray, middle: int) -> list[int]:
-    """Constraints in the order of a system in halves: within them, then across, those in rounds that share none."""
+    """Return the order of constraints in a system in halves: those within the halves, then those across, in
+    rounds without shared particles.
+    """
     second = particles >= middle
     order = [i for half in (0, 1) for i in range(len(particles)) if (second[i] == half).all()]
     left = [i for i in range(len(particles)) if i not in order]

@@ -21,7 +21,7 @@ from pdecodec.simulate.tetrahedra import NeoHookeanConstraints, VolumeConstraint
 
 CUBE = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 CELLS = lattice_tetrahedra(2)
-"""A lattice of 27 particles a metre apart, and its tetrahedra."""
+"""Tetrahedra of a lattice of 27 particles, a metre apart."""
 
 
 PAIR = {"particles": np.array([[0, 1]]), "lengths": np.ones(1)}
@@ -57,13 +57,15 @@ def run(system: System, substeps: int, **options: Any) -> Solver:
 
 
 def residual_of(solver: Solver) -> float:
-    """The largest ``|C + gamma/dt^2 lambda|`` of the first batch: 0 where Eq. 5 holds."""
+    """Return the largest ``|C + gamma/dt^2 lambda|`` of the first batch: 0 if Eq. 5 holds."""
     batch, multipliers = solver.system.constraints[0], solver.multipliers[0]
     return float(np.abs(batch.values(solver.positions) + batch.compliances / solver.substep**2 * multipliers).max())
 
 
 def momenta_of(solver: Solver) -> tuple[np.ndarray, np.ndarray]:
-    """Linear [kg m/s] and angular [kg m^2/s] momentum; positions are taken half a substep back, as velocities are."""
+    """Return linear [kg m/s] and angular [kg m^2/s] momentum. Positions are taken half a substep back, at the
+    time of the velocities.
+    """
     impulses = solver.velocities / solver.system.inverse_masses[:, None]
     middle = 0.5 * (solver.positions + solver.previous)
     return impulses.sum(axis=0), np.cross(middle, impulses).sum(axis=0)
@@ -88,7 +90,7 @@ def test_a_hanging_mass_stretches_a_spring_by_force_times_compliance() -> None:
     compliance = 2e-3
     solver = run(hung(1, compliance=compliance, drag=20.0), 3000, substep=1e-3)
     assert -solver.positions[1, 1] - 1 == pytest.approx(STANDARD_GRAVITY * compliance, rel=1e-9)
-    # Eq. 5: the multiplier over the squared substep is the force in the spring, pulling.
+    # Eq. 5: the multiplier divided by the squared substep is the force in the spring, a pull.
     assert solver.multipliers[0][0, 0] / solver.substep**2 == pytest.approx(-STANDARD_GRAVITY, rel=1e-9)
     assert residual_of(solver) < 1e-12
 
@@ -109,7 +111,7 @@ def test_a_pendulum_has_its_period(amplitude: float) -> None:
             crossings.append(solver.time - solver.substep * after / (after - before))
     period = 4 * math.sqrt(length / STANDARD_GRAVITY) * ellipk(math.sin(amplitude / 2) ** 2)
     assert 4 * crossings[0] == pytest.approx(period, rel=3e-3)
-    # The way back up and down is shorter by what the solver has lost of the swing, which matters for wide ones.
+    # The swing back is shorter, because the solver loses some of the motion, which matters for wide swings.
     assert 2 * (crossings[1] - crossings[0]) == pytest.approx(period, rel=3e-3 if amplitude < 2 else 2e-2)
 
 
@@ -147,7 +149,7 @@ def test_angular_momentum_is_kept_the_better_the_shorter_the_substep() -> None:
 
 
 def hanging_stretch(substep: float, iterations: int, method: Method, **material: float) -> float:
-    """How much five kilograms have stretched their springs, of 0.4 mm a newton, after four seconds."""
+    """Return how far springs of 0.4 mm per newton are stretched by five kilograms after four seconds."""
     system = hung(5, compliance=4e-4, drag=8.0, **material)
     solver = run(system, round(4 / substep), substep=substep, iterations=iterations, method=method)
     return float(-solver.positions[-1, 1] - 5)
@@ -161,7 +163,7 @@ def test_stiffness_under_xpbd_depends_on_neither_step_nor_iterations(substep: fl
 
 def test_stiffness_under_pbd_depends_on_both() -> None:
     base = hanging_stretch(2e-3, 20, "pbd", stiffness=0.05)
-    # Quartering the step makes it 16 times as stiff, four times as many iterations about 4 times.
+    # A quarter of the step makes PBD 16 times as stiff, four times as many iterations about 4 times.
     assert hanging_stretch(5e-4, 20, "pbd", stiffness=0.05) < base / 10
     assert hanging_stretch(2e-3, 80, "pbd", stiffness=0.05) < base / 3
     assert base > 5e-4
@@ -215,7 +217,7 @@ def test_a_hanging_neo_hookean_bar_stretches_by_its_youngs_modulus() -> None:
     shares = np.repeat(density * tetrahedron_volumes(cube, tetrahedra) / 4, 4)
     weights = 1 / np.bincount(tetrahedra.ravel(), shares, len(cube))
     weights[cube[:, 1] > 0.299] = 0
-    # No sideways contraction, which the clamp would hinder.
+    # Poisson's ratio of zero: no sideways contraction, which the clamp would hinder.
     solid = NeoHookeanConstraints.from_positions(cube, tetrahedra, young=young, poisson=0.0)
     system = floating(cube, solid, weights=weights, gravity=STANDARD_GRAVITY, drag=20.0)
     solver = run(system, 2000, substep=5e-4, iterations=5)
@@ -283,7 +285,7 @@ def test_friction_stops_a_sliding_plate_after_the_squared_speed_over_twice_frict
 
 
 def test_a_falling_plate_reaches_its_terminal_speed() -> None:
-    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]])  # both ways, so that corners share alike
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]])  # both diagonals, so that corners share equally
     air = Wind(triangles=triangles, velocity=np.zeros(3), drag=1.0)
     rods = DistanceConstraints.from_positions(PLATE, all_pairs(4))
     system = floating(PLATE, rods, weights=10.0, winds=(air,), gravity=STANDARD_GRAVITY)

@@ -1,4 +1,4 @@
-"""Bundled scenes: sizes, meshes, motion; equal requests give equal bits."""
+"""Bundled scenes: sizes, meshes and motion; equal options give equal bits."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_frames_are_the_same_bits_however_they_are_read(name: str) -> None:
 @pytest.mark.parametrize("method", ["xpbd", "pbd"])
 def test_substeps_at_once_are_the_same_bits_as_one_by_one(method: Method) -> None:
     system = build("cloth", **SMALL["cloth"]).system
-    # Nothing comes near such a ground; but what may be met is looked for after each iteration.
+    # The ground is too far away to be hit, but contacts are checked after each iteration.
     watched = replace(system, colliders=(Ground(height=-1e6),))
     solvers = [Solver(item, substep=2e-3, iterations=2, method=method) for item in (system, system, watched)]
     solvers[0].advance(30)
@@ -180,7 +180,7 @@ def test_another_process_gives_the_same_bits() -> None:
             "print(hashlib.sha256(scene.simulate(frames=10).read_frames(0, 10).tobytes()).hexdigest())"
         )
         command, root = [sys.executable, "-c", script], Path(__file__).resolve().parents[2]
-        environment = {**os.environ, "PYTHONHASHSEED": "1"}  # in a process with another order of sets
+        environment = {**os.environ, "PYTHONHASHSEED": "1"}  # in a process that iterates over sets in another order
         found = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root, env=environment).stdout
         own = build(name, **SMALL[name]).simulate(frames=10).read_frames(0, 10)
         assert found.strip() == hashlib.sha256(own.tobytes()).hexdigest()
@@ -251,7 +251,7 @@ def test_the_flag_is_carried_downwind() -> None:
     blown = build("flag", **options, wind=12.0).simulate(frames=60).to_array().points
     np.testing.assert_array_equal(still[..., 2], 0)
     free_end = blown[30:, np.arange(12 * 9) % 12 == 11]
-    # The wind blows along x and a quarter as fast along z; gusts wave the free end about its mean.
+    # The wind blows along x, and a quarter as fast along z; gusts swing the free end about its mean.
     assert free_end[..., 2].mean() > 0.1
     assert free_end[..., 2].mean(axis=1).std() > 0.02
     assert free_end[..., 0].mean() > 1.0

@@ -1,6 +1,6 @@
-"""Kills at any moment, disks that are full, threads for a minute, and the worst files that could be made.
+"""Kills at any moment, full disks, threads for a minute, and the worst files that could be made.
 
-Each in a short form; `make long` runs the long ones, and prints what they measured.
+Each test has a short form; `make long` runs the long forms, and prints what they measured.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ WRITTEN = ["x.pdeanim", *ONE_FILE, *SEVERAL]
 
 @pytest.fixture
 def figures(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    """Prints a line past pytest's capture."""
+    """Return a function that prints a line in spite of pytest's capture."""
 
     def shown(line: str) -> None:
         with capsys.disabled():
@@ -69,7 +69,9 @@ def listed(folder: Path) -> set[str]:
 
 
 def put_in_a_child(sequence: MeshSequence, path: Path, after: float) -> bool:
-    """Write in a forked process and kill it after some seconds; return whether it had ended by then."""
+    """Write a sequence in a forked process and kill the process after some seconds; return whether it had ended
+    before.
+    """
     if (child := os.fork()) == 0:
         try:
             put(sequence, path, overwrite=True)
@@ -84,7 +86,7 @@ def put_in_a_child(sequence: MeshSequence, path: Path, after: float) -> bool:
 
 
 def killed(name: str, folder: Path, kills: int, seed: int) -> dict[str, int]:
-    """Kill a writer at random moments, over nothing and over another sequence; how often each state was left."""
+    """Kill a writer at random moments, with or without an existing output; count how often each state was left."""
     path, chance = folder / name, random.Random(f"{name} {seed}")
     old, new = sheet(6, size=20), sheet(9, 5.0, size=20)
     names, decoded = {}, {}
@@ -101,7 +103,7 @@ def killed(name: str, folder: Path, kills: int, seed: int) -> dict[str, int]:
         if is_there:
             put(old, path)
         is_done = put_in_a_child(new, path, chance.uniform(0, 2.5 * seconds))
-        # The next run in the folder, whatever it is, finishes or removes what is there of the one that was killed.
+        # The next run in the folder, of whatever kind, finishes or removes the output of the killed run.
         write_sequence(ArraySequence(np.zeros((1, 3, 3))), folder / "other.npz")
         (folder / "other.npz").unlink()
         left = listed(folder)
@@ -204,7 +206,9 @@ LIMIT = 2**25
 
 
 def bomb_base() -> list[Part]:
-    """Sections of a file that takes a good part of the limit: a sheet of 2,304 vertices with all that there can be."""
+    """Return the sections of a file that takes a good part of the limit: a sheet of 2,304 vertices with all
+    kinds of data.
+    """
     side = 48
     chance = np.random.default_rng(3)
     points = chance.normal(0, 0.01, (24, side * side, 3)) + np.stack(
@@ -237,7 +241,9 @@ def bombs(parts: list[Part], kind: str, sizes: tuple[int, ...], seed: int) -> It
 
 
 def cost(data: bytes, *, is_sound: bool = False) -> tuple[int, float]:
-    """Memory [bytes] and processor time [s] of opening a file and decoding all of it, in a copy of the process."""
+    """Return memory [bytes] and processor time [s] of opening a file and decoding everything, in a copy of the
+    process.
+    """
     read, write = os.pipe()
     if (child := os.fork()) == 0:
         status = Path("/proc/self/status")
@@ -301,4 +307,6 @@ def test_the_worst_of_many_sections_of_anything(kind: str, parts: list[Part], fi
 
 
 WORST_FACTOR, WORST_SECONDS = 8, 2e-5
-"""Times the processor time of a sound file of the same mesh that a damaged one may take, and seconds for each byte."""
+"""Largest processor time of a damaged file: as a multiple of that of a valid file of the same mesh, plus
+seconds per byte.
+"""

@@ -1,6 +1,6 @@
-"""Clips of very many frames, vertices, objects or runs: what is done with them grows no faster than they do.
+"""Clips of very many frames, vertices, objects or runs: the cost of every operation grows at most in proportion.
 
-A short form counts calls of functions; `make long` measures seconds of the processor and memory at the largest sizes.
+A short form counts calls of functions; `make long` measures processor time and memory at the largest sizes.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ CLIPS: dict[str, tuple[Callable[[int], MeshSequence], tuple[int, int], tuple[int
     "objects": (many_objects, (40, 160), (1000, 10_000)),
     "runs": (many_runs, (10, 40), (1000, 10_000)),
 }
-"""Functions that make a clip of a size, with two sizes to count calls and two to measure."""
+"""Functions that make a clip of a given size, each with two sizes at which calls are counted and two that are
+measured.
+"""
 
 
 def steps(clip: MeshSequence, folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -87,7 +89,7 @@ def steps(clip: MeshSequence, folder: Path) -> Iterator[tuple[str, Callable[[], 
 
 
 def calls_of(work: Callable[[], object]) -> int:
-    """How many functions are called, of Python and compiled ones."""
+    """Return the number of calls of functions, of Python and compiled ones."""
     calls = count()
     sys.setprofile(lambda _, event, __: next(calls) if event in ("call", "c_call") else None)
     try:
@@ -104,14 +106,14 @@ def test_calls_grow_no_faster_than_the_clip(
     monkeypatch.setenv("PDECODEC_THREADS", "1")
     make, (small, large), _ = CLIPS[kind]
     for _, work in steps(make(small), tmp_path):
-        work()  # imports
+        work()  # runs imports
     fewer, more = ({name: calls_of(work) for name, work in steps(make(size), tmp_path)} for size in (small, large))
     for name, calls in fewer.items():
         assert more[name] < 1.2 * large / small * calls, name
 
 
 def test_a_long_clip_of_few_vertices_keeps_long_groups() -> None:
-    """Beyond half a million positions, where effort "fast" stops searching, groups had twelve frames."""
+    """Beyond half a million positions effort "fast" does not search; groups must still be longer than twelve frames."""
     clip = ArraySequence(walk(2**14 + 512, 32))
     assert pdecodec.encode(clip, tolerance=1e-3, effort="fast").groups < 50
 
@@ -125,7 +127,7 @@ def test_a_single_frame_is_encoded_without_a_search(effort: EffortName, monkeypa
 
 
 def measured(kind: str, size: int, folder: Path) -> dict[str, float]:
-    """Seconds of the processor that each step takes, and the most memory [bytes]."""
+    """Return the processor time that each step takes [s], and the peak memory [bytes]."""
     found: dict[str, float] = {}
     for name, work in steps(CLIPS[kind][0](size), folder):
         began = time.process_time()
@@ -149,7 +151,8 @@ def test_ten_times_as_much_takes_hardly_more_than_ten_times_as_long(
         found.append(json.loads(done.stdout.splitlines()[-1]))
         figures(f"{size:,} {kind}: " + ", ".join(f"{name} {number:.3g}" for name, number in found[-1].items()))
     for name, seconds in found[0].items():
-        # A partition of ten times as many vertices has three more levels, and no longer fits the processor's caches.
+        # With ten times as many vertices the partition tree has three more levels, and data no longer fit in the
+        # processor's caches.
         assert found[1][name] < (30 if kind == "vertices" else 15) * max(seconds, 0.1), name
 
 

@@ -1,4 +1,4 @@
-"""Blender, for tests of what it makes of files that we write; they skip by name where it is absent."""
+"""Blender, for tests of how it shows files of our writer; they are skipped with its name if it is missing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 PATIENCE = 300
-"""Seconds that Blender may take for a file."""
+"""Time limit of Blender for one file [s]."""
 
 _SCRIPT = """
 import json, sys

@@ -1,4 +1,4 @@
-"""Node modules and a browser for tests of glTF files and of pages; tests skip by name where they are absent."""
+"""Node modules and a browser, for tests of glTF files and pages; these are skipped with the name of what is missing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BROWSER = Path(__file__).resolve().parents[1] / "browser"
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 PATIENCE = 120
-"""Seconds that a browser without a graphics card may take."""
+"""Time limit of a browser without a graphics card [s]."""
 
 
 def node_modules() -> Path:
@@ -55,7 +55,7 @@ def assert_valid(path: Path, *, expected: Collection[tuple[str, str]] = ()) -> N
 
 
 def chromium() -> str:
-    """The browser's program."""
+    """Return the path of the browser."""
     found = next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
     if found is None:
         pytest.skip("chromium is not here")

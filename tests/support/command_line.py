@@ -1,4 +1,4 @@
-"""Commands as a shell would run them: in this process, or in one of their own."""
+"""Run commands as a shell would, in this process or in a separate one."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Capture = pytest.CaptureFixture[str]
 
 
 def done(*arguments: object) -> None:
-    """Run a command that ends well."""
+    """Run a command and assert that it succeeds."""
     assert run([str(argument) for argument in arguments]) == 0
 
 
 def json_of(capsys: Capture, *arguments: object) -> dict[str, Any]:
-    """Return the standard output of a command that ends well, which must be one JSON object."""
+    """Run a command that must succeed, and return the one JSON object on its standard output."""
     capsys.readouterr()
     code = run([*(str(argument) for argument in arguments), "--json"])
     captured = capsys.readouterr()
@@ -39,7 +39,7 @@ def json_of(capsys: Capture, *arguments: object) -> dict[str, Any]:
 
 
 def error_of(capsys: Capture, code: int, *arguments: object) -> str:
-    """Return the one line that a failing command writes, after checking that it is one and the exit code."""
+    """Run a command that must fail with an exit code and a single line of error; return that line."""
     capsys.readouterr()
     found = run([str(argument) for argument in arguments])
     captured = capsys.readouterr()
@@ -50,14 +50,14 @@ def error_of(capsys: Capture, code: int, *arguments: object) -> str:
 
 
 def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:
-    """Start a Python of our own, whose streams are buffered as those of a user."""
+    """Start Python in a separate process, with streams buffered as a user's."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "xterm", "PYTHONUNBUFFERED": ""}
     return subprocess.Popen([sys.executable, *arguments], env=environment, **streams)
 
 
 @contextmanager
 def files_below(size: int) -> Iterator[None]:
-    """Let files become no larger [bytes] in this process."""
+    """Limit the size of files that this process writes [bytes]."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
     try:
@@ -67,7 +67,7 @@ def files_below(size: int) -> Iterator[None]:
 
 
 def save_line(path: Path) -> Path:
-    """Four points in a row that move up, as NPZ."""
+    """Save four points in a row that move up, as NPZ."""
     points = np.zeros((6, 4, 3), np.float32)
     points[..., 0] = np.arange(4)
     points[..., 1] = np.arange(6)[:, None] ** 2

@@ -1,4 +1,4 @@
-"""Damage for everything that reads bytes: cut short, too long, overwritten."""
+"""Damage for all code that reads bytes: truncated, extended, overwritten."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ def assert_cuts_are_refused(data: bytes, decode: Callable[[bytes], object]) -> N
 
 
 def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], object], *, seed: int = 0) -> int:
-    """Overwrite bytes one by one and several together; returns how many of them were refused.
+    """Overwrite bytes, one at a time and several together; return how many of the results were refused.
 
-    Any error but CorruptFileError comes through and fails the test. Damage may go unnoticed: checksums
-    belong to the container.
+    Any error but CorruptFileError fails the test. Damage may go unnoticed: checksums belong to the container.
     """
     random = np.random.default_rng(seed)
     damaged = [
@@ -41,7 +40,7 @@ def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], objec
     refused = 0
     for each in damaged:
         try:
-            with np.errstate(all="ignore"):  # as the decoder does: numbers of a hostile file may overflow
+            with np.errstate(all="ignore"):  # as in the decoder: numbers in a malicious file may overflow
                 decode(bytes(each))
         except CorruptFileError:
             refused += 1

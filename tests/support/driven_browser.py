@@ -1,4 +1,4 @@
-"""A headless Chromium that draws without a graphics card, driven through chromedriver by plain HTTP."""
+"""A headless Chromium that draws without a graphics card, controlled through chromedriver by plain HTTP."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Browser:
         self.call("POST", "/url", {"url": address})
 
     def run(self, script: str, *arguments: object) -> Any:
-        """Run a script; return its result, or that of its promise."""
+        """Run a script; return its result, or that of the promise it returns."""
         waiting = (
             "const done = arguments[arguments.length - 1]; const given = [...arguments].slice(0, -1);"
             "(async (...arguments_) => {" + script + "})(...given)"
@@ -74,7 +74,7 @@ class Browser:
 
 @contextmanager
 def browsing(profile: Path) -> Iterator[Browser]:
-    """A browser with an empty profile, for the block."""
+    """Open a browser with an empty profile for this block."""
     program, driver = chromium(), shutil.which("chromedriver")
     if driver is None:
         pytest.skip("chromedriver is not here")

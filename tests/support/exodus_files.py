@@ -12,7 +12,7 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
 
 
 def names_of(names: Sequence[str]) -> np.ndarray:
-    """Names as Exodus lists them: rows of 33 characters."""
+    """Return names as Exodus stores them: rows of 33 characters."""
     return np.array([list(name.ljust(33, "\0")) for name in names], "S1")
 
 
@@ -27,9 +27,9 @@ def write_exodus(
     listed: Mapping[str, Sequence[str]] = {},
     elements: Mapping[str, Mapping[int, np.ndarray]] = {},
 ) -> None:
-    """Write nodes, blocks of elements by number, and nodal variables (steps, nodes) or one number a step.
+    """Write nodes, blocks of elements by number, and nodal variables, either (steps, nodes) or one number per step.
 
-    `listed` are further lists of names, by the variables that hold them, and `elements` variables (steps, elements) by
+    `listed` are further lists of names by the variables that hold them, `elements` variables (steps, elements) by
     block.
     """
     with h5py.File(path, "w") as file:

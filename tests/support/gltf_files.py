@@ -1,4 +1,4 @@
-"""glTF files made by hand, and what files hold as viewers see it."""
+"""glTF files made by hand, and what viewers see in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.three_player import PlayedMesh, play
 
 
 def few_functions() -> ArraySequence:
-    """A grid whose motion is three functions of time."""
+    """Return a grid whose motion is three functions of time."""
     rng = np.random.default_rng(5)
     time = np.arange(40) / 24
     curves = np.stack([np.sin((1 + k) * time) for k in range(3)], axis=1)
@@ -28,7 +28,7 @@ def few_functions() -> ArraySequence:
 
 
 def even_at_first() -> ArraySequence:
-    """A sheet that is even at the first frame alone."""
+    """Return a sheet that is flat only at the first frame."""
     flat = np.stack([*np.divmod(np.arange(64), 8), np.zeros(64)], axis=1)
     points = flat + np.random.default_rng(6).normal(size=(9, 64, 3)) * np.arange(9)[:, None, None] / 20
     return ArraySequence(points, objects=[MeshObject("sheet", grid(8, 8))], fps=24, metadata=SPACE)
@@ -42,7 +42,7 @@ def played(path: Path, times: Float64Array) -> list[PlayedMesh]:
 
 
 def targets_of(path: Path) -> list[Any]:
-    """Morph targets of the first primitive."""
+    """Return the morph targets of the first primitive."""
     found: list[Any] = read_gltf(path).root["meshes"][0]["primitives"][0]["targets"]
     return found
 
@@ -72,20 +72,20 @@ TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 def triangle() -> tuple[Scene, int]:
-    """A file of one triangle, and its node."""
+    """Make a file of one triangle; return it and the triangle's node."""
     made = Scene()
     return made, made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE)})
 
 
 def lifted() -> tuple[Scene, int]:
-    """A triangle with a morph target that lifts it."""
+    """Make a triangle with a morph target that lifts it."""
     made = Scene()
     target = made.builder.floats([[0, 0, 1]] * 3, bounds=True)
     return made, made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE, targets=[{"POSITION": target}])})
 
 
 def gltf_scene(path: Path) -> Path:
-    """A skinned triangle under a turned node, next to a camera, and a triangle under a moving node."""
+    """Write a skinned triangle under a rotated node, a camera, and a triangle under a moving node."""
     made = Scene()
     root = made.builder.root
     mesh = made.mesh(TRIANGLE, material=0, extras={"of": "primitive"})

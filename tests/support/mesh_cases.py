@@ -1,4 +1,4 @@
-"""Meshes for the tests of the codec: grids, tubes, and any connectivity at all."""
+"""Meshes for tests of the codec: grids, tubes, and arbitrary connectivity."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from spec.decoder.mesh import Mesh
 
 
 def grid_faces(rows: int, columns: int, *, closed: bool = False) -> Int64Array:
-    """(quads, 4): a grid of quads, vertex ``row * columns + column``; closed joins the last row to the first."""
+    """Return the quads of a grid, (quads, 4), with vertex ``row * columns + column``; `closed` joins the last
+    row to the first.
+    """
     row, column = np.meshgrid(np.arange(rows if closed else rows - 1), np.arange(columns - 1), indexing="ij")
     here, below = row * columns, (row + 1) % rows * columns
     return np.stack([here + column, here + column + 1, below + column + 1, below + column], axis=-1).reshape(-1, 4)
 
 
 def grid(rows: int, columns: int, *, closed: bool = False) -> Connectivity:
-    """The grid of :func:`grid_faces`: a sheet, or a tube whose rows run lengthwise."""
+    """Return the grid of :func:`grid_faces`: a sheet, or a tube whose rows run lengthwise."""
     return connectivity_of(rows * columns, grid_faces(rows, columns, closed=closed).tolist())
 
 
 @st.composite
 def connectivities(draw: st.DrawFn, most_vertices: int = 12) -> Connectivity:
-    """Any faces and lines: degenerate, non-manifold, with repeated vertices; many vertices may be in none."""
+    """Any faces and lines: degenerate, non-manifold, with repeated vertices; many vertices may be unused."""
     vertices = draw(st.integers(1, most_vertices))
     index = st.integers(0, vertices - 1)
     quad = st.lists(index, min_size=4, max_size=4)

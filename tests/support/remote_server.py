@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 
 class Server(ThreadingHTTPServer):
-    """Counts the bytes of bodies, and the requests."""
+    """A server that counts the bytes of bodies, and the requests."""
 
     folder: Path
     gives_ranges = True
@@ -67,7 +67,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 @contextmanager
 def serving(folder: Path) -> Iterator[Server]:
-    """A server of the files of a folder, on a free port, while the block runs."""
+    """Serve the files of a folder on a free port during this block."""
     with Server(("127.0.0.1", 0), _Handler) as server:
         server.folder = folder
         with answering(server):
@@ -76,7 +76,7 @@ def serving(folder: Path) -> Iterator[Server]:
 
 @contextmanager
 def answering(server: ThreadingHTTPServer) -> Iterator[None]:
-    """Answer a server's requests in a thread of its own, while the block runs."""
+    """Answer a server's requests in a separate thread during this block."""
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:

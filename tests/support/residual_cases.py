@@ -35,7 +35,7 @@ def none_of(frames: int) -> Residuals:
 
 
 def of_field(quantised: Int64Array, raw: Raw | None = None) -> Residuals:
-    """(frames, places, 3) steps: residuals wherever they are not all zero."""
+    """Return residuals from (frames, places, 3) steps: one wherever the three are not all zero."""
     some = [np.flatnonzero(steps.any(axis=1)) for steps in quantised]
     frames = [(places.tolist(), steps[places].tolist()) for places, steps in zip(some, quantised, strict=True)]
     return of_frames(frames, raw or {})
@@ -64,7 +64,7 @@ def groups(draw: st.DrawFn) -> tuple[Residuals, Int64Array]:
 
 
 def walk(seed: int, frames: int, places: int, spread: float, drift: float) -> Int64Array:
-    """Steps that go on as they went in time and are alike in neighbouring places."""
+    """Return steps that continue over time and resemble those of neighbouring places."""
     random = np.random.default_rng(seed)
     along = np.cumsum(random.normal(size=(places, 4, 3)), axis=0) / np.sqrt(places)
     time = np.sin(np.arange(frames)[:, None] * drift * np.array([1.0, 1.7, 2.3, 3.1]))

@@ -1,4 +1,4 @@
-"""Scenes that formats with trees, UVs, groups and curves must give back, and how to compare them."""
+"""Scenes that formats with trees, UVs, groups and curves must restore, and comparisons of scenes."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ SPACE = {"up_axis": "Y", "unit": "m"}
 IRREGULAR = np.array([0.125, 0.25, 0.3, 0.5, 1.75])
 
 WITH_EXTRA = {"abc": "alembic3d", "usd": "pxr", "usda": "pxr", "usdc": "pxr", "usdz": "pxr"}
-"""Extensions whose formats need an extra, and the package it brings."""
+"""Extensions whose formats need an extra, with the package that the extra installs."""
 
 
 def needed(extension: str) -> None:
-    """Skip, by name, what an extension needs and is not here."""
+    """Skip the test if an extension needs a package that is missing, and name it."""
     if extension in WITH_EXTRA:
         pytest.importorskip(WITH_EXTRA[extension], reason=f"what .{extension} needs is not installed here")
 
 
 def uv_with_seam(name: str = "uv") -> Attribute:
-    """UVs of a quad and a triangle that share an edge but not its texture coordinates."""
+    """Return UVs of a quad and a triangle that share an edge but not the texture coordinates there."""
     values = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.25, 0.5]], np.float32)
     return Attribute(name, "corner", values, np.array([0, 1, 2, 3, 4, 3, 2], np.int32))
 
 
 def body(name: str = "root/arm/hand", attributes: Sequence[Attribute] | None = None) -> MeshObject:
-    """Five vertices, a quad and a triangle; by default with a UV seam, a group, a material and colours."""
+    """Return five vertices with a quad and a triangle; by default with a UV seam, a group, a material and colours."""
     default = (
         uv_with_seam(),
         Attribute("group", "face", np.array([1, 0], np.int32), labels=("left", "right")),
@@ -56,7 +56,9 @@ def scene(
     frames: int = 5,
     **metadata: str,
 ) -> ArraySequence:
-    """Objects whose vertices move at random; by default a body, one without attributes, and two polylines."""
+    """Return objects whose vertices move at random; by default a body, an object without attributes, and two
+    polylines.
+    """
     curve = MeshObject("root/hair", connectivity_of(5, lines=[[0, 1, 2], [3, 4]]))
     parts = objects or [body(), body("root/arm/nail", ()), curve]
     vertices = sum(item.vertex_count for item in parts)
@@ -66,7 +68,9 @@ def scene(
 
 
 def turning(frames: int, axis: int, speed: float, drift: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(frames, 4, 4) for points that are rows: turns about an axis through the origin, and a drift."""
+    """Return matrices (frames, 4, 4), for points that are rows: rotations about an axis through the origin, and
+    a drift.
+    """
     angles, found = speed * np.arange(frames), np.repeat(np.eye(4)[None], frames, axis=0)
     first, second = [one for one in range(3) if one != axis]
     found[:, first, first] = found[:, second, second] = np.cos(angles)
@@ -78,7 +82,7 @@ def turning(frames: int, axis: int, speed: float, drift: NDArray[np.floating]) -
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-"""Its faces, counterclockwise seen from outside."""
+"""Faces of a tetrahedron, counterclockwise seen from outside."""
 
 
 def volume(sequence: MeshSequence, frame: int = 0) -> float:
@@ -88,7 +92,9 @@ def volume(sequence: MeshSequence, frame: int = 0) -> float:
 
 
 def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
-    """Parts that turn, drift, stand and bend, in this order again and again, some of them side by side."""
+    """Return parts that rotate, drift, stand still and bend, in this order again and again, several of them in
+    each object.
+    """
     rng, points, objects = np.random.default_rng(3), [], []
     for part in range(parts):
         shape = rng.normal(size=(size * size, 3)) + 3 * part
@@ -130,7 +136,7 @@ def broken_rules(path: Path) -> list[str]:
 
 
 def written(clip: MeshSequence, path: Path, **options: str) -> MeshSequence:
-    """A sequence that was written and is opened again."""
+    """Write a sequence, and open it again."""
     write_sequence(clip, path)
     # Options of any reader: mypy asks for the type of each parameter.
     return open_sequence(path, **options)  # type: ignore[arg-type]
@@ -139,7 +145,9 @@ def written(clip: MeshSequence, path: Path, **options: str) -> MeshSequence:
 def assert_same_scene(
     read: MeshSequence, written: MeshSequence, *, attributes: bool = True, error: float = 0.0
 ) -> None:
-    """Positions to the bit, or to an error over the largest; times to a nanosecond, names, faces, lines, attributes."""
+    """Assert equal positions, to the bit or to an error over the largest one; times to a nanosecond; names,
+    faces, lines, attributes.
+    """
     assert [item.name for item in read.objects] == [item.name for item in written.objects]
     expected = written.read_frames(0, written.frame_count)
     assert np.abs(read.read_frames(0, read.frame_count) - expected).max() <= error * np.abs(expected).max()
@@ -179,6 +187,6 @@ def meaning_of(attribute: Attribute) -> NDArray[Any]:
 
 
 def array_of(data: Path, name: str) -> dict[str, NDArray[np.generic]]:
-    """A sequence of the shared data as arrays."""
+    """Return a sequence of the shared data as arrays."""
     with np.load(data / "sequences" / f"{name}.npz") as archive:
         return dict(archive)

@@ -1,4 +1,4 @@
-"""Files whose sections a test codes itself: what the library makes of a section, by opening a file that holds it."""
+"""Files with sections that a test codes itself, to see what the library decodes from a section."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec.decoder.groups import SHAPES, TRAJECTORIES
 from spec.sealing import Part, Row, seal, take_apart
 
 PLENTY = 2**52
-"""Memory limit [bytes] that no test comes near."""
+"""Memory limit [bytes] that no test reaches."""
 
 
 @cache
@@ -28,9 +28,9 @@ def _still_file(objects: int) -> list[Part]:
 
 
 def file_of(objects: int, **sections: bytes) -> bytes:
-    """Return a file of one frame and `objects` single vertices, some of whose sections are replaced.
+    """Return a file of one frame and `objects` single vertices, with some sections replaced.
 
-    No function of time moves anything, so that the groups of frames go with any mesh.
+    It has no functions of time, so its groups of frames fit any mesh.
     """
     left = dict(sections)
     parts = [Part(part.kind, left.pop(part.kind, part.content), part.flags) for part in _still_file(objects)]
@@ -40,18 +40,18 @@ def file_of(objects: int, **sections: bytes) -> bytes:
 def evaluator_of(
     times: NDArray[np.float64], functions: int, chunk: bytes, *, axes: int, step: float = 1.0
 ) -> ArrayEvaluator:
-    """The evaluator of one still vertex whose frames, at these times, are a group of these functions of time.
+    """Return the evaluator of one still vertex whose frames, at these times, form a group with these functions of time.
 
     Parameters
     ----------
     times : (frames,) float64 [s]
     functions : int
     chunk : bytes
-        Of section TIME: the functions as they are coded.
+        Chunk of section TIME: the coded functions.
     axes : {1, 3}
-        Values of a function at a frame.
+        Number of values of a function at a frame.
     step : float
-        Of the functions.
+        Quantisation step of the functions.
     """
     clip = ArraySequence(np.zeros((times.size, 1, 3)), times=times, fps=24.0)
     sizes, kind = (len(chunk), 0, 0), TRAJECTORIES if axes == 3 else SHAPES

@@ -1,4 +1,4 @@
-"""Sequences that a format which keeps everything must give back, and how to compare them."""
+"""Sequences that a lossless format must restore, and comparisons of sequences."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tests.support.mesh_cases import connectivities, connectivity_of
 
 
 class Failing(ArraySequence):
-    """A source that breaks when it is read."""
+    """A source that fails when it is read."""
 
     def read_frames(self, start: int, stop: int) -> np.ndarray:
         raise InputError("the source broke", frame=start)
 
 
 def rich_sequence(frames: int = 4) -> ArraySequence:
-    """Two objects with quads, lines, every domain of attribute and every type of value, at irregular times."""
+    """Return two objects with quads, lines, attributes of every domain and type, at irregular times."""
     body = connectivity_of(5, [[0, 1, 2, 3], [2, 1, 4]], [[0, 2, 4], [3]])
     shared = np.array([0, 1, 2, 3, -1, 0, 1], np.int32)
     attributes = (
@@ -40,7 +40,7 @@ def rich_sequence(frames: int = 4) -> ArraySequence:
 
 
 def assert_same_sequence(read: MeshSequence, written: MeshSequence) -> None:
-    """Positions, times and everything that stays the same, to the last bit."""
+    """Assert equal positions, times and constant data, to the last bit."""
     frames = written.frame_count
     assert np.array_equal(read.read_frames(0, frames).view(np.uint32), written.read_frames(0, frames).view(np.uint32))
     assert np.array_equal(read.times, written.times)
@@ -54,7 +54,7 @@ def assert_same_sequence(read: MeshSequence, written: MeshSequence) -> None:
 
 
 def assert_same_attributes(found: Sequence[Attribute], wanted: Sequence[Attribute]) -> None:
-    """Names, domains, labels, values to the last bit, and rows."""
+    """Assert equal names, domains, labels, rows, and values to the last bit."""
     assert len(found) == len(wanted)
     for mine, other in zip(found, wanted, strict=True):
         assert (mine.name, mine.domain, mine.labels) == (other.name, other.domain, other.labels)

@@ -1,4 +1,4 @@
-"""The independent decoder with another arithmetic: every floating-point result is off by a unit in the last place."""
+"""The plain decoder with other arithmetic: every floating-point result may be off by one unit in the last place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 PACKAGE = Path(__file__).resolve().parents[2] / "spec" / "decoder"
 
 EXACT = {"read_sequence", "predicted", "Prediction", "in_order"}
-"""Functions in which the specification rounds every operation as written (19)."""
+"""Functions in which the specification requires every operation to be rounded as written (19)."""
 
 FUNCTIONS = {"sqrt", "cos", "sum", "cumsum", "prod"}
 OPERATORS = ast.Add | ast.Sub | ast.Mult | ast.Div | ast.Pow
@@ -28,7 +28,7 @@ Shake = Callable[[Any], Any]
 
 
 class Renamer(ast.NodeTransformer):
-    """Imports the decoder's modules under another package's name."""
+    """Makes the decoder's modules import each other under another package's name."""
 
     def __init__(self, package: str) -> None:
         self._package = package
@@ -40,7 +40,7 @@ class Renamer(ast.NodeTransformer):
 
 
 class Shaker(Renamer):
-    """Puts a call of `shake` around sums, differences, products, quotients, powers and functions, too."""
+    """Wraps sums, differences, products, quotients, powers and function calls in a call of `shake`."""
 
     def __init__(self, package: str, exempt: set[str]) -> None:
         super().__init__(package)
@@ -73,7 +73,9 @@ def shaken(node: ast.expr) -> ast.Call:
 
 
 def shaker(seed: int) -> Shake:
-    """Moves a number, or each of an array, to one of its neighbours or leaves it; zero and integers stay."""
+    """Return a function that moves a number, or each number of an array, to a neighbouring float or leaves it;
+    zero and integers stay.
+    """
     random = np.random.default_rng(seed)
     coins = itertools.chain.from_iterable(random.integers(0, 3, 4096).tolist() for _ in itertools.count())
 
@@ -90,7 +92,7 @@ def shaker(seed: int) -> Shake:
 
 
 def matrix_product(shake: Shake) -> Callable[[Any, Any], Any]:
-    """The product of arrays, as `@`, with `shake` in every product and every sum of two, in another order."""
+    """Return a product of arrays like `@`, with `shake` around every product and every sum, in another order."""
 
     def multiplied(one: Any, other: Any) -> Any:
         if one.dtype.kind != "f" and other.dtype.kind != "f":
@@ -111,7 +113,7 @@ def matrix_product(shake: Shake) -> Callable[[Any, Any], Any]:
 
 @contextmanager
 def decoder(shake: Shake | None, exempt: set[str] = EXACT) -> Iterator[dict[str, ModuleType]]:
-    """The modules of the independent decoder, under names of their own, with `shake`, if any, in its arithmetic."""
+    """Import the modules of the plain decoder under other names, with `shake`, if given, in their arithmetic."""
     package = f"shaken_decoder_{next(COUNTER)}"
     parent = ModuleType(package)
     parent.__path__ = []

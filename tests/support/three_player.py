@@ -1,4 +1,4 @@
-"""glTF files as three.js plays them in headless Chromium; what is missing skips by name."""
+"""glTF files as three.js plays them in headless Chromium; tests are skipped with the name of what is missing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pdecodec.mesh.arrays import Float32Array
 from tests.support.browser_tools import BROWSER, chromium, node_modules
 
 PATIENCE = 3600
-"""Seconds for all files."""
+"""Time limit for all files [s]."""
 
 WITH_GRAPHICS = ("--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
@@ -51,7 +51,7 @@ class PlayedMesh:
 
 
 class _Server(http.server.ThreadingHTTPServer):
-    """Serves the page, the modules and the files; receives the page's results."""
+    """Serves the page, the modules and the files, and receives the page's results."""
 
     def __init__(self, files: Sequence[tuple[Path, Sequence[float]]], modules: Path, *, draw: bool) -> None:
         self.files, self.modules, self.draw = files, modules, draw
@@ -115,9 +115,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 def play(
     files: Sequence[tuple[Path, Sequence[float]]], profile: Path, *, draw: bool, patience: float = PATIENCE
 ) -> list[list[PlayedMesh] | str]:
-    """The primitives of each file at times [s], or why there are none; with `draw` what draws them runs, too.
+    """Return the primitives of each file at times [s], or why there are none. With `draw`, the page also draws them.
 
-    Skips if there is no browser or no three.js.
+    Skips the test if there is no browser or no three.js.
     """
     modules, browser = node_modules(), chromium()
     if not (modules / "three").is_dir():
@@ -130,7 +130,7 @@ def play(
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     end = time.monotonic() + patience
     try:
-        # A browser that ends says nothing any more.
+        # Stop waiting if the browser has ended.
         while not server.finished.wait(0.1) and process.poll() is None and time.monotonic() < end:
             pass
     finally:

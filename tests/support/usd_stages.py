@@ -1,4 +1,4 @@
-"""Small USD stages: a triangle, a skeleton and what it moves."""
+"""Small USD stages: a triangle, a skeleton and the prims that it moves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def triangle(stage: Usd.Stage, path: str) -> UsdGeom.Mesh:
 
 
 def skeleton_of(stage: Usd.Stage, *joints: str) -> UsdSkel.Skeleton:
-    """Joints that stand at the origin, below a root of skinned prims."""
+    """Make joints at the origin, below a root of skinned prims."""
     skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
     skeleton.CreateJointsAttr(joints)
     for create in (skeleton.CreateBindTransformsAttr, skeleton.CreateRestTransformsAttr):
@@ -38,7 +38,7 @@ def skeleton_of(stage: Usd.Stage, *joints: str) -> UsdSkel.Skeleton:
 
 
 def animation_of(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, *joints: str) -> UsdSkel.Animation:
-    """An animation of joints that neither turns nor scales them."""
+    """Make an animation whose joints neither rotate nor scale."""
     animation = UsdSkel.Animation.Define(stage, "/root/skeleton/animation")
     animation.CreateJointsAttr(joints)
     animation.CreateRotationsAttr([Gf.Quatf(1)] * len(joints))
@@ -48,7 +48,7 @@ def animation_of(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, *joints: str) -> 
 
 
 def bound_to(skeleton: UsdSkel.Skeleton, shape: Any, *weights: Sequence[float]) -> UsdSkel.BindingAPI:
-    """Bind points of a shape to all joints, with weights for each point."""
+    """Bind the points of a shape to all joints, with weights for each point."""
     binding, joints = UsdSkel.BindingAPI.Apply(shape.GetPrim()), len(weights[0])
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
     binding.CreateJointIndicesPrimvar(False, joints).Set([*range(joints)] * len(weights))

@@ -1,7 +1,7 @@
-"""Changes to files that know how these are made up.
+"""Changes to files that respect how their format is structured.
 
-Numbers of text, fields of binary files, values of JSON, members of archives, datasets of HDF5; a third of the time
-bytes change as if nothing were known.
+They change numbers in text, fields of binary files, values of JSON, members of archives and datasets of HDF5. A
+third of the time they change bytes as if nothing were known about the format.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WORDS = (b"", b"nan", b"-inf", b"1e999", b"-", b"/", b"//", b"1/", b"0x10", b"1_
 
 
 def of_bytes(random_: random.Random, data: bytes) -> bytes:
-    """Bytes changed, cut, repeated or moved, of a file that is not understood."""
+    """Change, cut, repeat or move bytes, without understanding the file."""
     changed = bytearray(data or b"\0")
     for _ in range(random_.randint(1, 4)):
         changed = changed or bytearray(1)
@@ -51,7 +51,7 @@ def of_bytes(random_: random.Random, data: bytes) -> bytes:
 
 
 def of_fields(random_: random.Random, data: bytes) -> bytes:
-    """Fields of four or eight bytes, in the first two hundred for the most part, become numbers that matter."""
+    """Replace fields of four or eight bytes, mostly among the first two hundred bytes, by critical numbers."""
     changed = bytearray(data.ljust(8, b"\0"))
     for _ in range(random_.randint(1, 3)):
         end = len(changed) - 4 if random_.random() < 0.3 else min(len(changed) - 4, 200)
@@ -68,7 +68,7 @@ def of_fields(random_: random.Random, data: bytes) -> bytes:
 
 
 def of_text(random_: random.Random, data: bytes) -> bytes:
-    """Words become others, lines are taken out, repeated, joined or moved."""
+    """Replace words, and remove, repeat, join or move lines."""
     lines = data.split(b"\n")
     for _ in range(random_.randint(1, 4)):
         at = random_.randrange(len(lines))
@@ -102,7 +102,7 @@ def _word(random_: random.Random, word: bytes) -> bytes:
 
 
 def of_json(random_: random.Random, data: bytes) -> bytes:
-    """Values of any depth become others, or are taken out or repeated."""
+    """Replace, remove or repeat values at any depth."""
     tree = json.loads(data)
     for _ in range(random_.randint(1, 3)):
         places = [*_places(tree)]
@@ -155,7 +155,7 @@ def _json_value(random_: random.Random) -> Any:
 
 
 def of_glb(random_: random.Random, data: bytes) -> bytes:
-    """A glb's JSON or its buffer, put together again with right lengths for the most part."""
+    """Change the JSON or the buffer of a GLB, and put the file together again, mostly with correct lengths."""
     (length,) = struct.unpack_from("<I", data, 12)
     text, rest = data[20 : 20 + length], data[20 + length :]
     if random_.random() < 0.7:
@@ -169,7 +169,7 @@ def of_glb(random_: random.Random, data: bytes) -> bytes:
 
 
 def of_ply(random_: random.Random, data: bytes) -> bytes:
-    """The header as text, the body as fields, or as text where it is."""
+    """Change the header as text, and the body as binary fields, or as text if it is text."""
     head, mark, body = data.partition(b"end_header\n")
     if random_.random() < 0.6:
         return of_text(random_, head) + mark + body
@@ -177,7 +177,7 @@ def of_ply(random_: random.Random, data: bytes) -> bytes:
 
 
 def of_npz(random_: random.Random, data: bytes) -> bytes:
-    """Members with other shapes, types or numbers, taken out, renamed or packed otherwise."""
+    """Give members other shapes, types or numbers; remove, rename or compress them."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     for _ in range(random_.randint(1, 2)):
@@ -204,7 +204,7 @@ def of_npz(random_: random.Random, data: bytes) -> bytes:
 
 
 def _array(random_: random.Random, member: bytes) -> bytes:
-    """Another array in place of one: its numbers in other types and shapes, or numbers that matter among them."""
+    """Replace an array by one of other types or shapes, or put critical numbers into it."""
     array = _other(random_, np.load(io.BytesIO(member), allow_pickle=False))
     out = io.BytesIO()
     np.save(out, array, allow_pickle=False)
@@ -239,7 +239,9 @@ def _other(random_: random.Random, array: np.ndarray[Any, Any]) -> np.ndarray[An
 
 
 def of_hdf5(random_: random.Random, data: bytes) -> bytes:
-    """Datasets with other shapes, types or numbers, taken out or replaced by groups and links, and attributes."""
+    """Give datasets other shapes, types or numbers, replace them by groups and links, remove them, or change
+    attributes.
+    """
     held = io.BytesIO(data)
     with h5py.File(held, "r+") as file:
         for _ in range(random_.randint(1, 2)):
@@ -275,7 +277,9 @@ def of_hdf5(random_: random.Random, data: bytes) -> bytes:
 
 
 def mixed(*mutations: Mutation) -> Mutation:
-    """One of several mutations, else of :func:`of_bytes`; a file that one cannot take is changed in its bytes."""
+    """Return a function that applies one of several mutations, or :func:`of_bytes` if the chosen one cannot
+    handle the file.
+    """
 
     def mutate(random_: random.Random, data: bytes) -> bytes:
         if random_.random() < 2 / 3:

@@ -1,10 +1,10 @@
-"""Fuzz readers: ``python -m tests.slow.fuzz.readers MINUTES [READER...]``, so many minutes on each.
+"""Fuzz readers: ``python -m tests.slow.fuzz.readers MINUTES [READER...]`` spends so many minutes on each.
 
-Each reader runs in a process of its own, with a limit of memory and of time for each file. Whatever is raised but our
-own errors, takes too long, takes too much, or ends the process is a finding: its file is kept under
-``build/fuzz-readers``, once for each place in the code. The exit code is 1 where there is one. Where a library is known
-to crash (USD, Alembic), a file that ends the process is opened again with ``isolate=True``, and is a finding only if
-this raises anything but our errors, or hangs.
+Each reader runs in a process of its own, with limits of memory and time for each file. It is a finding if a file
+raises any error but our own, takes too long or too much memory, or ends the process. The file is kept under
+``build/fuzz-readers``, once for each place in the code. The exit code is 1 if there are findings. If a library is
+known to crash (USD, Alembic), a file that ends the process is opened again with ``isolate=True``, and is a finding
+only if that raises any error but ours, or hangs.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from tests.slow.fuzz.seeds import READERS, Seed, Target, target
 
 KEPT = Path("build/fuzz-readers")
 MAX_MEMORY = 2**31
-"""Address space beyond what the process has at first: more is a MemoryError, and a finding."""
+"""Largest growth of a process's address space: beyond it, a MemoryError is raised, which is a finding."""
 
 MAX_SECONDS = 10
 """Limit of processor time for one file of some kilobytes [s]."""
 
 MAX_WAITED_SECONDS = 300
-"""Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
+"""Time after which a process that reports nothing counts as hanging, however busy the machine is [s]."""
 
 MAX_ISOLATED_MEMORY = 6 * 2**30
-"""Address space of the process that opens a file in isolation, so that no file takes the memory of the machine."""
+"""Address space of the process that opens a file in isolation, so that no file exhausts the machine's memory."""
 
 MAX_POSITIONS = 10**6
 """Largest number of positions that are read: a file may declare more than it has."""
@@ -76,14 +76,14 @@ def read_all(folder: Path, seed: Seed, *, isolate: bool = False) -> None:
 
 
 def mutant(of: Target, number: int) -> tuple[Seed, bytes]:
-    """The file of a number: the same in every run."""
+    """Return the mutant of a number, which is the same in every run."""
     source = random.Random(number)
     seed = source.choice(of.seeds)
     return seed, of.mutate(source, seed.files[seed.changed])
 
 
 def write(folder: Path, seed: Seed, changed: bytes) -> None:
-    """The files of a mutant, in a folder."""
+    """Write the files of a mutant to a folder."""
     for name, data in seed.files.items():
         (folder / name).write_bytes(changed if name == seed.changed else data)
 
@@ -93,7 +93,7 @@ def _too_slow(number: int, frame: FrameType | None) -> None:
 
 
 def _work(name: str, first: int, deadline: float, wire: Any) -> None:
-    """Run mutants until the deadline; tell the number of each before it is opened, and what was found."""
+    """Run mutants until the deadline; send the number of each before it is opened, and the findings."""
     faulthandler.disable()
     warnings.simplefilter("ignore")
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
@@ -126,7 +126,9 @@ def _new_folder() -> Path:
 
 
 def _isolated(name: str, number: int) -> BaseException | None:
-    """Open a file that ended a process in isolation; return what is raised but our errors, or that it hangs."""
+    """Open a file that has ended a process in isolation; return an error that is not ours, or a hang; None if
+    there is neither.
+    """
     signal.signal(signal.SIGALRM, _too_slow)
     folder = _new_folder()
     try:
@@ -143,7 +145,7 @@ def _isolated(name: str, number: int) -> BaseException | None:
 
 
 def _place(error: BaseException) -> str:
-    """Kind of an error and the last line of our code that it went through."""
+    """Return the type of an error, and the last line of our code in its traceback."""
     frames = [one for one in traceback.extract_tb(error.__traceback__) if "site-packages" not in one.filename]
     last = frames[-1] if frames else None
     return f"{type(error).__name__} at {'?' if last is None else f'{Path(last.filename).name}:{last.name}'}"
@@ -164,7 +166,7 @@ def _keep(name: str, number: int, place: str, text: str) -> None:
 def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int]]:
     """Fuzz one reader; return how many files were opened, how many crashed a library, and the findings."""
     deadline, number, found, runs, crashes = time.monotonic() + seconds, first, dict[str, int](), 0, 0
-    # Not by fork: threads that a library has started here do not run in the new process.
+    # No fork: threads that a library has started here would not run in the new process.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__ if __name__ != "__main__" else "tests.slow.fuzz.readers"])
 
@@ -179,7 +181,7 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, int, dict[str, int
         child.start()
         theirs.close()
         while True:
-            # A library that loops in its own code does not see the signal.
+            # A library that loops in its own code does not notice the signal.
             if not multiprocessing.connection.wait([wire], timeout=MAX_WAITED_SECONDS):
                 child.kill()
                 note("hangs in a library", f"took more than {MAX_WAITED_SECONDS} s")

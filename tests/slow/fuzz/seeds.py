@@ -1,4 +1,4 @@
-"""Sound files that the fuzzer of readers begins with, for each reader some."""
+"""Valid files from which the fuzzer of readers begins, several for each reader."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.5]])
 
 @dataclass(frozen=True)
 class Seed:
-    """Files by name: `changed` is the one that is mutated, `opened` the one that is opened."""
+    """Files by name. `changed` is the file that is mutated, `opened` the file that is opened."""
 
     files: dict[str, bytes]
     changed: str
@@ -129,13 +129,15 @@ def _container(extension: str) -> tuple[Seed, ...]:
 
 
 def _beside(name: str) -> tuple[Seed, ...]:
-    """A format of several files: each of them is changed, and the first by name of its extension is opened."""
+    """Return seeds of a format of several files: each file is changed in turn, and the first one with its
+    extension is opened.
+    """
     files = _written(scene(frames=3), name)
     return tuple(Seed(files, changed, name) for changed in files)
 
 
 def _lists() -> tuple[Seed, ...]:
-    """Lists of VTK's files: steps with times, parts, and lists of these."""
+    """Return lists of VTK files: steps with times, parts, and lists of these."""
     files = _written(scene(frames=2), "in.pvd")
     first = next(name for name in sorted(files) if name.endswith(".vtu"))
     lists = {
@@ -156,7 +158,9 @@ def _exodus() -> tuple[Seed, ...]:
 
 
 def _usd() -> tuple[Seed, ...]:
-    """Text, the binary format and a package of a stage, and a hand-written one with what our writer never writes."""
+    """Return a stage as text, in binary format and as a package, and a hand-written stage with features that
+    our writer does not use.
+    """
     identity = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))"
     stage = f"""#usda 1.0
 (
@@ -221,7 +225,7 @@ def SkelRoot "root" {{
 
 
 def target(reader: str) -> Target:
-    """Return what is fuzzed of a reader of :data:`READERS`."""
+    """Return a reader of :data:`READERS` as a target, with its seeds."""
     return READERS[reader]()
 
 
