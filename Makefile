@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test test-all long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
+.PHONY: demo test test-all long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist amalgamation docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -137,6 +137,10 @@ paper: reproduce stability
 # The source, and from it the wheel for this kind of machine.
 dist: $(READY)
 	$(BIN)/python -m build --no-isolation --outdir dist
+
+# The decoder as one C++ file and a header, to be compiled into another program.
+amalgamation:
+	$(PYTHON) -m core.amalgamation dist/amalgamation
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md

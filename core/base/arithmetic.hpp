@@ -1,7 +1,7 @@
 // Exact arithmetic: integers that every compiler computes alike, and floating point that must not be contracted.
 //
-// The file format's integers follow Python: division and shifts round towards minus infinity. Signed overflow wraps
-// (-fwrapv), shifts of negative numbers are arithmetic (C++20).
+// The file format's integers follow Python: division and shifts round towards minus infinity; shifts of negative numbers
+// are arithmetic (C++20). A decoder computes in u64 where a sum or product may wrap at 64 bits.
 #pragma once
 
 #include <bit>

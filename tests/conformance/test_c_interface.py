@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.amalgamation import write as write_amalgamation
 from pdecodec import encode, open_animation
 from pdecodec.mesh.sequence import MeshSequence
 from spec.accepted import several_objects, with_attributes
@@ -160,6 +161,39 @@ def test_the_example_says_in_one_line_what_is_wrong_with_a_file(player: Path, tm
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
     assert "is truncated" in run.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+def test_the_decoder_in_one_file_gives_the_same_positions(player: Path, tmp_path: Path, compiler: str) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not in the path")
+    write_amalgamation(tmp_path)
+    (tmp_path / "include").mkdir()
+    (tmp_path / "pdeanim.h").rename(tmp_path / "include/pdeanim.h")
+    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path / 'include'}"]
+    run(compiler, *flags, "-c", tmp_path / "pdeanim.cpp", "-o", tmp_path / "pdeanim.o")
+    run("cc", "-std=c11", f"-I{tmp_path / 'include'}", "-c", EXAMPLE, "-o", tmp_path / "play.o")
+    run(compiler, tmp_path / "play.o", tmp_path / "pdeanim.o", "-pthread", "-o", tmp_path / "play")
+    for name in ("groups", "polygons_attributes", "many_patches"):
+        folders = [tmp_path / name / kind for kind in ("library", "one_file")]
+        for folder, program in zip(folders, (player, tmp_path / "play"), strict=True):
+            folder.mkdir(parents=True)
+            run(program, accepted_files()[name], folder, "19")
+        files = [path.name for path in folders[0].iterdir()]
+        assert len(files) > 1
+        assert all((folders[0] / name).read_bytes() == (folders[1] / name).read_bytes() for name in files)
+
+
+def test_the_decoder_in_one_file_includes_no_other_of_ours(tmp_path: Path) -> None:
+    write_amalgamation(tmp_path)
+    text = (tmp_path / "pdeanim.cpp").read_text()
+    assert re.findall(r'#\s*include\s*"(.*)"', text) == ["pdeanim.h"]
+    assert (tmp_path / "pdeanim.h").read_text() == HEADER
+    functions = re.findall(r"^PDEANIM_API .*?(pdeanim_\w+)\(", HEADER, re.MULTILINE)
+    assert len(functions) > 20
+    assert [name for name in functions if not re.search(rf"\b{name}\([^;{{]*{{", text)] == []
+    assert "encode_residuals" not in text, "what only an encoder needs is left out"
 
 
 def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:

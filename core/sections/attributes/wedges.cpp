@@ -120,8 +120,8 @@ template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, co
 
 namespace {
 
-constexpr i64 most_corners = 16;  // number of a wedge's corners that are examined
-constexpr int ratio_bits = 16;    // fraction bits of a ratio of lengths
+constexpr i64 most_corners_around = 16;  // number of a wedge's corners that are examined
+constexpr int ratio_bits = 16;           // fraction bits of a ratio of lengths
 constexpr int vector_bits = 14;  // digits of the largest component of three edges, before their products are multiplied
 // Largest distance of a point along an edge (8 edge lengths) and across it (4 times the distance of the third known
 // point). Farther away, a prediction only amplifies noise.
@@ -300,7 +300,7 @@ bool WedgeField::look_across(i32 x, i32 corner, bool is_before, bool has_turned)
 const WedgeField::Findings &WedgeField::look_around(i32 x) {
     auto &[predicted, counts, expected] = findings_;
     findings_ = {};
-    const i64 first = corners_.fan_starts[x], end = least(corners_.fan_starts[x + 1], first + most_corners);
+    const i64 first = corners_.fan_starts[x], end = least(corners_.fan_starts[x + 1], first + most_corners_around);
     for (i64 place = first; place < end; ++place) {
         const i32 corner = corners_.fan[place], size = corners_.size[corner];
         for (const i32 beside : {corners_.next[corner], corners_.previous[corner]}) {

@@ -138,8 +138,9 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Models &models, Kin
     head.count = count.code(coder, head.count);
     if (head.count == 0) return {0, 0, 0};
     head.size = size.code(coder, head.size);
-    // The product of two numbers of 32 bits may overflow: the caller checks it before using it.
-    head.corners = head.size ? head.count * head.size : corners.code(coder, head.corners);
+    // The product of two numbers of 32 bits, unsigned so that it is defined: the caller checks it before it is used.
+    const u64 product = static_cast<u64>(head.count) * static_cast<u64>(head.size);
+    head.corners = head.size ? static_cast<i64>(product) : corners.code(coder, head.corners);
     return head;
 }
 

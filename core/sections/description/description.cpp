@@ -28,15 +28,15 @@ std::vector<u8> bytes_of(std::span<const double> times) {
 
 std::vector<double> times_of(std::span<const u8> bytes) {
     std::vector<double> times(bytes.size() / bytes_each);
-    i64 place = 0, step = 0;
+    u64 place = 0, step = 0;  // sums of signed numbers, which wrap at 64 bits
     for (std::size_t i = 0; i < times.size(); ++i) {
         u64 coded = 0;
         for (std::size_t byte = 0; byte < bytes_each; ++byte) {
             coded |= static_cast<u64>(bytes[byte * times.size() + i]) << 8 * byte;
         }
-        step += static_cast<i64>(coded >> 1) ^ -static_cast<i64>(coded & 1);
+        step += (coded >> 1) ^ -(coded & 1);
         place += step;
-        times[i] = std::bit_cast<double>(flipped(place));
+        times[i] = std::bit_cast<double>(flipped(static_cast<i64>(place)));
     }
     return times;
 }
