@@ -115,6 +115,7 @@ BUILT_IN = (
         companions="pdecodec.formats.usd.layers:layer_files",
         writer="pdecodec.formats.usd.writer:write_usd",
         onto="pdecodec.formats.usd.onto:write_usd_onto",
+        carrier="pdecodec.formats.usd.scene:UsdFamily",
         times="microseconds",
         extra="usd",
         options=("transforms", "skip_unsupported"),

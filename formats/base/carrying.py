@@ -73,8 +73,11 @@ class Family(Protocol):
         `exact_uvs` says whether the decoder returns texture coordinates to the last bit.
         """
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject]) -> None:
-        """Fill the files in a folder from the decoded objects; the motion's arrays may hold anything of their size."""
+    def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+        """Fill the files in a folder from the decoded objects; the motion's arrays may hold anything of their size.
+
+        `cuts` has the members ``root`` and ``companions``, too. They may be changed, as for an output with `suffix`.
+        """
 
 
 class CarriedFile:
@@ -163,15 +166,17 @@ def write_scene(
                 path.write_bytes(files[FILES + name])
             if cuts["root"] not in names or not set(cuts["companions"]) <= set(names):
                 raise damaged("the scene does not hold all of its files")
-            root = folder / cuts["root"]
             with _damage_named():
-                family.fill(folder, cuts, sequence.objects)
+                family.fill(folder, cuts, sequence.objects, where.suffix)
+            # The output may have the name of the original.
+            root = (folder / cuts["root"]).rename(folder / f"original{Path(cuts['root']).suffix}")
             found = write_onto(sequence, root, folder / place.name, clip=cuts.get("clip"), is_filled=True, **options)
         except InputError as error:
             if error.code not in UNFIT:
                 raise
             return error
-        for name in set(names) - set(cuts["companions"]):
+        root.unlink()
+        for name in set(names) - {cuts["root"], *cuts["companions"]}:
             (folder / name).unlink()
         _publish(folder, place, cuts["companions"], overwrite=overwrite)
     return found

@@ -157,7 +157,8 @@ def write_onto(
         matches, notices = match_objects(placed, there, source)
         if entry.times != "exact":
             notices += times_kept(sequence.times, entry.times, title=entry.title)
-        if names := sorted({one.name for one in sequence.runs[0].fields}):
+        # A scene that was carried has its own, exactly.
+        if names := [] if is_filled else sorted({one.name for one in sequence.runs[0].fields}):
             notices += (f"fields not kept: {', '.join(names)}",)
         return (*notices, *writer(placed, there, matches, source, output))
 

@@ -298,8 +298,9 @@ class _Probe:
 
     def _try_count(self, count: int, bound: float) -> Float64Array | None:
         low, high = _ranges(self._vectors[:, :count], cubic=self._cubic)
-        spans = np.where(high > low, high - low, 1)  # a function that stands still is zero
-        more = np.clip((self._vectors[:, :count] - low) / spans, 0, 1).astype(np.float32)
+        if (high <= low).any():
+            return None  # a function that stands still
+        more = np.clip((self._vectors[:, :count] - low) / (high - low), 0, 1).astype(np.float32)
         functions = np.column_stack([self._known, more.astype(np.float64)])
         basis = np.column_stack([np.ones(len(functions)), functions])
         shapes = (_pseudo_inverse(functions) @ self._rows).astype(np.float32).astype(np.float64)

@@ -77,7 +77,7 @@ class GltfFamily:
         notes = {"arrays": cuts, "images": images, "checks": checks, **clip}
         return Stripped(files, ROOT, notes, _contents(file), outside=tuple(dict.fromkeys(outside)))
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject]) -> None:
+    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
         """Fill the buffers and the JSON in a folder."""
         path = folder / ROOT
         root = json.loads(path.read_bytes())

@@ -68,7 +68,7 @@ class ObjFamily:
         listed = tuple(dict.fromkeys([*outside, *textures]))
         return Stripped(files, ROOT, {"lines": sorted(cut)}, contents, tuple(libraries), listed)
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject]) -> None:
+    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
         """Fill the text in a folder."""
         path = folder / ROOT
         path.write_bytes(_filled(path.read_bytes(), objects, set(cuts["lines"])))

@@ -44,6 +44,16 @@ def write_usd_onto(
         raise InputError(
             "a package does not hold a layer over another file; write a .usda or .usdc file", code="unsupported-feature"
         )
+    place, below = path.parent.resolve(), original.root_layer
+    # In the same folder, names stay as they are.
+    names: dict[str, str] = {}
+
+    def anchored(text: str) -> str:
+        found = _anchored(below, text)
+        if place == source.parent.resolve():
+            names[found] = text
+        return found
+
     with stage_folder(output) as folder:
         file = layer_file(folder, path)
         if to_package and from_package:
@@ -51,21 +61,19 @@ def write_usd_onto(
             layer = Sdf.Layer.FindOrOpen(str(file))
         else:
             layer = Sdf.Layer.CreateNew(str(file))
-            below = original.root_layer
             if output.layer:
                 layer.subLayerPaths.append(below.identifier)
                 for name in ("defaultPrim", "timeCodesPerSecond", "framesPerSecond", "upAxis", "metersPerUnit"):
                     _hand_on(below, layer, name)
             else:
                 layer.TransferContent(below)
-                UsdUtils.ModifyAssetPaths(layer, lambda text: _anchored(below, text))
+                UsdUtils.ModifyAssetPaths(layer, anchored)
         _Over(sequence, original, fits, Usd.Stage.Open(layer), output).write()
         if to_package:
             check_package(file, usd_scope(source))
             file = packed(file, path)
         else:
-            place = path.parent.resolve()
-            UsdUtils.ModifyAssetPaths(layer, lambda text: _relative(text, place))
+            UsdUtils.ModifyAssetPaths(layer, lambda text: names.get(text) or _relative(text, place))
             # A binary file that is saved again would keep its previous content.
             file = file.with_name(f"whole{path.suffix}")
             layer.Export(str(file))
@@ -147,7 +155,15 @@ class _Over:
             self._alone(shape.prim.GetPath())
         _note_range(stage, codes)
         self._prims = [
-            _PrimOver(stage.GetPrimAtPath(shape.prim.GetPath()), shape, one, original, sequence.times, codes)
+            _PrimOver(
+                stage.GetPrimAtPath(shape.prim.GetPath()),
+                shape,
+                one,
+                original,
+                sequence.times,
+                codes,
+                is_filled=output.is_filled,
+            )
             for shape, one in zip(shapes, fits, strict=True)
         ]
 
@@ -185,6 +201,8 @@ class _PrimOver(ShapeOver):
         original: UsdSequence,
         times: Float64Array,
         codes: Float64Array,
+        *,
+        is_filled: bool,
     ) -> None:
         self._codes = codes
         is_implicit = isinstance(shape.points, Implicit)
@@ -192,13 +210,15 @@ class _PrimOver(ShapeOver):
         if is_implicit:
             _make_mesh(prim, item.connectivity)
         geometry = UsdGeom.PointBased(prim)
-        rows = normal_rows(item) if item.connectivity.face_count else None
+        normals_of = fit.item if is_filled else item
+        rows = normal_rows(normals_of) if item.connectivity.face_count else None
         rows = rows if is_implicit or _has_normals(geometry) else None
         placed = ShapePlacement(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
         super().__init__(fit.own, placed, rows, None if shape.gather is None else item.connectivity.line_indices)
         if shape.skinning is not None:
             _let_go(prim)
-        for attribute in (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
+        # A scene that was carried has those of the same motion.
+        for attribute in () if is_filled else (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
             _silence(attribute)
         self._points, self._extent = geometry.CreatePointsAttr(), geometry.CreateExtentAttr()
         for attribute in (self._points, self._extent):

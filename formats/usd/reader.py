@@ -144,6 +144,11 @@ class UsdSequence(SceneSequence):
             out[row] = shape.fitted(points, self._path, self._first_frame + start + row)
 
     @property
+    def stage(self) -> Any:
+        """The stage, which stays open with the sequence."""
+        return self._stage
+
+    @property
     def root_layer(self) -> Any:
         """The root layer of the stage."""
         return self._stage.GetRootLayer()

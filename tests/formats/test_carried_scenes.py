@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,177 @@ def test_everything_in_a_gltf_file_but_its_motion_comes_back(tmp_path: Path, sha
         )
         if number is not None and "Draco" not in name:
             assert after.moved_primitives(number) == before.moved_primitives(mesh)
+
+
+USD = (
+    *(f"files/usd/{name}" for name in ("cortex_vertexAnim.usda", "openusd_blendshapes.baked.usda")),
+    *("files/usd/SoC-ElephantWithMonochord.usdc", "interop/usd/AnimCube.usda"),
+    *(f"interop/usd/{name}.usdz" for name in ("AnimatedCube", "BoxAnimated", "CesiumMan", "RiggedSimple")),
+    *(f"interop/usd/{name}.usda" for name in ("arm", "blendshapesWithNormals", "lbs")),
+)
+"""The USD files of the shared data."""
+
+
+@pytest.mark.parametrize("name", USD)
+def test_everything_in_a_usd_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    from tests.support.usd_listing import listing, others_in_package
+
+    source = shared_data / name
+    with pdecodec.open_sequence(source) as read:
+        moved = {str(one.prim.GetPath()) for one in read.shapes}
+    out, report = decoded(tmp_path, source, source.name)
+    if not report.scene_bytes:
+        assert not report.scene_note
+        return
+    before, after = listing(source, moved), listing(out, moved)
+    assert before.keys() - after.keys() == set()
+    assert {key: value for key, value in after.items() if key in before} == before
+    assert all(key.rpartition(".")[0] in moved for key in after.keys() - before.keys())
+    if source.suffix == ".usdz":
+        assert others_in_package(out) == others_in_package(source)
+
+
+SHOT = """#usda 1.0
+(
+    customLayerData = { string studio = "ours" }
+    defaultPrim = "Root"
+    endTimeCode = 3
+    metersPerUnit = 0.01
+    startTimeCode = 1
+    subLayers = [@./layers/look.usda@, @layers/motion.usda@]
+    timeCodesPerSecond = 24
+    upAxis = "Z"
+)
+def Xform "Root" (kind = "assembly")
+{
+    def Camera "Eye"
+    {
+        float focalLength.timeSamples = { 1: 35, 3: 50 }
+    }
+    def Mesh "Sheet" (customData = { int edition = 3 })
+    {
+        uniform token orientation = "leftHanded"
+        uniform token subdivisionScheme = "none"
+        int[] faceVertexCounts = [4, 3]
+        int[] faceVertexIndices = [0, 1, 2, 3, 2, 1, 4]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0.125, 1), (0.3, 0.7)] (interpolation = "faceVarying")
+        int[] primvars:st:indices = [0, 1, 2, 3, 2, 1, 4]
+        float[] primvars:heat (interpolation = "vertex")
+        float[] primvars:heat.timeSamples = { 1: [1, 2, 3, 4, 5], 3: [2, 3, 4, 5, 6.5] }
+        custom string note = "by hand"
+        vector3f[] velocities.timeSamples = { 1: [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)] }
+        rel material:binding = </Root/Look>
+    }
+    def Xform "Still" (references = @parts/box.usda@</Box>)
+    {
+        double3 xformOp:translate = (0, 0, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+LOOK = """#usda 1.0
+over "Root"
+{
+    def Material "Look"
+    {
+        token outputs:surface.connect = </Root/Look/Image.outputs:rgb>
+        def Shader "Image"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @../wood.png@
+            float3 outputs:rgb
+        }
+    }
+}
+"""
+
+MOTION = """#usda 1.0
+over "Root"
+{
+    over "Sheet"
+    {
+        point3f[] points.timeSamples = {
+            1: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0)],
+            2: [(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 0), (2, 0, 1)],
+            3: [(0, 0, 1), (1, 0, 2), (1, 1, 0), (0, 1, 0), (2, 0, 1)],
+        }
+    }
+}
+"""
+
+BOX = """#usda 1.0
+def Mesh "Box"
+{
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+}
+"""
+
+
+def usd_shot(folder: Path, name: str) -> Path:
+    """Write a stage of several layers; with the extension of packages, as a package."""
+    from pxr import Sdf, UsdUtils
+
+    for file, text in (
+        ("a.usda", SHOT),
+        ("layers/look.usda", LOOK),
+        ("layers/motion.usda", MOTION),
+        ("parts/box.usda", BOX),
+    ):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text(text)
+    (folder / "wood.png").write_bytes(b"a picture")
+    path = folder / name
+    if path.suffix == ".usdz":
+        assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(folder / "a.usda")), str(path))
+    elif path.name != "a.usda":
+        assert Sdf.Layer.FindOrOpen(str(folder / "a.usda")).Export(str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "out"),
+    [("a.usda", "a.usda"), ("a.usda", "b.usdc"), ("b.usdc", "c.usda"), ("a.usda", "b.usdz"), ("b.usdz", "c.usdz"),
+     ("b.usdz", "d.usda")],
+)  # fmt: skip
+@pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
+def test_a_stage_of_several_layers_comes_back(tmp_path: Path, name: str, out: str, uv_tolerance: float | None) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    from tests.support.usd_listing import listing, others_in_package
+
+    source = usd_shot(tmp_path / "in", name)
+    with pdecodec.open_sequence(source) as read:
+        moved = {str(one.prim.GetPath()) for one in read.shapes}
+    before = listing(source, moved)
+    packed = others_in_package(source) if name.endswith("z") else {}
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim", uv_tolerance=uv_tolerance, tolerance=1e-4)
+    assert {"camera", "material"} <= dict(report.scene).keys()
+    shutil.rmtree(tmp_path / "in")
+    target = tmp_path / "out" / out
+    target.parent.mkdir()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        if out.endswith("z") and not packed:
+            assert any("left out: a package holds" in one for one in pdecodec.write_sequence(animation, target))
+            return
+        assert pdecodec.write_sequence(animation, target) == ()
+        assert pdecodec.write_sequence(animation, target, overwrite=True) == ()
+        with pdecodec.open_sequence(target) as read:
+            assert np.abs(read.read_frames(0, 3) - animation.read_frames(0, 3)).max() < 1e-6
+    after = listing(target, moved)
+    if name.endswith("z") == out.endswith("z"):
+        assert {key: after.get(key) for key in before} == before
+    else:  # names of files in a package are its own
+        assert before.keys() <= after.keys()
+    assert not packed or not out.endswith("z") or others_in_package(target) == packed
+    files = {one.relative_to(target.parent).as_posix() for one in target.parent.rglob("*") if one.is_file()}
+    if not name.endswith("z"):
+        companions = set() if out.endswith("z") else {"layers/look.usda", "layers/motion.usda", "parts/box.usda"}
+        assert files == {out, *companions}
+        assert not companions or "(1, 0, 2)" not in (target.parent / "layers/motion.usda").read_text()
 
 
 def carrying(tmp_path: Path, **options: Any) -> Path:

@@ -1,0 +1,244 @@
+"""Cut the motion out of the layers of a USD stage, and fill them again: the root layer, those next to it, packages.
+
+Points become zeros at one time, normals become nothing. Faces, and primvars that the decoder knows, become empty arrays
+where what it computes is the same.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
+
+from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
+from pdecodec.formats.base.carrying import Stripped, is_carried_name
+from pdecodec.formats.base.onto import Fitted
+from pdecodec.formats.base.scene_reading import listed
+from pdecodec.formats.usd.composition import stage_errors
+from pdecodec.formats.usd.layers import layer_files
+from pdecodec.formats.usd.reader import UsdSequence
+from pdecodec.mesh.sequence import MeshObject
+from pdecodec.system.reading import read_regular
+
+PACKAGE = "scene.usdz"
+"""Name of the package that is made of the files of a carrier."""
+
+_COUNTS, _INDICES = "faceVertexCounts", "faceVertexIndices"
+
+_FEWEST = 4
+"""Fewest numbers of an array that is worth a cut."""
+
+_REPLACED = {"points": "zeros", "normals": "nothing", "primvars:normals": "nothing", "extent": "gone"}
+"""What becomes of the values that the motion replaces."""
+
+_NOUNS = {"Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
+
+
+class UsdFamily:
+    """Cutting and filling of USD stages."""
+
+    def strip(self, original: UsdSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+        """Return the layers of a stage without coded arrays, and the other files of a package."""
+        stage = original.stage
+        shapes = [original.shapes[one.index] for one in fits]
+        if of_points := [one.name for one in shapes if one.instances]:
+            raise InputError(f"{of_points[0]} is an instance of a PointInstancer", code="unsupported-feature")
+        is_package = source.suffix.lower() == ".usdz"
+        files, outside = _files_of(source, is_package=is_package)
+        root = next(iter(files)) if is_package else source.name
+        names = {layer: _name_of(layer, source, root, is_package=is_package) for layer in stage.GetUsedLayers()}
+        arrays: list[list[Any]] = []
+        kept = _kept_specs(stage, {one.prim.GetPath() for one in shapes})
+        with stage_errors(source), tempfile.TemporaryDirectory(prefix="pdecodec-") as room:
+            bare: dict[str, Any] = {}
+            for number, (shape, one) in enumerate(zip(shapes, fits, strict=True)):
+                known = _known_arrays(one.item, exact_uvs=exact_uvs)
+                for spec, kind in _cut_specs(shape.prim, kept):
+                    name = names.get(spec.layer)
+                    if name not in files:
+                        continue
+                    if name not in bare:
+                        bare[name] = Sdf.Layer.CreateAnonymous(f"layer{Path(name).suffix}")
+                        bare[name].TransferContent(spec.layer)
+                    cut = _cut(bare[name].GetAttributeAtPath(spec.path), kind, known)
+                    if cut is not None:
+                        arrays.append([name, str(spec.path), number, *cut])
+            for number, (name, layer) in enumerate(bare.items()):
+                place = Path(room, f"{number}{Path(name).suffix}")
+                layer.Export(str(place))
+                files[name] = place.read_bytes()
+        cuts = {"arrays": arrays, **({"package": list(files)} if is_package else {})}
+        companions = tuple(name for name in files if name != root)
+        return Stripped(files, root, cuts, _contents(stage, files), companions, outside)
+
+    def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+        """Fill the layers in a folder, and make a package of them for a package."""
+        layers: dict[str, Any] = {}
+        for name, path, number, *cut in cuts["arrays"]:
+            if name not in layers:
+                if not is_carried_name(name):
+                    raise ValueError(f"{name} is no name of a file")
+                layers[name] = Sdf.Layer.FindOrOpen(str(folder / name))
+            spec = layers[name].GetAttributeAtPath(path)
+            known = {tuple(key): values for key, values in _arrays_of(objects[number])}
+            _set(spec, _typed(spec, known[tuple(cut)]))
+        for name, layer in layers.items():
+            # A binary file that is saved again would keep its previous content.
+            whole = folder / f"whole{Path(name).suffix}"
+            layer.Export(str(whole))
+            whole.replace(folder / name)
+        is_package = suffix.lower() == ".usdz"
+        if is_package and "package" in cuts:
+            with Sdf.ZipFileWriter.CreateNew(str(folder / PACKAGE)) as writer:
+                for name in cuts["package"]:
+                    if not is_carried_name(name):
+                        raise ValueError(f"{name} is no name of a file")
+                    if not writer.AddFile(str(folder / name), name):
+                        raise damaged("the scene cannot be packed again")
+            cuts["root"] = PACKAGE
+        elif is_package:
+            *_, absent = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(folder / cuts["root"])))
+            if absent:
+                listed_names = listed(sorted({Path(one).name for one in absent}))
+                message = f"a package holds the files that the scene only names: {listed_names}"
+                raise InputError(message, code="unsupported-feature")
+        if is_package:
+            cuts["companions"] = []
+
+
+def _files_of(source: Path, *, is_package: bool) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Return the files of a stage by name relative to its root layer, and the names of those that are elsewhere."""
+    if is_package:
+        with zipfile.ZipFile(source) as package:
+            if any(item.compress_type != zipfile.ZIP_STORED for item in package.infolist()):
+                raise InputError("is a package with compressed files", code="unsupported-feature", path=source)
+            found = {name: package.read(name) for name in package.namelist() if not name.endswith("/")}
+        if bad := next((name for name in found if not is_carried_name(name)), None):
+            raise InputError(f"the package has a file {bad!r}", code="unsupported-feature", path=source)
+        return found, ()
+    folder, files, outside = source.resolve().parent, {source.name: read_regular(source)}, []
+    for path in layer_files(source):
+        place = path.resolve()
+        name = place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
+        if is_carried_name(name):
+            files.setdefault(name, read_regular(place))
+        else:
+            outside.append(path.name)
+    return files, tuple(dict.fromkeys(outside))
+
+
+def _name_of(layer: Any, source: Path, first: str, *, is_package: bool) -> str:
+    """Return the name of a layer relative to the root layer, or in its package, whose first file is `first`."""
+    place = Path(layer.realPath).resolve() if layer.realPath else Path()
+    if is_package:
+        inside = Ar.SplitPackageRelativePathInner(layer.identifier)[1]
+        return str(inside) or (first if place == source.resolve() else "")
+    folder = source.resolve().parent
+    return place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
+
+
+def _kept_specs(stage: Any, moved: set[Any]) -> set[tuple[str, Any]]:
+    """Return the layers and paths of the specs that geometry which stays uses."""
+    return {
+        (spec.layer.identifier, spec.path)
+        for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+        if prim.GetPath() not in moved and UsdGeom.PointBased(prim)
+        for attribute in prim.GetAuthoredAttributes()
+        for spec in attribute.GetPropertyStack(Usd.TimeCode.Default())
+    }
+
+
+def _cut_specs(prim: Any, kept: set[tuple[str, Any]]) -> Iterator[tuple[Any, str]]:
+    """Yield the specs of arrays of a moved prim that no prim uses that stays, with what becomes of them."""
+    for attribute in prim.GetAuthoredAttributes():
+        name = attribute.GetName()
+        kind = _REPLACED.get(name, "known")
+        if kind != "known" or name in (_COUNTS, _INDICES) or name.startswith("primvars:"):
+            for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
+                if (spec.layer.identifier, spec.path) not in kept:
+                    yield spec, kind
+
+
+def _cut(spec: Any, kind: str, known: dict[bytes, tuple[str, str]]) -> tuple[str, str] | None:
+    """Cut the values of a spec; return which array of the object they were, if they were one."""
+    samples = spec.layer.ListTimeSamplesForPath(spec.path)
+    first = spec.layer.QueryTimeSample(spec.path, samples[0]) if samples else spec.default
+    if kind == "gone":
+        for code in samples:
+            spec.layer.EraseTimeSample(spec.path, code)
+        return None
+    if first is None or isinstance(first, Sdf.ValueBlock):
+        return None
+    if kind != "known":
+        for code in samples:
+            spec.layer.EraseTimeSample(spec.path, code)
+        count = len(first) if kind == "zeros" else 0
+        spec.default = type(first)(count)
+        return None
+    if len(samples) > 1 or (samples and spec.default is not None) or not hasattr(first, "__len__"):
+        return None
+    values = np.array(first)
+    cut = known.get(_key(values)) if values.size >= _FEWEST and values.dtype.kind in "fi" else None
+    if cut is not None:
+        _set(spec, type(first)())
+    return cut
+
+
+def _set(spec: Any, values: Any) -> None:
+    """Replace the one value of a spec."""
+    samples = spec.layer.ListTimeSamplesForPath(spec.path)
+    if samples:
+        spec.layer.SetTimeSample(spec.path, samples[0], values)
+    else:
+        spec.default = values
+
+
+def _typed(spec: Any, values: NDArray[Any]) -> Any:
+    """Return an array as the type of a spec."""
+    return type(spec.typeName.defaultValue).FromNumpy(np.ascontiguousarray(values))
+
+
+def _key(values: NDArray[Any]) -> bytes:
+    return f"{values.dtype} {values.shape} ".encode() + np.ascontiguousarray(values).tobytes()
+
+
+def _known_arrays(item: MeshObject, *, exact_uvs: bool) -> dict[bytes, tuple[str, str]]:
+    """Return the arrays that the decoder knows of an object, by their bytes."""
+    uvs = set() if exact_uvs else {one.name for one in item.attributes if is_role(one, UV)}
+    return {_key(values): key for key, values in reversed([*_arrays_of(item)]) if key[0] not in uvs}
+
+
+def _arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
+    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around."""
+    faces = item.connectivity
+    order = reversed_corners(faces.face_counts)
+    yield (_COUNTS, ""), faces.face_counts
+    yield (_INDICES, ""), faces.face_indices
+    yield (_INDICES, "turned"), faces.face_indices[order]
+    for one in item.attributes:
+        if one.labels or one.name == "transform":
+            continue
+        yield (one.name, "values"), one.values
+        if one.indices is not None:
+            yield (one.name, "indices"), one.indices
+        if one.domain == "corner":
+            turned = one.values if one.indices is None else one.indices
+            yield (one.name, "turned"), turned[order]
+
+
+def _contents(stage: Any, files: dict[str, bytes]) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for prim in stage.TraverseAll():
+        kind = str(prim.GetTypeName())
+        noun = "light" if kind.endswith("Light") else _NOUNS.get(kind)
+        if noun is not None:
+            found[noun] = found.get(noun, 0) + 1
+    textures = [name for name in files if not Sdf.FileFormat.FindByExtension(Path(name).suffix[1:])]
+    return {**dict(sorted(found.items())), "texture": len(textures)}
