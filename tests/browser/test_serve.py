@@ -150,6 +150,6 @@ def test_the_list_has_pictures_and_its_pages_play(server: FolderServer, tmp_path
         assert browser.errors() == []
 
 
-def test_what_is_no_folder_is_said_in_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_serving_a_missing_folder_fails_with_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert run(["serve", str(tmp_path / "none")]) == 3
     assert "is not a folder" in capsys.readouterr().err

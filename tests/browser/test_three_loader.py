@@ -384,7 +384,7 @@ def test_a_clip_that_does_not_fit_is_evaluated_by_the_decoder(scene: Browser, cl
     assert scene.run("return error()") == 0
 
 
-def test_what_a_lost_context_had_is_uploaded_again(scene: Browser, clips: dict[str, Path]) -> None:
+def test_data_are_uploaded_again_after_a_lost_context(scene: Browser, clips: dict[str, Path]) -> None:
     if scene.run("return !globalThis.gl"):
         pytest.skip("a device of WebGPU that was lost does not come back")
     found = scene.run(

@@ -215,7 +215,7 @@ def test_a_file_whose_faces_change_plays_run_by_run(browser: Browser, tmp_path: 
         (["clip.h5"], 4, "not a .pdeanim file (its first bytes differ); pdecodec encode makes one"),
     ],
 )
-def test_what_cannot_be_shown_is_said_in_a_line(
+def test_a_file_that_cannot_be_shown_is_reported_in_one_line(
     arguments: list[str],
     code: int,
     message: str,

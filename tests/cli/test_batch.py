@@ -84,7 +84,9 @@ def done(source: Path, folder: str, **options: object) -> Result:
     return do_clip(clip, Work(folder=folder))
 
 
-def test_every_clip_of_a_folder_is_encoded_and_one_that_fails_is_said_in_one_line(clips: Path, capsys: Capture) -> None:
+def test_every_clip_of_a_folder_is_encoded_and_a_failed_one_is_reported_in_one_line(
+    clips: Path, capsys: Capture
+) -> None:
     assert run(["batch", "clips", "-o", "out", "--jobs", "2", "--tolerance", "2e-3"]) == 1
     words = capsys.readouterr().err.splitlines()
     assert words[0].startswith("failed: clips/bad.npz: is not a readable NumPy archive")
@@ -103,7 +105,7 @@ def test_every_clip_of_a_folder_is_encoded_and_one_that_fails_is_said_in_one_lin
     assert "Failed: 1 of 5 clips." in Path("out/summary.md").read_text()
 
 
-def test_a_second_run_encodes_nothing_and_tells_the_same(clips: Path, capsys: Capture) -> None:
+def test_a_second_run_encodes_nothing_and_reports_the_same(clips: Path, capsys: Capture) -> None:
     assert run(["batch", "clips", "-o", "out", "-q"]) == 1
     before = places("out")
     figures = json.loads(Path("out/summary.json").read_text())["totals"]
@@ -378,7 +380,7 @@ def test_a_link_that_loops_is_the_failure_of_its_clip_alone(clips: Path, given: 
 
 
 @pytest.mark.parametrize("name", ["none", "none.npz", "clips/none.####.obj", "none*.npz"])
-def test_a_batch_of_what_is_not_there_is_refused_and_writes_nothing(clips: Path, name: str, capsys: Capture) -> None:
+def test_a_batch_of_missing_files_is_refused_and_writes_nothing(clips: Path, name: str, capsys: Capture) -> None:
     assert run(["batch", name, "-o", "out"]) == 3
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith(f"error: {name}: there is no ")
@@ -464,7 +466,7 @@ def test_clips_whose_faces_change_are_coded_and_verified(
     assert "decodes to faces that differ from those of its source" in result.message
 
 
-def test_what_fails_is_named_by_its_clip_however_little_is_said(clips: Path, capsys: Capture) -> None:
+def test_a_failure_names_its_clip_even_when_quiet(clips: Path, capsys: Capture) -> None:
     [clip] = clips_of("clips/a.npz")
     assert failure(clip, InputError("is odd", frame=3)).message == "clips/a.npz, frame 3: is odd"
     assert run(["batch", "clips/bad.npz", "-o", "out", "-q"]) == 1
@@ -475,7 +477,7 @@ def test_what_fails_is_named_by_its_clip_however_little_is_said(clips: Path, cap
     assert not list(Path("out").rglob("*.pdeanim"))
 
 
-def test_a_batch_that_is_interrupted_says_how_far_it_is_and_goes_on(clips: Path) -> None:
+def test_an_interrupted_batch_reports_its_progress_and_resumes(clips: Path) -> None:
     code, words = ended_amid_a_batch(1, signal.SIGINT)
     there = places("out")
     told = re.fullmatch(
@@ -488,7 +490,7 @@ def test_a_batch_that_is_interrupted_says_how_far_it_is_and_goes_on(clips: Path)
 
 
 @pytest.mark.parametrize("text", ["{", "3", '{"clips": 1}', "\xff"])
-def test_what_is_no_manifest_is_refused(clips: Path, text: str) -> None:
+def test_a_malformed_manifest_is_refused(clips: Path, text: str) -> None:
     Path("clips/m.json").write_text(text, encoding="latin-1")
     with pytest.raises(InputError, match="is not a manifest"):
         clips_of("clips/m.json")
@@ -511,7 +513,7 @@ def test_clips_of_one_name_keep_their_extensions_and_files_that_others_name_are_
         clips_of("clips/*.abc")
 
 
-def test_what_a_shell_lists_is_as_the_pattern_in_quotes(clips: Path, capsys: Capture) -> None:
+def test_files_listed_by_a_shell_equal_the_quoted_pattern(clips: Path, capsys: Capture) -> None:
     listed = [*sorted(map(str, clips.glob("walk/*.obj"))), "clips/a.npz", "clips/below"]
     assert run(["batch", *listed, "-o", "out", "--dry-run"]) == 0
     shown = capsys.readouterr().out
@@ -572,7 +574,7 @@ def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
     assert seen == [(size,) for size in sizes]
 
 
-def test_who_is_interrupted_while_waiting_for_memory_keeps_nobody_waiting() -> None:
+def test_an_interrupted_wait_for_memory_blocks_no_other() -> None:
     budget = MemoryBudget(10)
     # Shells start background processes with interrupts ignored.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -99,7 +99,7 @@ def test_encode_ends_with_one_line_on_standard_error_and_nothing_on_standard_out
 
 
 @pytest.mark.parametrize("extension", [".npz", ".h5", ".####.obj"])
-def test_what_was_encoded_comes_back_within_the_bound_in_every_format(
+def test_encoded_clips_come_back_within_the_bound_in_every_format(
     wave: Path, animation: Path, tmp_path: Path, extension: str, capsys: Capture
 ) -> None:
     output = tmp_path / f"decoded{extension}"
@@ -126,7 +126,7 @@ def test_max_error_bounds_in_scene_units_and_rms_the_mean_error_over_the_diagona
     assert json_of(capsys, *encode, "--profile", "paper")["bound"] is None
 
 
-def test_a_size_in_kilobytes_is_kept_and_the_tolerance_found_is_said(
+def test_a_size_in_kilobytes_is_kept_and_the_tolerance_found_is_printed(
     wave: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     output, again = tmp_path / "small.pdeanim", tmp_path / "again.pdeanim"
@@ -155,12 +155,12 @@ def test_a_preset_is_named_with_what_it_stands_for(
         assert animation.info()["settings"] == settings
 
 
-def test_a_rough_surface_is_told_with_the_option_that_helps(wave: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_rough_surface_is_noted_with_the_option_that_helps(wave: Path, tmp_path: Path, capsys: Capture) -> None:
     done("convert", wave, tmp_path / "wave.pdeanim", "--tolerance", "5%")
     assert "median edge; pass --preset hero to keep normals" in capsys.readouterr().err
 
 
-def test_info_of_an_npz_tells_objects_faces_and_times(wave: Path, capsys: Capture) -> None:
+def test_info_of_an_npz_prints_objects_faces_and_times(wave: Path, capsys: Capture) -> None:
     found = json_of(capsys, "info", wave)
     assert (found["frames"], found["vertices"], found["fps"]) == (FRAMES, ROWS * COLUMNS, 24)
     assert found["duration"] == pytest.approx((FRAMES - 1) / 24)
@@ -170,7 +170,7 @@ def test_info_of_an_npz_tells_objects_faces_and_times(wave: Path, capsys: Captur
     assert (low[0], high[0], low[2], high[2]) == (0, 1, 0, 2)
 
 
-def test_info_of_an_animation_decodes_no_position_unless_all_frames_are_asked_for(
+def test_info_of_an_animation_decodes_no_position_unless_all_frames_are_requested(
     animation: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     data, broken = animation.read_bytes(), tmp_path / "broken.pdeanim"
@@ -289,9 +289,7 @@ def test_compare_at_frames_measures_an_animation_at_times_it_has_not_seen(
     assert found["e_m"] < 0.01
 
 
-def test_simulate_writes_the_scene_at_the_asked_size_and_formats_lists_what_is_there(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_simulate_writes_a_scene_of_the_given_size_and_formats_lists_formats(tmp_path: Path, capsys: Capture) -> None:
     output = tmp_path / "cloth.npz"
     size = ["--columns", "6", "--rows", "5", "--frames", "4", "--fps", "30", "--substeps", "3", "--iterations", "2"]
     found = json_of(capsys, "simulate", "cloth", "-o", output, *size, "--fields")
@@ -308,7 +306,7 @@ def test_simulate_writes_the_scene_at_the_asked_size_and_formats_lists_what_is_t
     assert ".hdf5" in capsys.readouterr().out
 
 
-def test_an_assumed_frame_rate_is_said_aloud_and_a_given_one_is_not(tmp_path: Path, capsys: Capture) -> None:
+def test_an_assumed_frame_rate_is_noted_and_a_given_one_is_not(tmp_path: Path, capsys: Capture) -> None:
     for frame in (1, 2):
         (tmp_path / f"clip.{frame}.obj").write_text(f"v 0 0 {frame}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     done("info", tmp_path)

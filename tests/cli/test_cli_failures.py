@@ -154,7 +154,7 @@ def test_settings_that_make_no_sense_are_usage_errors(
     "options",
     ["", "--profile segments", "--tolerance small", "--size lots", "--effort 12", "--wind 3", "-o b.pdeanim c.npz"],
 )
-def test_words_that_are_no_command_or_option_are_usage_errors(options: str, capsys: Capture) -> None:
+def test_unknown_commands_and_options_are_usage_errors(options: str, capsys: Capture) -> None:
     for command in ("melt", f"{ENCODE} {options}" if options else "encode a.npz"):
         assert run(command.split()) == 2
         captured = capsys.readouterr()
@@ -163,7 +163,7 @@ def test_words_that_are_no_command_or_option_are_usage_errors(options: str, caps
         assert "Error: " in captured.err
 
 
-def test_rates_times_and_limits_that_are_none_are_refused_without_a_frame(
+def test_invalid_rates_times_and_limits_are_refused_without_a_frame(
     animation: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     source, decode = save_line(tmp_path / "line.npz"), ["decode", animation, "-o", tmp_path / "out.npz"]
@@ -275,7 +275,7 @@ def test_messages_name_the_file_and_the_option_that_they_are_about(
         assert f"{option} must be a positive" in line
 
 
-def test_what_files_say_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:
+def test_text_of_files_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:
     # OSC 52 writes to the clipboard, C1 controls do the same in one character, and bidirectional marks reverse text.
     name = "evil\x1b]52;c;cm0gLXJm\x07\x9b2J\u202ename\r"
     item = MeshObject(name, Connectivity(4), (Attribute(name, "vertex", np.zeros(4, np.float32)),))
@@ -340,7 +340,7 @@ def test_a_reader_that_has_seen_enough_is_neither_a_message_nor_a_failed_check(a
     assert process.wait(timeout=120) == 141
 
 
-def test_a_bug_is_told_in_one_line_and_traced_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_is_reported_in_one_line_with_a_traceback_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
     code = (
         "import sys, pdecodec.formats.base.choosing as choosing, pdecodec.cli.main as m\n"
         "choosing.open_clip = lambda path, options: 1 / 0\n"

@@ -148,7 +148,7 @@ def test_a_missing_extra_is_one_line_with_the_command_and_exit_code_5(
     assert run(["convert", "x.npz", name, "--overwrite"]) == 5
 
 
-def test_info_tells_the_first_frame_that_changes_connectivity(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_names_the_first_frame_that_changes_connectivity(capsys: pytest.CaptureFixture[str]) -> None:
     for frame, faces in enumerate(([[0, 1, 2]], [[0, 1, 2]], [[2, 1, 0]])):
         write_sequence(scene([MeshObject("mesh", connectivity_of(4, faces))], frames=1), f"x.{frame}.obj")
     facts, said = info_of(capsys, "x.#.obj", "--fps", "24")
@@ -181,7 +181,7 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
         ([3, 3], "faces with 6 corners in all, and vertices for 5 corners"),
     ],
 )
-def test_what_is_wrong_with_faces_is_said(counts: list[int], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_in_faces_is_reported(counts: list[int], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     needed("usda")
     from pxr import Usd, UsdGeom
 
@@ -200,7 +200,7 @@ def test_what_is_wrong_with_faces_is_said(counts: list[int], said: str, capsys: 
     assert f"holds nothing that can be read: object 'sheet' has {said}{rest}" in capsys.readouterr().err
 
 
-def test_info_measures_every_frame_when_asked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_measures_every_frame_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     clip = scene()
     write_sequence(clip, "x.npz")
     facts, _ = info_of(capsys, "x.npz", "--all-frames")

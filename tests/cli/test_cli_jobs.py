@@ -118,7 +118,7 @@ def test_hyphens_before_unpadded_numbers_are_of_the_name(clip: ArraySequence, na
             assert np.allclose(read.read_frames(0, read.frame_count), clip.points[list(numbers)], atol=5e-3)
 
 
-def test_one_frame_of_several_says_that_there_are_others(clip: ArraySequence, capsys: Capture) -> None:
+def test_one_frame_of_several_is_noted(clip: ArraySequence, capsys: Capture) -> None:
     write_sequence(clip, "walk.####.obj")
     assert run(["convert", "walk.0003.obj", "one.npz"]) == 0
     others = "walk.0003.obj is one of 20 files with the same name and other numbers; name 'walk.*.obj' to read them all"
@@ -209,7 +209,7 @@ def test_info_and_check_read_standard_input(clip: ArraySequence) -> None:
 
 
 @pytest.mark.parametrize("output", ["x.obj", "x.####.obj", "x.npz", "x.abc", "x.xdmf", "x.pvd", "x.glb"])
-def test_a_dry_run_says_how_large_about_and_writes_nothing(clip: ArraySequence, output: str, capsys: Capture) -> None:
+def test_a_dry_run_estimates_the_size_and_writes_nothing(clip: ArraySequence, output: str, capsys: Capture) -> None:
     needed(output.rpartition(".")[2])
     frames = ["--frames", "5:6"] if output == "x.obj" else []
     before = sorted(os.listdir())
@@ -228,7 +228,7 @@ def test_a_dry_run_says_how_large_about_and_writes_nothing(clip: ArraySequence, 
     assert 0.95 * written < about < (2.5 if output == "x.glb" else 1.05) * written
 
 
-def test_an_encoding_that_is_dry_says_how_large_about(clip: ArraySequence, capsys: Capture) -> None:
+def test_a_dry_encode_estimates_the_size(clip: ArraySequence, capsys: Capture) -> None:
     assert run(["a.npz", "a.pdeanim", "--dry-run"]) == 0
     about = capsys.readouterr().out.splitlines()[1]
     assert not Path("a.pdeanim").exists()
@@ -285,7 +285,7 @@ def test_a_longer_clip_is_estimated_by_its_beginning(
     assert about == pytest.approx(Path("clip.pdeanim").stat().st_size, rel=0.25)
 
 
-def test_quiet_says_nothing_but_errors_and_verbose_what_is_done(clip: ArraySequence, capsys: Capture) -> None:
+def test_quiet_prints_only_errors_and_verbose_every_stage(clip: ArraySequence, capsys: Capture) -> None:
     assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
     assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-q"]) == 3
@@ -343,7 +343,7 @@ def test_progress_begins_with_its_total(tmp_path: Path) -> None:
     assert told == [(0, 5), (5, 5)]
 
 
-def test_what_is_no_geometry_is_counted_in_grammar(tmp_path: Path, capsys: Capture) -> None:
+def test_prims_without_geometry_are_counted_with_correct_plurals(tmp_path: Path, capsys: Capture) -> None:
     needed("usda")
     (tmp_path / "x.usda").write_text('#usda 1.0\ndef Camera "a" {}\ndef Camera "b" {}\n')
     assert run(["info", str(tmp_path / "x.usda")]) == 3

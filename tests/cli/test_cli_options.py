@@ -125,7 +125,7 @@ def test_numbers_are_written_for_people() -> None:
         ("--size 1kB", ""),
     ],
 )
-def test_what_is_hardly_meant_is_a_warning(
+def test_suspicious_options_give_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, warning: str
 ) -> None:
     source, output = str(tmp_path / "a.npz"), str(tmp_path / "a.pdeanim")
@@ -138,9 +138,7 @@ def test_what_is_hardly_meant_is_a_warning(
 
 
 @pytest.mark.parametrize("has_field", [True, False])
-def test_an_input_that_rests_lost_no_motion(
-    has_field: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_still_input_has_lost_no_motion(has_field: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, output = str(tmp_path / "a.npz"), str(tmp_path / "a.pdeanim")
     heat = {"heat": np.random.default_rng(1).random((8, 50))} if has_field else {}
     write_sequence(ArraySequence(np.random.default_rng(1).random((1, 50, 3)).repeat(8, axis=0), fields=heat), source)

@@ -97,7 +97,7 @@ def test_a_worker_that_is_killed_and_a_clip_that_is_corrupt_cost_a_batch_nothing
     assert places("out") == there
 
 
-def test_a_cluster_that_is_not_there_and_jobs_beside_it_are_refused(
+def test_a_missing_cluster_and_a_cluster_with_jobs_are_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.setattr("pdecodec.batch.cluster.CONNECT_SECONDS", 1)
@@ -123,7 +123,7 @@ def test_a_scheduler_that_dies_ends_a_batch_in_one_line(folder: Path, capfd: pyt
     )
 
 
-def test_a_worker_that_does_not_see_the_folder_says_so_and_writes_nothing(folder: Path) -> None:
+def test_a_worker_that_cannot_see_the_folder_reports_it_and_writes_nothing(folder: Path) -> None:
     write_sequence(sheet(0), "clips/a.npz")
     [clip] = clips_of("clips/a.npz")
     result = do_on_worker(clip, Work(folder="elsewhere/out"))

@@ -133,7 +133,7 @@ def test_the_audit_is_answered_with_figures_of_the_run_that_is_kept() -> None:
     assert numbered == [str(number) for number in range(1, 11)]
 
 
-def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_in_the_page_on_pipelines_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("dask")
     page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -144,7 +144,7 @@ def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pyte
     exec(compile(code, "docs/pipelines.md", "exec"), {})
 
 
-def test_what_the_page_on_fields_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_in_the_page_on_fields_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "fields.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     make, read = blocks("python", page)

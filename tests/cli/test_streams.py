@@ -40,7 +40,7 @@ def shell(line: str, folder: Path) -> tuple[int, str, str]:
         ("pdecodec convert *.npz -o . --to h5 --json > /dev/full", FULL, ["line.h5", "other.h5"]),
     ],
 )
-def test_a_result_that_standard_output_does_not_take_is_a_failure_that_tells_what_is_written(
+def test_a_failed_write_to_standard_output_is_a_failure_that_names_the_files_written(
     tmp_path: Path, line: str, reason: str, written: list[str]
 ) -> None:
     sources = [save_line(tmp_path / name).name for name in ("line.npz", "other.npz")]
@@ -60,7 +60,7 @@ def test_words_that_standard_error_does_not_take_cost_no_output(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("line", ["info line.npz > /dev/full 2>&1", "info missing.npz 2>&-"])
-def test_a_failure_that_nobody_can_be_told_is_in_the_exit_code(tmp_path: Path, line: str) -> None:
+def test_a_failure_that_cannot_be_printed_is_in_the_exit_code(tmp_path: Path, line: str) -> None:
     save_line(tmp_path / "line.npz")
     assert shell(f"pdecodec {line}", tmp_path) == (3, "", "")
 

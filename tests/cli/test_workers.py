@@ -63,7 +63,7 @@ def test_a_worker_answers_call_after_call_in_one_process_of_its_own(worker: Work
     assert worker.call(int, "11", base=2) == 3
 
 
-def test_what_a_function_raises_comes_back_and_the_process_goes_on(worker: Worker) -> None:
+def test_an_error_of_a_function_is_returned_and_the_process_continues(worker: Worker) -> None:
     before = worker.call(os.getpid)
     for kind in (SettingsError, ZeroDivisionError):
         with pytest.raises(kind, match="is odd") as caught:
@@ -160,7 +160,7 @@ def test_an_item_whose_worker_cannot_be_started_is_done_by_another() -> None:
     assert [type(found[item]) for item in range(4)] == [WorkerNotStartedError] * 4
 
 
-def test_who_stops_asking_ends_the_workers() -> None:
+def test_closing_the_results_ends_the_workers() -> None:
     workers = [Worker(), Worker()]
     coming = call_workers(range(3), lambda worker, item: worker.call(time.sleep, 600 * item), workers)
     assert next(coming) == (0, None)

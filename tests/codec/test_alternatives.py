@@ -68,7 +68,7 @@ def test_the_length_of_groups_is_a_choice_where_dividing_them_may_pay() -> None:
     assert [item.way for item in ways if not item.chosen] == ["24"]
 
 
-def test_the_file_keeps_them_and_decodes_to_the_same_without() -> None:
+def test_a_file_keeps_its_alternatives_and_decodes_to_the_same_without_them() -> None:
     report, plain = pdecodec.encode(waves(), why=True), pdecodec.encode(waves())
     with pdecodec.open(report.data or b"") as animation, pdecodec.open(plain.data or b"") as other:
         assert from_json(animation.info()["alternatives"]) == report.alternatives
@@ -79,7 +79,7 @@ def test_the_file_keeps_them_and_decodes_to_the_same_without() -> None:
     assert different <= {"META", "container"}
 
 
-def test_of_a_file_that_does_not_keep_them_they_are_found_out_from_what_it_decodes_to(asked: EncodeReport) -> None:
+def test_alternatives_that_a_file_does_not_keep_are_computed_from_its_decoded_frames(asked: EncodeReport) -> None:
     with pdecodec.open(pdecodec.encode(waves()).data or b"") as animation:
         found = alternatives_of(animation)
     for question, exact in zip(found, asked.alternatives, strict=True):
@@ -108,7 +108,7 @@ def test_runs_are_encoded_each_by_itself_and_nothing_else_is_tried() -> None:
         alternatives_of(animation)
 
 
-def test_remarks_that_somebody_else_wrote_are_no_record(asked: EncodeReport) -> None:
+def test_remarks_of_other_programs_are_no_record(asked: EncodeReport) -> None:
     assert from_json(json.loads(json.dumps(to_json(asked.alternatives)))) == asked.alternatives
     for other in (None, 3, "x", [1], [{"what": "x"}], [{"what": "x", "frames": "many", "ways": []}], {"a": 1}):
         assert from_json(other) == ()

@@ -106,7 +106,7 @@ def test_frames_are_appended_to_a_smoothed_reference_frame_within_its_bound(tmp_
     assert farthest(tmp_path / "y.pdeanim", more.points, 8) <= report.bound
 
 
-def test_without_remarks_it_is_what_the_step_tells_at_least(tmp_path: Path) -> None:
+def test_without_remarks_the_step_gives_the_bound(tmp_path: Path) -> None:
     for name, at in (("near", 0.0), ("far", FAR)):
         report = pdecodec.encode(waves(5, at=at), tmp_path / f"{name}.pdeanim", max_error=0.1)
         with pdecodec.open(without_remarks(tmp_path / f"{name}.pdeanim", tmp_path / f"{name}-x.pdeanim")) as animation:
@@ -117,7 +117,7 @@ def test_without_remarks_it_is_what_the_step_tells_at_least(tmp_path: Path) -> N
     assert farthest(tmp_path / "longer.pdeanim", more.points, 5) == 0.0
 
 
-def test_of_a_file_without_a_bound_there_is_nothing_to_compare(tmp_path: Path) -> None:
+def test_a_file_without_a_bound_has_nothing_to_compare(tmp_path: Path) -> None:
     pdecodec.encode(waves(24), tmp_path / "x.pdeanim", profile="paper")
     with pdecodec.open(tmp_path / "x.pdeanim") as animation:
         assert bound_of(animation) is None

@@ -112,7 +112,7 @@ CALLS: dict[str, Call] = {
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_what_a_caller_gives_is_taken_or_refused_in_one_line(
+def test_any_argument_is_accepted_or_refused_in_one_line(
     name: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # some of these values are valid names of files
@@ -138,7 +138,7 @@ def test_what_a_caller_gives_is_taken_or_refused_in_one_line(
         (lambda: EncodeSettings(tolerance=np.zeros((1, 2))), "tolerance must be a number, not array([[0., 0.]])"),  # type: ignore[arg-type]
     ],
 )  # fmt: skip
-def test_an_error_says_what_was_given_and_what_is_wanted(call: Callable[[], Any], words: str) -> None:
+def test_an_error_names_the_value_given_and_the_values_allowed(call: Callable[[], Any], words: str) -> None:
     with pytest.raises((InputError, SettingsError)) as caught:
         call()
     assert str(caught.value).startswith(words)
@@ -188,7 +188,7 @@ except MemoryError as error:
     assert done.stdout == "no memory False\n", done.stderr
 
 
-def test_a_record_of_lists_in_lists_counts_as_none(tmp_path: Path) -> None:
+def test_a_record_of_nested_lists_counts_as_no_record(tmp_path: Path) -> None:
     place = record_place(str(tmp_path), "a.pdeanim")
     assert isinstance(place, Path)
     place.parent.mkdir(parents=True)

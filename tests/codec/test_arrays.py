@@ -95,7 +95,7 @@ def test_fields_and_weights_are_the_motion(tmp_path: Path) -> None:
         assert np.abs(evaluator.positions(animation.times[-1] + 2, outside="loop") - looped).max() < 1e-6
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_groups_and_files_of_runs_are_refused() -> None:
     with (
         open_animation(accepted_files()["runs"]) as several,
         pytest.raises(SettingsError, match="one of its runs"),

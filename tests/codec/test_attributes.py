@@ -180,7 +180,7 @@ def test_any_attributes_of_any_mesh_come_back_alike(objects: list[MeshObject], s
 
 @settings(max_examples=30)
 @given(objects_with_attributes(), st.binary(max_size=60), st.integers(0, 2**32 - 1))
-def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], data: bytes, seed: int) -> None:
+def test_both_decoders_treat_any_bytes_alike(objects: list[MeshObject], data: bytes, seed: int) -> None:
     levels = levels_of(objects, seed, 5)
     whole = bytearray(encode_attributes(objects, levels))
     at = seed % max(len(whole) - len(data), 1)
@@ -286,7 +286,7 @@ def hard_edges(part: Connectivity, is_hard: BoolArray) -> Attribute:
     return Attribute("normal_group", "corner", np.array(numbers, np.int32))
 
 
-def test_hard_edges_cost_nearly_nothing_where_all_are_or_none_and_little_along_creases() -> None:
+def test_hard_edges_cost_little_along_creases_and_almost_nothing_if_all_or_none_are_hard() -> None:
     part, levels = sheet(30, 30)
     for is_hard in (np.zeros(841, bool), np.ones(841, bool)):
         assert cost(part, levels, hard_edges(part, is_hard)) < 20
@@ -363,7 +363,7 @@ def test_texture_coordinates_stay_within_their_tolerance(
     assert_same_attributes(item.attributes[1:], (other,))
 
 
-def test_a_tolerance_leaves_what_is_no_number_and_what_is_on_a_coarser_grid() -> None:
+def test_a_tolerance_keeps_values_that_are_not_finite_or_on_a_coarser_grid() -> None:
     part, levels = sheet(5, 5)
     for values in (np.full((25, 2), np.nan, np.float32), (np.arange(50) / 10).astype(np.float32).reshape(25, 2)):
         objects = [MeshObject("m", part, (Attribute("uv", "vertex", values),))]
@@ -531,7 +531,7 @@ def head(domain: int = 0, kind: int = 0, columns: int = 3, rule: int = 0) -> lis
         ([*head(), ("labels", 0), ("shift", 127), ("scale", 1), ("divisor", 1)], "unit out of range"),
     ],
 )
-def test_what_is_wrong_at_the_head_is_named(fields: list[tuple[str, int]], message: str) -> None:
+def test_a_malformed_header_of_attributes_is_named(fields: list[tuple[str, int]], message: str) -> None:
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]
     with pytest.raises(CorruptFileError, match=message):
         decode_attributes(coded(*fields), objects, levels_of(objects))

@@ -110,7 +110,7 @@ def test_a_looser_bound_never_takes_more_bytes(make: Callable[[], ArraySequence]
         ("cloth", 40, {"columns": 12, "rows": 12}, 16),
     ],
 )
-def test_of_tolerances_close_to_each_other_the_looser_takes_at_most_a_hundredth_more(
+def test_a_slightly_looser_tolerance_takes_at_most_one_percent_more_bytes(
     scene: str, frames: int, shape: dict[str, int], tolerances: int
 ) -> None:
     clip = build(scene, **shape).simulate(frames=frames)
@@ -118,7 +118,7 @@ def test_of_tolerances_close_to_each_other_the_looser_takes_at_most_a_hundredth_
     assert all(size <= 1.01 * min(sizes[k:]) for k, size in enumerate(sizes)), sizes
 
 
-def test_what_nodes_keep_counts_where_the_motion_takes_next_to_nothing() -> None:
+def test_the_bits_of_nodes_count_if_the_motion_takes_few_bits() -> None:
     rope = build("cube-rope").simulate(frames=12)
     loose, closer = (encode(rope, tolerance=tolerance, effort="fast") for tolerance in (0.06, 0.04))
     assert loose.sections["MODL"] < 130

@@ -64,7 +64,7 @@ def test_any_coefficients_come_back(basis: SpaceBasis, data: st.DataObject) -> N
     assert_comes_back(coefficients, basis, 1)
 
 
-def test_what_is_measured_is_what_is_written(basis: SpaceBasis) -> None:
+def test_the_measured_size_is_the_written_size(basis: SpaceBasis) -> None:
     coefficients = falling(basis, 30, 60.0)
     assert measure_coefficients(coefficients, basis, axes=1) / 8 == pytest.approx(
         len(encode_coefficients(coefficients, basis, axes=1)), rel=0.005

@@ -60,7 +60,7 @@ def coded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_what_can_be_computed_is_not_stored_and_within_the_bound(coded: Path) -> None:
+def test_computable_fields_are_not_stored_and_keep_the_bound(coded: Path) -> None:
     clip = wave()
     with pdecodec.open(coded) as animation:
         found = codings(animation)

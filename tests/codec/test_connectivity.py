@@ -100,7 +100,7 @@ def test_any_faces_and_lines_come_back_in_their_order(parts: list[Connectivity])
     assert assert_comes_back(parts) == encode_connectivity(parts)
 
 
-def test_a_torus_in_disorder_costs_nothing_and_its_order_what_order_is_worth() -> None:
+def test_a_shuffled_torus_costs_almost_nothing_and_its_order_costs_its_information() -> None:
     """All vertices of a torus look alike, so it costs almost nothing; n! orders of n vertices or faces take
     log2 n! bits.
     """

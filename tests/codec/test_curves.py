@@ -105,7 +105,7 @@ def lie_on_rows(curves: Faces, points: Int64Array, rows: int, columns: int) -> b
 
 
 @pytest.mark.parametrize("kind", ["quads", *DIAGONALS])
-def test_the_rope_gives_its_24_lengthwise_curves_whatever_its_faces_are_and_however_it_is_numbered(kind: str) -> None:
+def test_the_rope_has_24_lengthwise_curves_with_any_faces_and_numbering(kind: str) -> None:
     rows, columns = ROPE
     quads = grid_faces(rows, columns, closed=True)
     faces = quads.tolist()
@@ -232,7 +232,7 @@ def test_every_vertex_of_any_mesh_is_in_one_curve_along_edges_which_the_plain_de
 
 @settings(max_examples=40)
 @given(mesh_objects(), st.integers(0, 2**32 - 1))
-def test_curves_of_an_object_do_not_depend_on_the_objects_beside_it(objects: list[MeshObject], seed: int) -> None:
+def test_curves_of_an_object_do_not_depend_on_other_objects(objects: list[MeshObject], seed: int) -> None:
     points = np.random.default_rng(seed).integers(0, 9, (sum(item.vertex_count for item in objects), 3))
     first, expected = 0, []
     for item in objects:

@@ -132,7 +132,7 @@ def test_a_cut_through_a_group_is_refused_with_the_nearest_places(clip: Path, tm
     assert not (tmp_path / "part.pdeanim").exists()
 
 
-def test_a_cut_through_groups_codes_their_frames_again_where_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
+def test_a_cut_through_groups_codes_their_frames_again_on_request(clip: Path, tmp_path: Path) -> None:
     edges, whole, part = edges_of(clip), frames_of(clip), tmp_path / "part.pdeanim"
     first, end = edges[1] - 20, edges[2] + 30
     report = cut_animation(clip, part, first, end, recode=True, effort="fast")
@@ -158,7 +158,7 @@ def test_frames_are_appended_within_the_bound_and_nothing_before_them_changes(cl
         assert animation.times.tolist() == waves(FRAMES + 40).times.tolist()
 
 
-def test_what_is_appended_follows_in_time_or_is_moved(clip: Path, tmp_path: Path) -> None:
+def test_appended_frames_follow_in_time_or_are_shifted(clip: Path, tmp_path: Path) -> None:
     more, longer = waves(10), tmp_path / "longer.pdeanim"
     with pytest.raises(SettingsError, match="begins at 0 s, and what is before it ends at 45"):
         join_animations(clip, [more], longer)
@@ -171,7 +171,7 @@ def test_what_is_appended_follows_in_time_or_is_moved(clip: Path, tmp_path: Path
         assert np.allclose(animation.times[FRAMES:], FRAMES / 24 + np.arange(10) ** 1.1)
 
 
-def test_what_does_not_fit_a_file_is_not_joined_to_it(clip: Path, paper: Path, tmp_path: Path) -> None:
+def test_a_file_of_another_mesh_or_reference_is_not_joined(clip: Path, paper: Path, tmp_path: Path) -> None:
     other, longer = tmp_path / "other.pdeanim", tmp_path / "longer.pdeanim"
     pdecodec.encode(waves(20, start=FRAMES), other, effort="fast", tolerance=1e-2)
     with pytest.raises(SettingsError, match=r"other.pdeanim: differs from .*clip.pdeanim in its reference frame"):

@@ -178,7 +178,7 @@ class _SlowFile(io.BytesIO):
         return place
 
 
-def test_groups_that_are_decoded_beside_each_other_are_read_one_after_the_other(
+def test_groups_that_are_decoded_in_parallel_are_read_one_after_the_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("PDECODEC_THREADS", "4")
@@ -207,7 +207,7 @@ def test_outside_the_clip_its_ends_stand_still_or_it_loops_or_that_is_refused(an
         animation.positions(later, outside="refuse")
 
 
-def test_times_and_frames_that_are_none_are_refused(animation: Animation) -> None:
+def test_invalid_times_and_frames_are_refused(animation: Animation) -> None:
     for times in (math.nan, [math.nan], [0.0, math.nan], [[1.0]], [[1.0], [2.0, 3.0]], "soon", None, object()):
         for ask in (animation.positions, animation.velocities):
             with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
@@ -337,7 +337,7 @@ def test_motion_is_continuous_where_groups_and_residuals_meet(profile: str) -> N
 
 
 @PROFILES
-def test_a_residual_fades_towards_the_frames_beside_it(profile: str) -> None:
+def test_a_residual_fades_towards_the_frames_before_and_after(profile: str) -> None:
     points = np.zeros((9, 6, 3), np.float32)
     points[:, :, 0] = np.arange(6)
     points[4, 2, 1] = 0.5
@@ -413,7 +413,7 @@ def test_a_time_reads_no_more_groups_than_it_touches(tmp_path: Path) -> None:
             assert (caught.value.frame, caught.value.path) == (15, str(path))
 
 
-def test_opening_what_is_not_there_says_so(tmp_path: Path) -> None:
+def test_opening_a_missing_file_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.pdeanim", tmp_path):
         with pytest.raises(InputError, match="cannot be opened"):
             open_animation(path)
@@ -439,7 +439,7 @@ HOSTILE: dict[str, Callable[[], dict[str, bytes]]] = {
 
 
 @pytest.mark.parametrize("message", HOSTILE)
-def test_what_needs_more_memory_than_allowed_is_refused_before_it_is_taken(data: bytes, message: str) -> None:
+def test_a_file_that_needs_more_memory_than_allowed_is_refused_before_allocation(data: bytes, message: str) -> None:
     changed = resealed(data, **HOSTILE[message]())
     tracemalloc.start()
     try:

@@ -177,7 +177,7 @@ def test_no_remarks_are_an_empty_object() -> None:
 
 
 @pytest.mark.parametrize("text", [b"[]", b"3", b"null", b"{", b"{'a': 1}", b"\x80", b"[" * 200_000, b'{"a": ' * 9999])
-def test_remarks_that_are_no_object_are_refused(text: bytes) -> None:
+def test_remarks_that_are_not_a_json_object_are_refused(text: bytes) -> None:
     with pytest.raises(CorruptFileError, match="section META"):
         decode_remarks(compress(text))
 
@@ -193,7 +193,7 @@ def test_remarks_that_are_no_object_are_refused(text: bytes) -> None:
         ('{"a":' * 40 + "1" + "}" * 40, "nested more than 32 deep"),
     ],
 )
-def test_remarks_that_nobody_could_print_are_refused_on_both_ways(text: str, message: str) -> None:
+def test_remarks_that_cannot_be_printed_are_refused_on_writing_and_reading(text: str, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
         decode_remarks(compress(text.encode()))
     with pytest.raises(InputError, match=message):

@@ -94,7 +94,7 @@ def test_a_missing_file_is_what_python_calls_it(tmp_path: Path) -> None:
     assert not isinstance(InputError("is odd"), OSError)
 
 
-def test_a_line_says_where_what_and_what_to_set() -> None:
+def test_a_message_has_place_cause_and_the_setting_to_change() -> None:
     assert str(InputError("is odd", path="a.obj", object="b", frame=3, offset=7)) == (
         "a.obj, object 'b', frame 3, byte 7: is odd"
     )
@@ -161,7 +161,7 @@ def test_every_setting_that_an_error_names_is_one_of_a_function() -> None:
     assert named - {None} <= parameters | fields
 
 
-def test_nothing_looks_into_the_words_of_an_error() -> None:
+def test_no_code_parses_the_message_of_an_error() -> None:
     """Assert that code neither tests nor parses `error.message` or ``str(error)``."""
 
     def is_words(node: ast.AST) -> bool:

@@ -106,7 +106,7 @@ def test_tables_of_neighbours_count_as_memory(crowded: bytes) -> None:
     assert linked - alone > 20 * 3 * FACES * len(owners)
 
 
-def test_whatever_fits_alone_fits_after_other_fields(crowded: bytes) -> None:
+def test_a_field_that_fits_alone_fits_after_other_fields(crowded: bytes) -> None:
     largest = f"corner{SUBSETS[-1]}"
     limits = DecodeLimits(max_memory=least_memory(crowded, largest))
     with pdecodec.open(crowded, limits=limits) as animation:

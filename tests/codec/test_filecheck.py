@@ -81,7 +81,7 @@ def test_a_byte_that_changed_is_found_without_decoding_wherever_it_is(source: Pa
         assert not check_file(changed(source, at, tmp_path)).is_sound, at
 
 
-def test_a_file_that_was_cut_says_so_and_what_is_damaged_behind_the_cut(tmp_path: Path) -> None:
+def test_a_truncated_file_is_reported_with_the_sections_behind_the_cut(tmp_path: Path) -> None:
     data, path = SMALL.read_bytes(), tmp_path / "cut.pdeanim"
     for size in range(0, len(data), 3):
         path.write_bytes(data[:size])
@@ -155,7 +155,7 @@ def test_the_command_prints_a_line_for_each_finding_or_json(tmp_path: Path, caps
     assert found["findings"][0]["code"] == "memory-limit"
 
 
-def test_a_file_that_cannot_be_read_is_no_finding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unreadable_file_is_not_a_finding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for path in (tmp_path / "nothing.pdeanim", tmp_path):
         assert run(["check", str(path)]) == 3
         assert str(path) in capsys.readouterr().err

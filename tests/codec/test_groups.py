@@ -76,7 +76,7 @@ def moving_meshes(draw: st.DrawFn) -> ArraySequence:
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(moving_meshes(), st.sampled_from([1e-2, 1e-3, 1e-6]))
-def test_whatever_moves_comes_back_within_the_bound_at_its_times(sequence: ArraySequence, tolerance: float) -> None:
+def test_any_motion_comes_back_within_the_bound_at_its_times(sequence: ArraySequence, tolerance: float) -> None:
     report, animation = round_trip(sequence, tolerance=tolerance)
     with animation:
         found = distances(sequence, animation)
@@ -155,7 +155,7 @@ def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through
     ("reach", "tolerance", "are_precise"),
     [(1.0, 1e-3, {False}), (1.0, 1e-4, {True}), (100.0, 1e-3, {False, True})],
 )
-def test_between_frames_groups_add_up_whatever_is_kept_of_them_and_in_either_precision(
+def test_groups_add_up_between_frames_with_any_cache_and_in_either_precision(
     reach: float, tolerance: float, are_precise: set[bool]
 ) -> None:
     sequence = swinging(24, even=True)

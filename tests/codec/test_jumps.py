@@ -50,7 +50,7 @@ def test_a_swing_of_any_rate_has_no_jumps(rate: float) -> None:
     assert found_in(swinging(48, rate=rate)) == []
 
 
-def test_what_starts_stops_or_bounces_does_not_jump() -> None:
+def test_starts_stops_and_bounces_are_no_jumps() -> None:
     frames = np.arange(24)
     for place in (
         np.maximum(frames - 9, 0) * 1.0,
@@ -71,7 +71,7 @@ def test_steps_within_the_bound_are_no_jumps() -> None:
     assert found_in(still) == [6]
 
 
-def test_one_step_alone_is_none() -> None:
+def test_a_single_step_is_no_jump() -> None:
     assert jumps_of_steps(np.array([9.0]), np.array([9.0]), BOUND) == []
 
 
@@ -120,7 +120,7 @@ def test_the_paper_s_profile_follows_its_own_functions() -> None:
     assert report.jumps == ()
 
 
-def test_a_run_has_its_own_jumps_and_from_run_to_run_there_is_none() -> None:
+def test_a_run_has_its_own_jumps_and_none_lies_between_runs() -> None:
     first, second = jumping(3, frames=8), jumping(5, frames=9)
     second.times = second.times + 1.0
     second.points[:] += 5

@@ -25,7 +25,7 @@ def random(*shape: int) -> Float64Array:
 
 
 @pytest.mark.parametrize(("rows", "depth", "columns"), SIZES)
-def test_a_product_is_one_sum_in_order_whatever_the_strides(rows: int, depth: int, columns: int) -> None:
+def test_a_product_adds_in_order_whatever_the_strides(rows: int, depth: int, columns: int) -> None:
     left, right = random(rows, depth), random(depth, columns)
     in_order = np.zeros((rows, columns))
     for k in range(depth):

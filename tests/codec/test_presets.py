@@ -105,7 +105,7 @@ def test_hero_measures_all_runs_of_faces() -> None:
         ({"sequence": SHEET.points}, "this clip has no faces; give a tolerance instead"),
     ],
 )
-def test_what_a_preset_cannot_be_with_is_named(options: dict[str, Any], words: str) -> None:
+def test_settings_that_exclude_a_preset_are_named(options: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
         encode(**{"sequence": SHEET, "preset": "hero", **options})
 
@@ -124,7 +124,7 @@ def test_corners_are_compared_by_the_normals_that_they_share(is_hard: bool, angl
     assert measure_corner_normals(first, second) == pytest.approx(angle, rel=0.007)
 
 
-def test_a_bound_beyond_half_of_a_median_edge_is_told_with_the_preset_that_helps() -> None:
+def test_a_bound_above_half_a_median_edge_is_noted_with_the_preset_that_helps() -> None:
     rough, fine = (encode(SHEET, max_error=share * EDGE, effort="fast") for share in (0.7, 0.4))
     assert rough.median_edge == pytest.approx(EDGE, rel=0.3)
     [line] = rough.warnings

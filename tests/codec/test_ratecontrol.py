@@ -76,7 +76,7 @@ def test_a_value_that_jumps_at_one_tolerance_is_kept_on_the_right_side(falls: bo
 
 
 @pytest.mark.parametrize(("falls", "end", "other"), [(True, FINEST, COARSEST), (False, COARSEST, FINEST)])
-def test_where_every_tolerance_or_none_keeps_the_limit_an_end_of_the_range_was_tried(
+def test_the_end_of_the_range_is_tried_if_all_tolerances_or_none_keep_the_limit(
     falls: bool, end: float, other: float
 ) -> None:
     assert search_tolerance(lambda tolerance: (tolerance, 0.0), start=1e-3, falls=falls) == end
@@ -91,7 +91,7 @@ def test_where_every_tolerance_or_none_keeps_the_limit_an_end_of_the_range_was_t
 
 
 @pytest.mark.parametrize("profile", ["auto", "paper"])
-def test_a_file_is_as_large_as_allowed_and_hardly_smaller_and_its_tolerance_gives_it_again(profile: Any) -> None:
+def test_a_file_is_hardly_smaller_than_allowed_and_its_tolerance_reproduces_it(profile: Any) -> None:
     size = 2500
     report = encode_to_size(SHEET, size, profile=profile, effort="fast")
     assert report.data is not None
@@ -103,7 +103,7 @@ def test_a_file_is_as_large_as_allowed_and_hardly_smaller_and_its_tolerance_give
     assert encode(SHEET, tolerance=tolerance, profile=profile, effort="fast").data == report.data
 
 
-def test_a_mean_error_is_as_large_as_allowed_and_hardly_smaller() -> None:
+def test_a_mean_error_is_hardly_smaller_than_allowed() -> None:
     rms = 2e-3
     report = encode_to_rms(SHEET, rms, effort="fast")
     assert report.data is not None
@@ -113,7 +113,7 @@ def test_a_mean_error_is_as_large_as_allowed_and_hardly_smaller() -> None:
     assert report.rms_error == pytest.approx(found.rms_error, rel=1e-6)
 
 
-def test_a_file_is_written_whole_and_progress_says_which_encode_it_is(tmp_path: Path) -> None:
+def test_a_file_is_written_whole_and_progress_names_the_current_encode(tmp_path: Path) -> None:
     path, said = tmp_path / "sheet.pdeanim", list[str]()
     report = encode_to_size(SHEET, 1500, path, effort="fast", progress=lambda done, total, what: said.append(what))
     assert (report.path, report.data) == (path, None)
@@ -129,7 +129,7 @@ def test_a_file_is_written_whole_and_progress_says_which_encode_it_is(tmp_path: 
     "control",
     [lambda *a, **k: encode_to_size(SHEET, 1500, *a, **k), lambda *a, **k: encode_to_rms(SHEET, 1e-3, *a, **k)],
 )
-def test_what_cannot_be_is_refused_before_anything_is_encoded(
+def test_invalid_arguments_are_refused_before_anything_is_encoded(
     tmp_path: Path, control: Callable[..., EncodeReport]
 ) -> None:
     def encoding(*_: object) -> None:
@@ -170,7 +170,7 @@ def test_a_file_that_may_be_as_large_as_it_likes_is_exact_and_no_finer_tolerance
 
 
 @pytest.mark.parametrize("limit", [0, -1, 1.5, math.inf, math.nan, "1500", None])
-def test_limits_that_are_none_are_refused(limit: Any) -> None:
+def test_invalid_limits_are_refused(limit: Any) -> None:
     with pytest.raises(SettingsError, match="size must be a positive whole number of bytes"):
         encode_to_size(SHEET, limit)
     if limit != 1.5:

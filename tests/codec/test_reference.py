@@ -199,7 +199,7 @@ def test_points_that_coincide_by_chance_are_not_welded() -> None:
     assert not predictor_of(coded(shape_of(coordinates), one(grid(40, 40)))) & WELDED
 
 
-def test_very_many_faces_of_a_vertex_and_very_many_vertices_on_a_point_are_no_matter() -> None:
+def test_many_faces_of_a_vertex_and_many_vertices_at_a_point_cost_no_quadratic_time() -> None:
     rim = np.arange(1, 30_000)
     corners = np.stack([np.zeros_like(rim), rim, rim + 1], axis=1).ravel().astype(np.int32)
     fan = Connectivity(30_001, face_counts=np.full(rim.size, 3, np.int32), face_indices=corners)
@@ -280,7 +280,7 @@ def section(content: bytes, *, predictor: int, step: float = 0.5, origin: tuple[
     st.binary(max_size=80) | st.sampled_from([b"\0" * 999, b"\xff" * 999]),
     st.integers(0, PREDICTORS - 1),
 )
-def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], content: bytes, predictor: int) -> None:
+def test_both_decoders_treat_any_bytes_alike(objects: list[MeshObject], content: bytes, predictor: int) -> None:
     decoded_alike(section(content, predictor=predictor), objects)
 
 
@@ -296,6 +296,6 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], cont
         (section(b"", predictor=WELDED), "missing point"),
     ],
 )
-def test_what_is_wrong_is_named(data: bytes, message: str) -> None:
+def test_a_malformed_reference_frame_is_named(data: bytes, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
         decode_reference(data, one(connectivity_of(3, [[0, 1, 2]])))

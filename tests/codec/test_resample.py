@@ -30,7 +30,7 @@ def test_times_at_a_rate_never_pass_the_last_time() -> None:
 
 
 @pytest.mark.parametrize("fps", [0.0, -24.0, float("nan"), float("inf")])
-def test_a_rate_that_is_no_positive_number_is_refused(fps: float) -> None:
+def test_a_rate_that_is_not_positive_is_refused(fps: float) -> None:
     with pytest.raises(SettingsError, match="positive number"):
         times_at_rate(0.0, 1.0, fps)
 
@@ -68,7 +68,7 @@ def test_times_outside_begin_again_when_looped() -> None:
     assert times_inside(np.array([5.0]), 1.0, 1.0, "loop").tolist() == [1.0]
 
 
-def test_what_is_no_way_to_go_on_outside_and_times_without_a_place_in_a_loop_are_refused(animation: Animation) -> None:
+def test_unknown_modes_outside_and_infinite_times_in_a_loop_are_refused(animation: Animation) -> None:
     for time in (math.inf, -math.inf):
         with pytest.raises(SettingsError, match="infinite time has no place in a loop"):
             animation.positions(time, outside="loop")
@@ -115,7 +115,7 @@ def test_sampled_velocities_are_those_of_the_motion(animation: Animation) -> Non
     assert np.abs(found[..., [0, 2]]).max() < 0.01
 
 
-def test_where_clamped_positions_stand_still_velocities_are_zero(animation: Animation) -> None:
+def test_velocities_are_zero_where_clamped_positions_stand_still(animation: Animation) -> None:
     times = [0.5, 1.0, 1.5, 2.0, 2.5]
     positions = SampledAnimation(animation, times, outside="clamp").read_frames(0, 5)
     assert np.array_equal(positions[[0, 4]], positions[[1, 3]])

@@ -90,7 +90,7 @@ def test_raw_vertices_alone_come_back() -> None:
         ([3], [[1, 0, 0]] * 2),
     ],
 )
-def test_what_are_no_residuals_is_not_encoded(places: list[int], quantised: list[list[int]]) -> None:
+def test_invalid_residuals_are_not_encoded(places: list[int], quantised: list[list[int]]) -> None:
     with pytest.raises(ValueError, match="residual"):
         encode_residuals(of_frames([(places, quantised)], {}), starts_of(10, 4))
 

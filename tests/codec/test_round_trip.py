@@ -165,7 +165,7 @@ def test_without_a_bound_the_papers_model_alone_is_stored(name: str) -> None:
 @PROFILES
 @pytest.mark.parametrize("name", ["smooth", "coordinates of 1e30", "trembling by one digit"])
 @pytest.mark.parametrize("bound", [1e-300, 1e-8, 1e10, 1e300])
-def test_any_bound_can_be_asked_for(name: str, bound: float, profile: str) -> None:
+def test_any_bound_can_be_requested(name: str, bound: float, profile: str) -> None:
     sequence = CLIPS[name]()
     report, animation = round_trip(sequence, profile=profile, max_error=bound, effort="fast")
     assert_kept(sequence, report, animation)
@@ -181,7 +181,7 @@ def test_any_bound_can_be_asked_for(name: str, bound: float, profile: str) -> No
         {"profile": "paper", "paper": PaperSettings(alpha=12.0, r=1e-300)},
     ],
 )
-def test_every_effort_and_rates_that_are_asked_for_keep_the_bound(options: dict[str, Any]) -> None:
+def test_every_effort_and_given_rates_keep_the_bound(options: dict[str, Any]) -> None:
     sequence = CLIPS["smooth"]()
     assert_kept(sequence, *round_trip(sequence, max_error=0.01, **options))
 
@@ -208,7 +208,7 @@ def test_any_mesh_of_any_size_comes_back_within_the_bound(
     assert_kept(sequence, *round_trip(sequence, profile=profile, tolerance=1e-3, effort="fast"))
 
 
-def test_what_functions_carry_is_told_of_the_first_group_that_moves() -> None:
+def test_the_summary_describes_the_first_group_that_moves() -> None:
     path = np.random.default_rng(4).normal(size=(24, 1, 3)).cumsum(axis=0)
     points = wave(1, 9, 9) + path * np.linspace(0.5, 1, 81)[:, None]  # each vertex moves along the same path, scaled
     points[:8] = points[8]
@@ -221,21 +221,21 @@ def test_what_functions_carry_is_told_of_the_first_group_that_moves() -> None:
 
 
 @pytest.mark.parametrize(("frames", "groups"), [(2, [2, 2]), (3, [3, 4]), (5, [5, 7]), (11, [11, 11]), (64, [22, 22])])
-def test_segments_have_the_length_that_is_asked_for(frames: int, groups: list[int]) -> None:
+def test_segments_have_the_requested_length(frames: int, groups: list[int]) -> None:
     # The last frames, fewer than in a segment and fewer than functions, join the segment before.
     _, animation = round_trip(ArraySequence(noise(22, 5)), profile="paper", paper=PaperSettings(segment_frames=frames))
     assert animation.info()["group_frames"] == groups
 
 
 @pytest.mark.parametrize(("points", "pieces"), [(2, 15), (4, 8), (7, 4), (512, 1), (100000, 1)])
-def test_pieces_have_about_the_length_that_is_asked_for(points: int, pieces: int) -> None:
+def test_pieces_have_about_the_requested_length(points: int, pieces: int) -> None:
     line = MeshObject("line", connectivity_of(30, lines=[list(range(30))]))
     sequence = ArraySequence(noise(4, 30), objects=[line])
     assert encode(sequence, profile="paper", paper=PaperSettings(piece_points=points)).patches == pieces
 
 
 @PROFILES
-def test_sections_sum_to_the_file_and_to_what_the_reader_says(profile: str, tmp_path: Path) -> None:
+def test_sections_sum_to_the_file_and_to_the_sizes_of_the_reader(profile: str, tmp_path: Path) -> None:
     sequence, path = CLIPS["several objects"](), tmp_path / "a.pdeanim"
     report = encode(sequence, path, profile=profile)
     assert (report.path, report.data) == (path, None)

@@ -60,7 +60,7 @@ def test_readers_note_how_far_rounding_moves_positions(tmp_path: Path, kind: str
     assert rounding.largest == pytest.approx(LARGEST, rel=1e-12)
 
 
-def test_it_is_noted_through_whatever_stands_before_a_sequence(tmp_path: Path) -> None:
+def test_rounding_is_noted_through_any_wrapper_of_a_sequence(tmp_path: Path) -> None:
     for source in (ArraySequence(POINTS), open_sequence(written(tmp_path, "npz"), isolate=True)):
         with source, rounding_noticed() as rounding:
             place(FrameSelection(source, range(5)), scale=0.5).read_frames(0, 5)
@@ -68,7 +68,7 @@ def test_it_is_noted_through_whatever_stands_before_a_sequence(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("dtype", [np.float32, ">f4", np.float16, np.int16])
-def test_what_float32_holds_is_not_moved(dtype: str) -> None:
+def test_values_that_float32_holds_are_not_rounded(dtype: str) -> None:
     with rounding_noticed() as rounding:
         assert to_float32((POINTS - FAR).astype(dtype)).dtype == np.float32
     assert rounding.largest == 0
@@ -95,7 +95,7 @@ def test_text_of_float32_numbers_stands_for_these(tmp_path: Path) -> None:
         assert rounding.largest == 0
 
 
-def test_the_report_tells_and_the_bound_counts_from_float32() -> None:
+def test_the_report_states_rounding_and_the_bound_counts_from_float32() -> None:
     report = encode(ArraySequence(POINTS), tolerance=1e-3)
     assert report.rounding == pytest.approx(LARGEST, rel=1e-12)
     assert report.max_error <= report.bound < report.rounding

@@ -133,7 +133,7 @@ def test_times_between_two_runs_hold_the_earlier_one_and_nothing_moves_there() -
         assert animation.sample([]).shape == (0, 6, 3)
 
 
-def test_what_takes_constant_connectivity_says_in_one_line_that_there_is_none(tmp_path: Path) -> None:
+def test_calls_that_need_constant_connectivity_fail_with_one_line(tmp_path: Path) -> None:
     sequence = fluid([(2, 0), (1, 1)])
     with decoded(sequence) as animation:
         for ask in (
@@ -165,7 +165,7 @@ def test_sections_that_are_those_of_the_run_before_are_stored_once() -> None:
     assert names[3] is not None
 
 
-def test_only_the_run_that_is_asked_for_is_read(tmp_path: Path) -> None:
+def test_only_the_requested_run_is_read(tmp_path: Path) -> None:
     sequence = fluid([(2, k % 4) for k in range(12)])
     data = encode(sequence, tmp_path / "x.pdeanim").path
     assert data is not None

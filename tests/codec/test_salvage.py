@@ -134,7 +134,7 @@ def test_damaged_remarks_lose_the_metadata_alone(clip: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("kind", ["SEQN", "CONN", "REST", "MODL", "GRUP"])
-def test_without_mesh_times_or_reference_nothing_can_be_saved_and_a_line_says_so(
+def test_a_file_without_mesh_times_or_reference_cannot_be_saved_and_fails_with_one_line(
     kind: str, clip: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     offset, length = place_of(clip, kind)
@@ -170,7 +170,7 @@ def test_no_byte_that_changes_keeps_sound_groups_from_being_saved_or_changes_the
     assert needed <= nothing <= needed + table
 
 
-def test_of_a_file_of_runs_other_runs_are_saved(changing: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_damaged_run_does_not_lose_the_other_runs(changing: Path, tmp_path: Path, capsys: Capture) -> None:
     with pdecodec.open(changing) as whole:
         assert isinstance(whole, pdecodec.ChangingSequence)
         assert whole.run_frames.tolist() == [40, 30, 1]
@@ -190,7 +190,7 @@ def test_of_a_file_of_runs_other_runs_are_saved(changing: Path, tmp_path: Path, 
     assert len([*tmp_path.glob("out.*.obj")]) == 41
 
 
-def test_the_command_writes_what_there_is_and_its_exit_code_tells(clip: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_the_command_saves_the_sound_parts_and_sets_its_exit_code(clip: Path, tmp_path: Path, capsys: Capture) -> None:
     output = tmp_path / "out.npz"
     assert run(["decode", "--salvage", str(clip), str(output)]) == 0
     assert "nothing is missing" in capsys.readouterr().err

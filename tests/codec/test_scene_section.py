@@ -77,7 +77,7 @@ def test_a_scene_comes_back_and_the_independent_decoder_reads_it() -> None:
     ],
     ids=range(24),
 )
-def test_what_breaks_the_format_is_refused_in_one_line(data: bytes) -> None:
+def test_violations_of_the_format_are_refused_in_one_line(data: bytes) -> None:
     with pytest.raises(CorruptFileError, match=r"^section SCEN [^\n]*$"):
         decode_scene(data).files(2**20)
     with pytest.raises(IndependentCorruptFileError):
@@ -93,7 +93,7 @@ def test_names_that_a_folder_cannot_hold_together_are_refused(names: tuple[str, 
         read_scene(data)
 
 
-def test_a_scene_costs_no_more_than_the_limit_says() -> None:
+def test_a_scene_takes_no_more_memory_than_the_limit() -> None:
     bomb = Carrier("gltf", (), (), (SceneStream.of("files/a", bytes(2**24)),))
     assert len(encode_scene(bomb)) < 2_000
     with pytest.raises(LimitError, match="a scene of 16777216 bytes"):
@@ -128,7 +128,7 @@ def test_only_a_sequence_with_a_scene_has_the_section() -> None:
         assert pdecodec.encode(animation, uv_tolerance=1e-3).scene_note
 
 
-def test_a_free_order_does_not_keep_a_scene_and_says_so() -> None:
+def test_a_free_order_drops_the_scene_with_a_note() -> None:
     report = pdecodec.encode(clip(carrier()), order="free")
     assert not report.scene_bytes
     assert any("the scene around the motion is not kept" in one for one in report.warnings)

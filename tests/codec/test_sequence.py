@@ -271,7 +271,7 @@ def test_an_array_and_a_path_are_encoded_as_the_sequence_that_they_are(tmp_path:
         encode(tmp_path / "b.npz")
 
 
-def test_a_sequence_says_what_it_holds(tmp_path: Path) -> None:
+def test_a_sequence_describes_its_contents(tmp_path: Path) -> None:
     sequence = moving(5, 4)
     assert repr(sequence) == "<ArraySequence: 1 object, 4 vertices, 5 frames, 0.1667 s>"
     report = encode(sequence, tmp_path / "a.pdeanim")

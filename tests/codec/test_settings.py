@@ -69,7 +69,7 @@ def test_numbers_of_other_libraries_become_pythons_own_and_are_recorded() -> Non
     }
 
 
-def test_what_was_changed_leaves_out_what_is_as_it_is_by_default() -> None:
+def test_changed_settings_leave_out_defaults() -> None:
     assert EncodeSettings(tolerance=1e-4, effort="best").changed() == {"tolerance": 1e-4, "effort": "best"}
     assert EncodeSettings().changed() == {}
 
@@ -125,6 +125,6 @@ def test_settings_out_of_range_are_named(kind: type[Any], chosen: dict[str, Any]
     assert "\n" not in str(caught.value)
 
 
-def test_an_option_that_is_no_setting_is_refused_with_those_there_are() -> None:
+def test_an_unknown_option_is_refused_with_a_list_of_settings() -> None:
     with pytest.raises(SettingsError, match="there are effort, field_tolerance, fields, group_frames, max_error"):
         encode(ArraySequence([[[0, 0, 0]]]), quality=3)

@@ -51,7 +51,7 @@ def test_results_side_by_side_come_in_the_order_of_their_calls(threads: int, mon
     assert shares.side_by_side() == []
 
 
-def test_calls_side_by_side_run_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parallel_calls_run_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PDECODEC_THREADS", "2")
     both = threading.Barrier(2, timeout=60)
     assert sorted(shares.side_by_side(both.wait, both.wait)) == [0, 1]
@@ -69,7 +69,7 @@ def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(seen) == 50 * 4 * 10
 
 
-def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_work_is_released_while_helpers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PDECODEC_THREADS", "2")
     is_done = threading.Event()
 
@@ -124,13 +124,13 @@ def test_a_small_clip_has_one_thread_in_its_own_thread_alone(monkeypatch: pytest
     assert shares.thread_count() == usual
 
 
-def test_who_asks_for_threads_gets_them_for_a_small_clip_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_requested_number_of_threads_holds_for_small_clips_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PDECODEC_THREADS", "3")
     with shares.threads_for(1):
         assert shares.thread_count() == 3
 
 
 @pytest.mark.parametrize("asked", ["", "0", "-2", "many"])
-def test_what_is_no_number_of_threads_asks_for_nothing(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
+def test_an_invalid_number_of_threads_is_ignored(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
     monkeypatch.setenv("PDECODEC_THREADS", asked)
     assert 1 <= shares.thread_count() <= (os.cpu_count() or 1)

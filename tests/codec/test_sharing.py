@@ -91,7 +91,7 @@ def test_a_plain_file_may_be_moved_by_others_while_it_is_decoded(path: Path, exp
 
 
 @pytest.mark.skipif(not FORKS, reason="no process is copied here")
-def test_forked_children_read_beside_their_parent(path: Path, expected: np.ndarray) -> None:
+def test_forked_children_read_while_their_parent_reads(path: Path, expected: np.ndarray) -> None:
     frames = list(range(60)) * 4
     with open_animation(path, limits=FORGETFUL) as animation:
         children = []
@@ -174,7 +174,7 @@ def test_an_animation_is_pickled_by_its_path_from_whatever_folder(
         pickle.dumps(animation)
 
 
-def test_what_was_closed_says_so_and_what_was_read_stays(shared: Animation, expected: np.ndarray) -> None:
+def test_a_closed_animation_refuses_calls_and_keeps_its_objects(shared: Animation, expected: np.ndarray) -> None:
     objects = shared.objects
     shared.close()
     shared.close()
@@ -194,7 +194,7 @@ def test_what_was_closed_says_so_and_what_was_read_stays(shared: Animation, expe
     assert shared.frame_count == 60
 
 
-def test_a_file_that_its_owner_closed_says_so(path: Path) -> None:
+def test_a_file_that_its_owner_closed_is_reported_as_closed(path: Path) -> None:
     with io.BytesIO(path.read_bytes()) as file:
         animation = open_animation(file)
     with pytest.raises(InputError, match="its file was closed"):

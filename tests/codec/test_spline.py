@@ -40,7 +40,7 @@ def uneven_times(seed: int, frames: int, ratio: float) -> Float64Array:
 
 @pytest.mark.parametrize("frames", [2, 3, 4, 6, 51, 200])
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 100.0])
-def test_it_is_the_spline_that_scipy_knows(frames: int, ratio: float) -> None:
+def test_the_spline_equals_scipys(frames: int, ratio: float) -> None:
     times = uneven_times(frames, frames, ratio)
     values = np.random.default_rng(1).normal(size=(frames, 3))
     at = np.concatenate([times, np.linspace(times[0], times[-1], 101)])

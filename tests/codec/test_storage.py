@@ -67,7 +67,7 @@ def test_a_second_of_a_long_clip_takes_a_seconds_share_of_its_bytes(server: Serv
             assert server.bytes_given - opened <= 1.1 * share
 
 
-def test_of_minutes_a_second_takes_its_share_with_all_that_opening_reads(tmp_path: Path) -> None:
+def test_opening_and_decoding_a_second_reads_its_share_of_the_bytes(tmp_path: Path) -> None:
     seconds = 60
     path = tmp_path / "minutes.pdeanim"
     pdecodec.encode(long_clip(40, seconds), path, effort="fast", group_frames=RATE, tolerance=2e-4)
@@ -81,7 +81,7 @@ def test_of_minutes_a_second_takes_its_share_with_all_that_opening_reads(tmp_pat
             assert server.bytes_given <= 1.55 * share
 
 
-def test_what_is_no_file_of_ours_is_refused_whatever_its_table_says(tmp_path: Path) -> None:
+def test_a_damaged_or_foreign_file_is_refused_whatever_its_section_table(tmp_path: Path) -> None:
     sound = encoded(tmp_path)
     table = sound.index(b"SEQN")
     damaged = {
@@ -104,7 +104,7 @@ def encoded(folder: Path) -> bytes:
     return (folder / "second.pdeanim").read_bytes()
 
 
-def test_an_animation_far_away_is_as_one_that_is_here(server: Server, folder: Path) -> None:
+def test_a_remote_animation_equals_a_local_one(server: Server, folder: Path) -> None:
     address = f"{server.address}/long.pdeanim"
     with pdecodec.open(address) as far, pdecodec.open(folder / "long.pdeanim") as near:
         times = np.linspace(0, 2, 11)
@@ -141,7 +141,9 @@ def test_frames_of_an_archive_are_read_without_the_others(server: Server, folder
     assert 0 < server.bytes_given < 0.2 * (folder / name).stat().st_size
 
 
-def test_what_cannot_be_read_is_one_line(server: Server, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreadable_address_is_reported_in_one_line(
+    server: Server, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("nothing.pdeanim", "nothing.npz"):
         with pytest.raises(InputError, match="no such file, or no answer"):
             open_sequence(f"{server.address}/{name}")
@@ -169,7 +171,7 @@ def test_a_file_that_is_cut_short_is_corrupt(server: Server, folder: Path) -> No
 
 
 @pytest.mark.parametrize("missing", [10, 1000])
-def test_a_file_that_becomes_shorter_while_it_is_read_is_told_as_that(
+def test_a_file_that_becomes_shorter_while_it_is_read_is_reported_as_such(
     server: Server, folder: Path, missing: int
 ) -> None:
     path = folder / "shorter.pdeanim"

@@ -75,7 +75,7 @@ def test_the_percentile_is_that_of_all_vertices_and_frames() -> None:
     assert wanted * 0.999 <= most <= wanted * 1.007
 
 
-def test_what_is_exact_is_zero() -> None:
+def test_exact_surfaces_have_no_error() -> None:
     found = measure_surface(sheet(), sheet(), grid(SIDE, SIDE), 1.0)
     assert (found.normal_error, found.normal_p99, found.sted) == (0.0, 0.0, 0.0)
 
@@ -96,7 +96,7 @@ def test_edges_that_grow_unlike_have_the_spread_of_it() -> None:
     assert edge_difference(strand, other, line, 7.0) == pytest.approx(0.05 * 5 / 7, rel=1e-4)
 
 
-def test_what_trembles_differs_in_time_more_than_what_is_off_at_rest() -> None:
+def test_trembling_gives_a_larger_edge_difference_than_a_constant_offset() -> None:
     points, random = sheet(30), np.random.default_rng(0)
     noise = 1e-3 * random.normal(size=points.shape)
     trembling, off = (points + noise).astype(np.float32), (points + noise[:1]).astype(np.float32)
@@ -119,7 +119,7 @@ def test_the_temporal_part_is_the_spread_of_steps_in_a_window() -> None:
     assert edge_difference(points, other, line, 1.0) == pytest.approx(TIME_WEIGHT * spread, rel=1e-4)
 
 
-def test_points_alone_have_neither() -> None:
+def test_points_without_faces_have_neither_normal_nor_edge_errors() -> None:
     found = measure_surface(sheet(), sheet() + np.float32(1), Connectivity(SIDE * SIDE), 1.0)
     assert (found.normal_error, found.normal_p99, found.sted) == (None, None, None)
 

@@ -128,7 +128,7 @@ def test_the_method_with_fewer_bits_for_its_error_is_taken(make: Make) -> None:
     assert encoded(scaled, step)[0][0] == min(costs, key=costs.__getitem__)
 
 
-def test_independent_numbers_cost_what_theory_says() -> None:
+def test_independent_numbers_cost_their_entropy() -> None:
     # Gaussian numbers with a deviation of 10 steps that cannot be predicted carry log2(10 sqrt(2 pi e)) bits each
     scaled = 10.0 * np.random.default_rng(1).normal(size=(300, 3, 20))
     data, _ = encoded(scaled, 1.0)
@@ -179,13 +179,13 @@ def test_more_frames_than_are_transformed_are_predicted() -> None:
 
 
 @pytest.mark.parametrize("step", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_step_that_is_none_is_refused(step: float) -> None:
+def test_an_invalid_step_is_refused(step: float) -> None:
     with pytest.raises(SettingsError, match="step of functions of time must be a positive number"):
         encoded(wanderings(5, 2), step)
 
 
 @pytest.mark.parametrize("number", [MAX_STEPS * 1.001, 1e37])
-def test_where_numbers_would_exceed_the_steps_there_are_the_step_is_coarser(number: float) -> None:
+def test_the_step_is_coarser_if_numbers_would_exceed_the_largest_index(number: float) -> None:
     scaled = np.zeros((5, 3, 2))
     scaled[3, 1, 1] = number
     for count in (2, 30):  # many functions are coded by the method that suits a sample of them

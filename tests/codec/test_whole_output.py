@@ -114,7 +114,7 @@ def test_a_run_that_is_killed_leaves_all_old_or_all_new_to_the_next(
     assert not [path.name for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def test_what_dead_runs_left_is_removed_and_nothing_of_others(tmp_path: Path) -> None:
+def test_partial_files_of_dead_processes_are_removed_and_no_others(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
     own = partial_path(tmp_path / "x.npz").name
     dead = own.replace(f"-{os.getpid()}-", f"-{int(done.stdout)}-")
@@ -134,7 +134,7 @@ def test_what_dead_runs_left_is_removed_and_nothing_of_others(tmp_path: Path) ->
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not tell who is dead")
-def test_a_process_that_ended_is_dead_before_anybody_looked(tmp_path: Path) -> None:
+def test_a_process_that_has_ended_counts_as_dead_at_once(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as ended:
         os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
         left = tmp_path / partial_path(tmp_path / "x.npz").name.replace(f"-{os.getpid()}-", f"-{ended.pid}-")

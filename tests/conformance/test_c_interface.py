@@ -154,7 +154,7 @@ def test_the_example_plays_a_file_to_obj_at_any_rate(player: Path, tmp_path: Pat
         assert len(faces) == sum(item.connectivity.face_counts.size for item in animation.objects)
 
 
-def test_the_example_says_in_one_line_what_is_wrong_with_a_file(player: Path, tmp_path: Path) -> None:
+def test_the_example_reports_a_malformed_file_in_one_line(player: Path, tmp_path: Path) -> None:
     source = encoded(several_objects(), tmp_path / "clip.pdeanim")
     (tmp_path / "short.pdeanim").write_bytes(source.read_bytes()[:-1])
     run = subprocess.run([player, tmp_path / "short.pdeanim", tmp_path], capture_output=True, text=True, check=False)

@@ -183,7 +183,7 @@ def test_groups_that_do_not_count_have_weights_of_zero(installed: Path) -> None:
         assert file.weights(0, animation.times[-1], last).any()
 
 
-def test_each_vertex_is_of_one_element_and_sections_are_where_they_are_said_to_be(installed: Path) -> None:
+def test_each_vertex_is_of_one_element_and_sections_are_where_the_table_puts_them(installed: Path) -> None:
     data = accepted_vectors()["many_patches"]
     with opened(installed, data) as file:
         elements = file.array((file.vertices,), np.int32, "elements")
@@ -193,7 +193,7 @@ def test_each_vertex_is_of_one_element_and_sections_are_where_they_are_said_to_b
     assert found == [(part.kind, part.content) for part in take_apart(data)]
 
 
-def test_what_is_out_of_range_is_refused_by_name(installed: Path) -> None:
+def test_arguments_out_of_range_are_refused_by_name(installed: Path) -> None:
     with opened(installed, accepted_vectors()["groups"]) as file:
         beyond = ctypes.c_int64(len(file.groups))
         out = ctypes.c_void_p(np.empty(1).ctypes.data)

@@ -165,11 +165,11 @@ def test_a_square_keeps_the_axes_of_the_mesh(side: int) -> None:
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], 3),
     ],
 )
-def test_what_has_no_width_is_no_coordinate(coordinates: list[tuple[int, int, int]], count: int) -> None:
+def test_a_direction_without_width_is_no_coordinate(coordinates: list[tuple[int, int, int]], count: int) -> None:
     assert local_count(element_of(coordinates)) == count
 
 
-def test_where_a_column_is_near_the_threshold_another_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_threshold_is_used_if_a_column_is_near_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = sheet(1, 9, 9, tilt=0.2)
     rest = np.rint(300 * sequence.read_frames(0, 1)[0]).astype(np.int64)
     usual = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)

@@ -83,7 +83,7 @@ def test_a_file_that_is_read_in_a_process_of_its_own_keeps_the_limits(animation:
     assert line.endswith("; raise --max-memory if you trust the file\n")
 
 
-def test_groups_that_fit_one_by_one_are_decoded_where_they_do_not_beside_each_other() -> None:
+def test_groups_that_only_fit_in_memory_one_by_one_are_decoded() -> None:
     points = np.random.default_rng(0).normal(size=(64, 4000, 3))
     settings = EncodeSettings(max_error=1.5, group_frames=8, effort="fast")
     data = pdecodec.encode(pdecodec.ArraySequence(points), settings=settings).data or b""
@@ -120,7 +120,7 @@ def test_a_plan_keeps_within_its_memory_and_is_the_usual_one_where_that_fits(ver
         assert encoding_bytes(frames, vertices, shorter) - saved <= limit
 
 
-def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp_path: Path, capsys: Capture) -> None:
+def test_an_encode_that_exceeds_a_limit_reports_how_much_it_takes(tmp_path: Path, capsys: Capture) -> None:
     source = tmp_path / "clip.npz"
     np.savez(source, points=np.zeros((3, 1000, 3), np.float32))
     assert run(["encode", str(source), str(tmp_path / "out.pdeanim"), "--max-memory", "1M"]) == 2

@@ -358,7 +358,7 @@ MANY: dict[str, tuple[Callable[[], bytes], str]] = {
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only there a process says how much memory it took")
 @pytest.mark.parametrize("name", MANY)
-def test_whatever_a_file_declares_many_of_stays_within_the_limit(name: str) -> None:
+def test_large_declared_counts_stay_within_the_memory_limit(name: str) -> None:
     make, expected = MANY[name]
     data = make()
     read, write = os.pipe()

@@ -105,7 +105,7 @@ def test_attributes_of_every_kind_keep_their_values() -> None:
             assert (found.name, found.domain, rows_of(found)) == (expected.name, expected.domain, rows_of(expected))
 
 
-def test_what_is_free_of_order_already_is_kept_as_it_is() -> None:
+def test_an_order_free_file_is_kept_unchanged() -> None:
     """Encoding a decoded file again without its order changes no number."""
     first = encode(CLIPS["grid"](), order="free").data
     assert first is not None

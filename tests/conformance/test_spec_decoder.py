@@ -52,12 +52,12 @@ def assert_decodes_alike(sequence: MeshSequence, path: Path, choices: Choices | 
 
 
 @pytest.mark.parametrize("name", CLIPS)
-def test_it_decodes_every_clip(name: str, tmp_path: Path) -> None:
+def test_the_plain_decoder_decodes_every_clip(name: str, tmp_path: Path) -> None:
     assert_decodes_alike(CLIPS[name](), tmp_path / "a.pdeanim")
 
 
 @pytest.mark.parametrize("settings", [{}, {"field_tolerance": 1e-6}, {"fields": {"stress": "exact", "energy": "drop"}}])
-def test_it_decodes_fields_to_the_last_bit(settings: dict[str, Any]) -> None:
+def test_the_plain_decoder_decodes_fields_to_the_last_bit(settings: dict[str, Any]) -> None:
     clip = clip_with_fields()
     later = clip_with_fields()
     later.times = later.times + 10
@@ -149,12 +149,12 @@ def test_a_surface_comes_back_in_the_order_it_had(tmp_path: Path) -> None:
 
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mesh_objects(), st.integers(1, 7), st.integers(0, 2**32 - 1))
-def test_it_decodes_any_mesh(tmp_path: Path, objects: list[MeshObject], frames: int, seed: int) -> None:
+def test_the_plain_decoder_decodes_any_mesh(tmp_path: Path, objects: list[MeshObject], frames: int, seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(frames, sum(item.vertex_count for item in objects), 3))
     assert_decodes_alike(ArraySequence(points, objects=objects), tmp_path / "a.pdeanim")
 
 
-def test_it_shares_no_code_with_the_library() -> None:
+def test_the_plain_decoder_shares_no_code_with_the_library() -> None:
     modules = sorted((ROOT / "spec" / "decoder").glob("*.py"))
     assert len(modules) >= 6
     allowed = {"numpy", "zstandard", "spec"} | sys.stdlib_module_names
@@ -165,7 +165,7 @@ def test_it_shares_no_code_with_the_library() -> None:
             assert {name.partition(".")[0] for name in names} <= allowed, module.name
 
 
-def test_its_command_line_prints_objects_and_positions(tmp_path: Path) -> None:
+def test_the_command_of_the_plain_decoder_prints_objects_and_positions(tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
     encode(rich_sequence(), path, EncodeSettings())
 

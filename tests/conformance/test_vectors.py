@@ -65,7 +65,7 @@ def test_the_vectors_stay_small() -> None:
 
 
 @pytest.mark.parametrize("name", MANIFEST["accept"])
-def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(name: str) -> None:
+def test_the_library_and_the_plain_decoder_agree_with_the_manifest(name: str) -> None:
     expected = MANIFEST["accept"][name]
     path = accepted_files()[name]
     plain = independent.decode_runs(path.read_bytes())

@@ -57,7 +57,7 @@ def test_faces_run_the_other_way_round_in_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("transforms", [False, True])
-def test_a_scene_with_z_up_is_turned_with_its_velocities_and_says_so(tmp_path: Path, transforms: bool) -> None:
+def test_a_scene_with_z_up_is_turned_with_its_velocities_and_a_note(tmp_path: Path, transforms: bool) -> None:
     clip = scene(up_axis="Z")
     if transforms:
         kept = transform_attribute([0.0, 1.0], [np.eye(4), np.diag([2.0, 2, 2, 1])])
@@ -131,7 +131,7 @@ def by_hand(path: Path, samples: list[tuple[list[int], list[int]]], *, points: i
         schema.set(sample)
 
 
-def test_a_rate_that_is_asked_for_is_sampled_at_with_stored_samples_exact(tmp_path: Path) -> None:
+def test_a_requested_rate_keeps_stored_samples_exact(tmp_path: Path) -> None:
     clip = scene(frames=5)
     write_sequence(clip, tmp_path / "x.abc")
     with open_sequence(tmp_path / "x.abc", fps=48) as read:

@@ -170,7 +170,7 @@ NAMED = (
 )
 
 
-def test_what_becomes_of_each_thing_is_said_and_nothing_is_dropped_in_silence(tmp_path: Path) -> None:
+def test_the_fate_of_everything_in_an_archive_is_listed(tmp_path: Path) -> None:
     path = everything(tmp_path / "x.abc")
     with open_sequence(path, isolate=True) as read:
         contents = {one.path: one.fate for one in read.contents}

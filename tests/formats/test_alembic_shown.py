@@ -139,7 +139,7 @@ def test_face_sets_of_other_programs_are_materials_in_every_scene_format(
         assert groups == ({label: sorted(members) for label, members in sets.items()} if overlap else {}), name
 
 
-def test_groups_are_a_parameter_beside_materials(tmp_path: Path) -> None:
+def test_groups_are_kept_in_a_parameter_next_to_materials(tmp_path: Path) -> None:
     groups = [
         Attribute("group", "face", np.array([-1, 1], np.int32), labels=("none", "right/up")),
         Attribute("group:mask/one", "face", np.array([1, 1], np.uint8)),

@@ -267,7 +267,9 @@ def carrying(tmp_path: Path, **options: Any) -> Path:
     return tmp_path / "a.pdeanim"
 
 
-def test_encode_says_what_the_scene_costs_and_info_lists_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_encode_prints_the_size_of_the_scene_and_info_lists_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source = gltf_scene(tmp_path / "a.glb")
     assert run(["encode", str(source), "-o", str(tmp_path / "a.pdeanim")]) == 0
     said = capsys.readouterr().err

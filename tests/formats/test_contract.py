@@ -137,7 +137,7 @@ def test_times_come_back_that_no_rate_counts(held: Holds, times: NDArray[np.floa
 
 
 @each_format("x.npz", "x.h5", "x/", "x.pvd", "x.xdmf", "x.e", times="all", written=True)
-def test_times_that_would_fall_together_are_refused_and_rounding_is_told(held: Holds, tmp_path: Path) -> None:
+def test_times_that_would_fall_together_are_refused_and_rounding_is_noted(held: Holds, tmp_path: Path) -> None:
     path, is_float32 = held.path(tmp_path), held.file.endswith(("mdd", "glb", "gltf"))
     # glTF stores times relative to the first one.
     far, close = np.append(0, 1e6 + np.arange(23) / 24), np.arange(24) * 1e-15
@@ -165,7 +165,7 @@ def test_positions_of_any_size_come_back(held: Holds, scale: float, tmp_path: Pa
 
 
 @each_format()
-def test_positions_that_are_no_numbers_come_back_or_leave_nothing_behind(held: Holds, tmp_path: Path) -> None:
+def test_positions_that_are_not_finite_come_back_or_leave_no_file(held: Holds, tmp_path: Path) -> None:
     expected, path = clip(), held.path(tmp_path)
     for value in (np.nan, np.inf):
         expected.points[2, 1, 0] = value
@@ -263,7 +263,7 @@ def test_fields_come_back_or_are_named(held: Holds, tmp_path: Path) -> None:
 
 
 @each_format()
-def test_odd_names_come_back_or_are_told(held: Holds, tmp_path: Path) -> None:
+def test_odd_names_come_back_or_are_noted(held: Holds, tmp_path: Path) -> None:
     path = held.path(tmp_path)
     expected = scene([MeshObject(name, SOUP) for name in NAMES], frames=1, **SPACE)
     told = "".join(held.write(expected, path) or ())
@@ -283,7 +283,7 @@ def test_odd_names_come_back_or_are_told(held: Holds, tmp_path: Path) -> None:
 
 
 @each_format(names="tree")
-def test_names_that_are_one_or_a_branch_of_another_are_told_apart(held: Holds, tmp_path: Path) -> None:
+def test_equal_names_and_names_of_branches_are_made_distinct(held: Holds, tmp_path: Path) -> None:
     path = held.path(tmp_path)
     told = "".join(held.write(scene([body(name, ()) for name in ("a", "a", "a/b")], **SPACE), path))
     with held.open(path) as read:
@@ -324,7 +324,7 @@ def test_connectivity_that_changes_comes_back_or_is_refused(held: Holds, tmp_pat
 
 @each_format()
 @pytest.mark.parametrize("first", [True, False])
-def test_objects_without_vertices_stand_in_nobodys_way_and_are_told(held: Holds, first: bool, tmp_path: Path) -> None:
+def test_objects_without_vertices_are_kept_or_noted_and_harm_no_other(held: Holds, first: bool, tmp_path: Path) -> None:
     path = held.path(tmp_path)
     parts = [MeshObject("rig/full", SOUP), MeshObject("rig/empty", Connectivity(0))]
     expected = scene(parts[:: -1 if first else 1], **SPACE)
@@ -347,7 +347,7 @@ def test_the_same_sequence_gives_the_same_bytes(held: Holds, tmp_path: Path, mon
 
 
 @each_format(written=True)
-def test_what_is_there_is_replaced_only_on_request(held: Holds, tmp_path: Path) -> None:
+def test_an_existing_file_is_replaced_only_on_request(held: Holds, tmp_path: Path) -> None:
     path = held.path(tmp_path)
     first, second = clip(), clip(2)
     held.write(first, path)
@@ -379,7 +379,7 @@ STARTS = [
 
 
 @pytest.mark.parametrize("extension", [end for entry in list_formats() for end in entry.extensions])
-def test_what_is_none_of_these_files_is_refused_in_one_line(
+def test_files_of_other_content_are_refused_in_one_line(
     tmp_path: Path, extension: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     needed(extension[1:])
@@ -425,7 +425,7 @@ def test_writers_take_a_few_frames_at_a_time(held: Holds, tmp_path: Path, monkey
     assert max(taken) <= 3
 
 
-def test_a_format_needs_no_name_that_says_it(tmp_path: Path) -> None:
+def test_a_format_is_recognised_whatever_the_name_of_the_file(tmp_path: Path) -> None:
     needed("abc")
     write_sequence(scene(), tmp_path / "x.abc")
     (tmp_path / "x.abc").rename(tmp_path / "x")

@@ -212,7 +212,7 @@ def needs(kind: str) -> None:
 
 @pytest.mark.parametrize("way", ["below", "absolute", "link", "linked folder"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_lies_outside_the_folder_of_a_file_is_not_read_unless_it_is_allowed(
+def test_files_outside_the_folder_of_a_file_are_read_only_if_allowed(
     kind: str, way: str, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     needs(kind)
@@ -245,7 +245,7 @@ def test_what_lies_outside_the_folder_of_a_file_is_not_read_unless_it_is_allowed
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_lies_in_the_folder_or_below_is_read(kind: str, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_in_the_folder_or_below_are_read(kind: str, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     needs(kind)
     make, extension = KINDS[kind]
     (project / "below").mkdir()
@@ -256,7 +256,7 @@ def test_what_lies_in_the_folder_or_below_is_read(kind: str, project: Path, monk
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_pipe_that_a_file_names_is_refused_and_nobody_waits_for_it(
+def test_a_pipe_that_a_file_names_is_refused_without_waiting_for_it(
     kind: str, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     needs(kind)
@@ -333,7 +333,7 @@ def test_a_name_that_no_file_has_is_refused_in_one_line(uri: str, project: Path)
     assert input_files(str(path)) == (path,)
 
 
-def test_a_file_that_is_a_link_may_name_files_beside_itself_and_beside_where_it_leads(project: Path) -> None:
+def test_a_symlinked_file_may_name_files_in_its_folder_and_in_that_of_its_target(project: Path) -> None:
     (project / "store").mkdir()
     (project / "shot").mkdir()
     secrets(project / "store")
@@ -383,7 +383,7 @@ def test_a_package_takes_no_file_from_outside_with_it(project: Path) -> None:
     assert SECRET.tobytes() in (project / "y.usdz").read_bytes()
 
 
-def test_standard_input_that_is_no_animation_is_not_copied(tmp_path: Path) -> None:
+def test_standard_input_that_is_not_an_animation_is_not_copied(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pdecodec", "decode", "-", "-o", str(tmp_path / "x.npz")]
     with Path("/dev/zero").open("rb") as zeros:
         done = subprocess.run(command, stdin=zeros, capture_output=True, text=True, timeout=60)

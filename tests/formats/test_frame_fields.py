@@ -138,7 +138,7 @@ def test_other_fields_of_ply_come_back_with_names_types_and_domains(tmp_path: Pa
             np.testing.assert_array_equal(read.read_field(one.name, 0, FRAMES), clip.read_field(one.name, 0, FRAMES))
 
 
-def test_whole_numbers_beyond_doubles_are_told(tmp_path: Path) -> None:
+def test_whole_numbers_beyond_doubles_are_noted(tmp_path: Path) -> None:
     serial = np.full((2, 5), 2**60)
     clip = ArraySequence(np.zeros((2, 5, 3)), fields={"serial": serial})
     told = write_sequence(clip, tmp_path / "x.####.ply")

@@ -134,7 +134,7 @@ def test_colours_of_vertices_and_of_faces_of_one_ply_are_both_kept(tmp_path: Pat
     ],
     ids=["vertex", "face", "comments", "element", "strips and faces", "edge"],
 )
-def test_what_a_ply_file_loses_is_named_once_for_all_frames(tmp_path: Path, text: str, lost: str) -> None:
+def test_losses_of_ply_files_are_named_once_for_all_frames(tmp_path: Path, text: str, lost: str) -> None:
     with read(tmp_path, text, text) as sequence:
         assert sequence.notices == (f"not kept: {lost}",)
 
@@ -219,9 +219,7 @@ def test_normals_of_points_and_what_later_ply_files_have_are_fields(tmp_path: Pa
     ],
     ids=["points", "faces", "UVs of vertices", "UVs of corners", "gone", "new", "OFF"],
 )
-def test_what_changes_from_frame_to_frame_is_a_field_or_told_once(
-    tmp_path: Path, first: str, second: str, notice: str
-) -> None:
+def test_changing_data_are_a_field_or_noted_once(tmp_path: Path, first: str, second: str, notice: str) -> None:
     extension = "off" if first.startswith("OFF") else "ply"
     with read(tmp_path, first, second, first, second, extension=extension) as sequence:
         fields = [f"{one.name} {one.domain} {one.dtype}" for one in sequence.fields]
@@ -273,7 +271,7 @@ def test_colours_of_off_are_kept_or_named(tmp_path: Path, text: str, values: obj
         assert sequence.notices == notices
 
 
-def test_what_stl_files_lose_is_named(tmp_path: Path) -> None:
+def test_losses_of_stl_files_are_named(tmp_path: Path) -> None:
     facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
     texts = [f"solid {name}\n{facet}endsolid {name}\n" for name in ("left hand", "right")]
     with read(tmp_path, "".join(texts), extension="stl") as sequence:
@@ -351,7 +349,7 @@ def test_vertices_without_a_colour_are_white_in_every_format(
         assert np.abs(rows - np.float32(values)[:, : rows.shape[1]]).max() < 1 / 500
 
 
-def test_objects_without_colours_beside_others_are_white_in_one_mesh(tmp_path: Path) -> None:
+def test_objects_without_colours_are_white_in_a_mesh_with_colours(tmp_path: Path) -> None:
     text = "o a\nv 0 0 0 1 0 0\no b\nv 0 0 1\n"
     with read(tmp_path, text, extension="obj") as sequence:
         assert sequence.notices == ()
@@ -412,7 +410,7 @@ def test_colours_of_some_vertices_of_other_sources_are_white_elsewhere(tmp_path:
     ids=["colours", "UVs too", "points", "new colours", "names", "one material", "objects", "mtllib", "normals", "vp",
          "numbers otherwise", "names otherwise", "UVs otherwise"],
 )  # fmt: skip
-def test_what_changes_in_obj_is_a_field_or_told_once(
+def test_changing_data_of_obj_are_a_field_or_noted_once(
     tmp_path: Path, first: str, second: str, notices: tuple[str, ...]
 ) -> None:
     with read(tmp_path, first, second, second, first, extension="obj") as sequence:

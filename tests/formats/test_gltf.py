@@ -72,7 +72,7 @@ def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) ->
     return out
 
 
-def test_what_was_noted_survives_a_program_that_renumbers_everything(tmp_path: Path) -> None:
+def test_notes_on_a_file_survive_a_program_that_renumbers_everything(tmp_path: Path) -> None:
     clip = scene([body("hand", [uv_with_seam()])], up_axis="Y", unit="m")
     write_sequence(clip, tmp_path / "x.glb")
     path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", lambda made: None)

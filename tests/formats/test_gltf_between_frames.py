@@ -46,9 +46,7 @@ def off(path: Path, other: Path) -> float:
 
 
 @pytest.mark.parametrize("keys", [np.arange(10) / 24, np.array([0, 2, 5, 30]) / 24], ids=["every", "sparse"])
-def test_straight_lines_of_a_source_come_back_within_the_tolerance_where_they_are_asked_for(
-    tmp_path: Path, keys: np.ndarray
-) -> None:
+def test_straight_lines_of_a_source_come_back_within_the_tolerance_on_request(tmp_path: Path, keys: np.ndarray) -> None:
     write_keyed(tmp_path / "x.glb", keys.tolist(), (np.arange(keys.size) % 2 * 0.9).tolist())
     with open_sequence(tmp_path / "x.glb") as read:
         encode(read, tmp_path / "x.pdeanim", tolerance=1e-3)
@@ -80,7 +78,7 @@ def test_keys_between_frames_are_counted(tmp_path: Path) -> None:
         )
 
 
-def test_a_larger_file_is_told_and_web_makes_it_smaller(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_larger_file_is_noted_and_web_makes_it_smaller(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("meshoptimizer")
     points = np.random.default_rng(2).normal(size=(20, 400, 3)).astype(np.float32)
     faces = np.arange(399).reshape(-1, 3)

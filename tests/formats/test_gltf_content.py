@@ -64,7 +64,7 @@ def beside_a_triangle(mode: int, indices: list[int] | None, *, shares: bool = Fa
     ],
     ids=["points", "some points", "points of faces", "points and lines", "lines", "strip", "loop"],
 )
-def test_points_and_lines_of_a_mesh_come_back_beside_its_faces(
+def test_points_and_lines_of_a_mesh_come_back_with_its_faces(
     tmp_path: Path, made: Scene, mode: int, places: list[list[float]], decoded: bool
 ) -> None:
     made.save(tmp_path / "x.glb")
@@ -82,7 +82,7 @@ def test_points_and_lines_of_a_mesh_come_back_beside_its_faces(
 
 
 @pytest.mark.data
-def test_reported_points_beside_a_triangle_come_back(shared_data: Path, tmp_path: Path) -> None:
+def test_points_next_to_a_triangle_come_back(shared_data: Path, tmp_path: Path) -> None:
     with open_sequence(shared_data / "reports" / "31" / "pts.gltf") as read:
         write_sequence(read, tmp_path / "x.glb")
     assert len(drawn_places(tmp_path / "x.glb", POINTS)) == 4
@@ -384,12 +384,12 @@ PICTURE = "data:image/png;base64,iVBORw0KGgo="
         "licence",
     ],
 )
-def test_all_else_of_a_file_is_named_once(tmp_path: Path, entries: dict[str, Any], lines: list[str]) -> None:
+def test_everything_else_in_a_file_is_named_once(tmp_path: Path, entries: dict[str, Any], lines: list[str]) -> None:
     with open_sequence(with_entries(**entries).save(tmp_path / "x.glb")) as read:
         assert [line.removeprefix("not kept: ") for line in read.notices] == lines
 
 
-def test_what_moves_no_mesh_is_named_and_textures_are_the_first_line(tmp_path: Path) -> None:
+def test_animations_that_move_no_mesh_are_named_and_textures_come_first(tmp_path: Path) -> None:
     made = with_entries(images=[{"uri": PICTURE}], textures=[{}], nodes=[{"name": "aside"}, {"name": "up"}])
     made.builder.root["nodes"][2]["children"] = [0]
     made.builder.root["nodes"][0]["extras"] = {"a": 1}

@@ -55,7 +55,7 @@ def test_there_are_no_more_functions_than_samples(known: int) -> None:
     assert found[0].shape == (5, 4)
 
 
-def test_of_several_bounds_the_first_that_so_many_functions_reach_is_taken() -> None:
+def test_the_first_bound_that_the_allowed_functions_reach_is_used() -> None:
     points = motion_of_functions(3) + 0.01 * motion_of_functions(40)
     found = find_functions(Samples.of_frames(points), BOUND, 0.5, 5.0, most=8)
     assert found is not None
@@ -65,7 +65,7 @@ def test_of_several_bounds_the_first_that_so_many_functions_reach_is_taken() -> 
 
 
 @pytest.mark.parametrize("movers", [1, 7])
-def test_what_only_a_few_of_many_vertices_do_is_found(movers: int) -> None:
+def test_the_motion_of_a_few_among_many_vertices_is_found(movers: int) -> None:
     points = motion_of_functions(2, samples=50, vertices=20_000)
     alone = motion_of_functions(12, samples=50, vertices=movers)
     points[:, 777 : 777 + movers] = alone

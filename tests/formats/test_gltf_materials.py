@@ -137,7 +137,7 @@ def test_materials_whose_textures_are_not_there_are_refused(tmp_path: Path, brok
         write_sequence(read, tmp_path / "y.glb")
 
 
-def test_of_a_gltf_file_that_becomes_another_format_textures_are_told_as_lost(
+def test_textures_of_gltf_are_noted_as_lost_in_other_formats(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_textured(tmp_path)
@@ -168,7 +168,7 @@ def test_colours_that_some_elements_have_are_white_elsewhere_and_come_back(
 
 
 @pytest.mark.parametrize(("degrees", "count"), [(4, 0), (30, 2)])
-def test_normals_that_are_no_averages_of_faces_are_told_to_be_computed_anew(
+def test_normals_that_are_no_averages_of_faces_are_noted_as_computed_anew(
     tmp_path: Path, degrees: float, count: int
 ) -> None:
     builder = GltfBuilder()

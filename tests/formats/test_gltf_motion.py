@@ -61,7 +61,7 @@ def test_a_motion_of_few_functions_of_time_has_a_target_for_each_and_any_other_o
     ],
     ids=["auto", "paper"],
 )
-def test_a_decoded_animation_moves_between_its_frames_as_the_decoder_says_in_a_browser_too(
+def test_a_decoded_animation_moves_between_its_frames_in_a_browser_as_in_the_decoder(
     tmp_path: Path, options: dict[str, Any], error: float
 ) -> None:
     encode(few_functions(), tmp_path / "x.pdeanim", **options)
@@ -169,7 +169,7 @@ def test_compressed_files_hold_the_same_numbers(tmp_path: Path) -> None:
     assert_valid(tmp_path / "small.glb")
 
 
-def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
+def test_quantised_positions_have_the_reported_error(tmp_path: Path) -> None:
     for clip in (few_functions(), scene(**SPACE), machine()):
         told = write_sequence(clip, tmp_path / "x.glb", quantize=True, overwrite=True)
         (line,) = (one for one in told if one.startswith("positions are rounded to 16 bits: up to "))
@@ -197,7 +197,7 @@ def sums_of_normals(path: Path, weights: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(rest + np.tensordot(weights, targets.astype(np.float64), 1))
 
 
-def test_quantised_normals_have_8_bits_however_far_they_turn_and_are_as_far_off_as_is_told(tmp_path: Path) -> None:
+def test_quantised_normals_have_8_bits_and_the_reported_error(tmp_path: Path) -> None:
     points = np.random.default_rng(4).normal(size=(12, 36, 3))
     clip = ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], fps=24)
     rows = smooth_rows(clip.objects[0])
@@ -241,7 +241,7 @@ def test_quantised_normals_of_functions_of_time_have_16_bits_where_8_add_up_to_m
 
 
 @pytest.mark.parametrize("name", ["dembones_tube", "gn_flower"])
-def test_quantised_normals_of_shared_sequences_are_within_what_the_page_of_formats_says(
+def test_quantised_normals_of_shared_sequences_keep_the_error_documented_in_formats(
     tmp_path: Path, shared_data: Path, name: str
 ) -> None:
     with open_sequence(shared_data / "sequences" / f"{name}.npz") as clip:
@@ -304,7 +304,7 @@ def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_pat
         write_sequence(clip, tmp_path / "x.npz", meshopt=True)
 
 
-def test_more_targets_than_some_viewers_keep_are_told(tmp_path: Path) -> None:
+def test_more_targets_than_some_viewers_keep_are_noted(tmp_path: Path) -> None:
     clip = ArraySequence(np.random.default_rng(1).normal(size=(300, 200, 3)), fps=24, metadata=SPACE)
     notices = write_sequence(clip, tmp_path / "x.glb")
     assert notices[1] == "299 morph targets: some viewers show only 256 (Filament), most 2048; set frames to take fewer"

@@ -118,7 +118,7 @@ def test_every_mode_of_primitive_is_faces_lines_or_points(
         assert_same_connectivity(read.connectivity, connectivity_of(4, faces, lines))
 
 
-def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
+def test_attributes_of_some_primitives_are_kept_on_these(tmp_path: Path) -> None:
     made, _ = triangle()
     builder, (whole,) = made.builder, made.builder.root["meshes"][0]["primitives"]
     other = {"POSITION": builder.floats([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], bounds=True)}
@@ -144,7 +144,7 @@ def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
         assert read.notices == ("not kept: _HEAT", hidden)
 
 
-def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tmp_path: Path) -> None:
+def test_a_clip_is_chosen_by_name_and_an_assumed_rate_is_noted(tmp_path: Path) -> None:
     made, node = triangle()
     for name, length in (("walk", 1), ("run", 2)):
         made.builder.root.setdefault("animations", []).append({"name": name, "channels": [], "samplers": []})
@@ -171,7 +171,7 @@ def test_a_last_key_between_frames_is_a_frame(tmp_path: Path) -> None:
         assert np.allclose(read.read_frames(0, 6)[:, 0, 0], [0, 25, 50, 75, 100, 105], atol=1e-4)
 
 
-def test_a_buffer_beside_the_file_is_read_and_its_absence_named(tmp_path: Path) -> None:
+def test_a_buffer_next_to_the_file_is_read_and_a_missing_one_is_named(tmp_path: Path) -> None:
     made, _ = triangle()
     made.builder.save(tmp_path / "x.gltf", as_text=True)
     root = json.loads((tmp_path / "x.gltf").read_bytes())
@@ -194,7 +194,7 @@ def test_a_buffer_beside_the_file_is_read_and_its_absence_named(tmp_path: Path) 
         (b'{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco"]}', "needs KHR_draco, which is not read"),
     ],
 )
-def test_what_cannot_be_read_is_named(tmp_path: Path, content: bytes, message: str) -> None:
+def test_malformed_files_are_refused_by_name(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "x.gltf").write_bytes(content)
     with pytest.raises(InputError, match=message):
         open_sequence(tmp_path / "x.gltf")

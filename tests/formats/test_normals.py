@@ -230,7 +230,7 @@ def test_the_shape_at_rest_of_a_gltf_file_has_its_own_normals(tmp_path: Path) ->
         assert np.linalg.norm(shown - rows.of(expected[None])[0][connectivity.face_indices], axis=1).max() < 0.1
 
 
-def test_of_frames_the_one_whose_faces_are_flattened_least_is_at_rest() -> None:
+def test_the_frame_with_the_least_flattened_faces_is_the_rest_shape() -> None:
     connectivity, points = sphere()
     rows = NormalRows(connectivity, np.zeros_like(connectivity.face_indices))
     heights = [0.0, 0.1, 0.7, 1.0]

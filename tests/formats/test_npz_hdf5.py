@@ -133,7 +133,7 @@ KEPT = "the times stored in the file are kept; 30 frames per second is only the 
     ],
     ids=["points alone", "a rate asked for", "a stored rate", "stored times"],
 )
-def test_stored_times_win_over_the_rate_asked_for_and_that_over_a_stored_rate(
+def test_stored_times_come_before_a_given_rate_and_that_before_a_stored_rate(
     tmp_path: Path, name: str, arrays: dict[str, Any], fps: float, times: object, rate: float, notices: object
 ) -> None:
     SAVE[name](tmp_path / name, points=POINTS, **arrays)

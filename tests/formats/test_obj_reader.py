@@ -184,7 +184,7 @@ def test_the_only_name_after_the_vertices_names_the_object_in_utf8_or_latin_1(tm
         ("vt 0 0\nf 1 2 3\n", "statements not kept: vt"),
     ],
 )
-def test_what_is_not_kept_is_told(tmp_path: Path, text: str, notice: str):
+def test_losses_of_obj_files_are_noted(tmp_path: Path, text: str, notice: str):
     sequence = read(tmp_path, "mtllib a.mtl\n" + SQUARE + text)
     assert (sequence.metadata, sequence.notices) == ({"mtllib": "a.mtl"}, (notice,))
 
@@ -210,7 +210,7 @@ def test_numbers_are_read_in_every_spelling(tmp_path: Path):
 @pytest.mark.parametrize(
     "token", ["-", ".", "e5", "1e", "1e+", "1.2.3", "1,5", "0x10", "1_000", "--1", "1f", "\u0661", "zero"]
 )
-def test_what_is_no_number_is_never_taken_for_one(tmp_path: Path, token: str):
+def test_malformed_numbers_are_refused(tmp_path: Path, token: str):
     with pytest.raises(InputError, match="line 4: expected a number, found"):
         read(tmp_path, THREE + f"v 0 {token} 0\n")
 
@@ -362,7 +362,7 @@ def test_a_range_in_the_pattern_takes_those_frames_and_a_missing_one_is_named(tm
             open_sequence(tmp_path / path)
 
 
-def test_several_sequences_in_a_folder_are_named_and_told_apart_by_a_pattern(tmp_path: Path):
+def test_several_sequences_in_a_folder_are_named_and_a_pattern_chooses_one(tmp_path: Path):
     for name, numbers in (("walk.{:04d}.obj", [1, 2]), ("run_{}.obj", [1, 2]), ("walk.{}.obj", [1, 2, 3])):
         make_frames(tmp_path, numbers, name)
     with pytest.raises(InputError, match=r"several sequences match \(run_#\.obj, walk\.####\.obj, walk\.#\.obj\)"):
@@ -371,13 +371,13 @@ def test_several_sequences_in_a_folder_are_named_and_told_apart_by_a_pattern(tmp
         assert first_coordinates(tmp_path / name) == numbers
 
 
-def test_objects_of_one_name_become_one_and_a_line_says_so(tmp_path: Path):
+def test_objects_of_one_name_become_one_with_a_note(tmp_path: Path):
     one = read(tmp_path, f"o a\n{THREE}f 1 2 3\no a\n{THREE}f 4 5 6\n")
     assert [item.vertex_count for item in one.objects] == [6]
     assert one.notices == ("several objects are called 'a': the file is one object",)
 
 
-def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_assumed(tmp_path: Path):
+def test_times_are_frame_numbers_over_the_frame_rate_and_an_assumed_rate_is_noted(tmp_path: Path):
     make_frames(tmp_path, [1001, 1002])
     given_rate, assumed, one = (
         open_sequence(tmp_path, fps=25),
@@ -480,7 +480,7 @@ def test_frames_without_vertices_are_left_out_and_counted(tmp_path: Path):
         assert [len(block) for _, block in sequence.blocks()] == [1, 1]
 
 
-def test_a_frame_that_cannot_be_read_is_told_of_when_it_is_asked_for(tmp_path: Path):
+def test_an_unreadable_frame_is_reported_when_it_is_requested(tmp_path: Path):
     make_frames(tmp_path, [1, 2, 3])
     (tmp_path / "walk.0002.obj").write_text("v 2 0\n")
     with open_sequence(tmp_path, fps=24) as sequence:
@@ -537,7 +537,7 @@ def test_a_broken_file_is_refused_with_its_line(tmp_path: Path, text: str | byte
         ("folder.obj", "holds no frames"),
     ],
 )
-def test_what_is_not_there_is_refused(tmp_path: Path, name: str, message: str):
+def test_missing_obj_files_are_refused(tmp_path: Path, name: str, message: str):
     if name == "folder.obj":
         (tmp_path / name).mkdir()
     with pytest.raises(InputError, match=message):

@@ -58,7 +58,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("text", FILES.values(), ids=FILES.keys())
-def test_everything_an_obj_file_says_comes_back_and_gives_the_same_bytes_again(tmp_path: Path, text: str):
+def test_everything_in_an_obj_file_comes_back_and_gives_the_same_bytes_again(tmp_path: Path, text: str):
     (tmp_path / "in.obj").write_text(text)
     first = open_sequence(tmp_path / "in.obj")
     write_sequence(first, tmp_path / "out.obj")
@@ -164,7 +164,7 @@ def test_frames_of_another_name_stay_where_frames_are_replaced(tmp_path: Path, t
         (["walk"], "walk", "this folder does not exist; make it first"),
     ],
 )
-def test_a_place_that_does_not_take_frames_is_refused(tmp_path: Path, there: list[str], target: str, message: str):
+def test_an_output_that_cannot_hold_frames_is_refused(tmp_path: Path, there: list[str], target: str, message: str):
     for name in there:
         (tmp_path / name).write_text("v 0 0 0\n")
     with pytest.raises(InputError, match=message):

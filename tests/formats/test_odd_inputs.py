@@ -127,7 +127,7 @@ def opened(tmp_path: Path, name: str, make: Callable[[Path], object]) -> Any:
         ("x.usda", lambda path: usd(path, MESH % "vector3f[] displacement = [(5, 5, 5)]"), "attributes (displacement)"),
     ],
 )
-def test_nothing_moves_for_its_name_and_that_it_does_not_is_told(
+def test_a_name_alone_does_not_make_a_displacement_and_a_note_says_so(
     tmp_path: Path, name: str, make: Callable[[Path], object], told: str
 ) -> None:
     with opened(tmp_path, name, make) as read:
@@ -157,7 +157,7 @@ def test_nothing_moves_for_its_name_and_that_it_does_not_is_told(
         ),
     ],
 )
-def test_what_has_no_place_is_told_by_name(
+def test_data_that_are_not_kept_are_noted_by_name(
     tmp_path: Path, name: str, make: Callable[[Path], object], told: str
 ) -> None:
     with opened(tmp_path, name, make) as read:
@@ -243,7 +243,7 @@ def binary_ply(path: Path) -> None:
         ("x.usda", lambda path: usd(path, (MESH % "").replace("[0, 1, 2]", "[0, 1, 7]")), "refers to vertex 7"),
     ],
 )
-def test_what_is_not_there_is_not_filled_in(
+def test_missing_data_are_not_filled_in(
     tmp_path: Path, name: str, make: Callable[[Path], object], message: str
 ) -> None:
     with pytest.raises(InputError, match=message), opened(tmp_path, name, make) as read:

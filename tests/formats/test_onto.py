@@ -56,7 +56,7 @@ def assert_moves(path: Path, clip: MeshSequence, asset_folders: Sequence[Path] =
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_what_we_wrote_gets_another_motion_and_keeps_the_rest(tmp_path: Path, extension: str) -> None:
+def test_a_file_of_ours_gets_another_motion_and_keeps_the_rest(tmp_path: Path, extension: str) -> None:
     needed(extension)
     original = scene([body(), body("root/arm/nail", ())], frames=1 if extension == "obj" else 5, **SPACE)
     write_sequence(original, tmp_path / f"a.{extension}")

@@ -21,13 +21,13 @@ def square(times: np.ndarray | None = None, frames: int = 5) -> ArraySequence:
     return ArraySequence(points, objects=[item], times=times, fps=25)
 
 
-def test_mdd_is_the_bytes_that_the_format_says(tmp_path: Path) -> None:
+def test_mdd_files_have_the_bytes_of_the_format(tmp_path: Path) -> None:
     clip = ArraySequence([[[1, 2, 3]], [[4, 5, 6]]], times=[0.5, 1.0])
     write_sequence(clip, tmp_path / "x.mdd")
     assert (tmp_path / "x.mdd").read_bytes() == struct.pack(">iiff6f", 2, 1, 0.5, 1.0, 1, 2, 3, 4, 5, 6)
 
 
-def test_pc2_is_the_bytes_that_the_format_says(tmp_path: Path) -> None:
+def test_pc2_files_have_the_bytes_of_the_format(tmp_path: Path) -> None:
     clip = ArraySequence([[[1, 2, 3]], [[4, 5, 6]]], times=[0.5, 1.0], fps=4)
     write_sequence(clip, tmp_path / "x.pc2")
     expected = struct.pack("<12siiffi6f", b"POINTCACHE2\0", 1, 1, 2.0, 2.0, 2, 1, 2, 3, 4, 5, 6)
@@ -44,7 +44,7 @@ def test_times_of_mdd_come_back_without_what_float32_did_to_them(tmp_path: Path,
         assert read.fps == pytest.approx(fps, rel=1e-6)
 
 
-def test_pc2_says_that_irregular_times_are_lost(tmp_path: Path) -> None:
+def test_irregular_times_are_noted_as_lost_in_pc2(tmp_path: Path) -> None:
     notices = write_sequence(square(np.array([0.0, 0.1, 0.15, 0.7, 2.0])), tmp_path / "x.pc2")
     assert any("irregular times are lost" in notice for notice in notices)
 
@@ -56,7 +56,7 @@ def test_a_rate_that_pc2_cannot_count_by_is_refused(tmp_path: Path, fps: float) 
     assert not any(tmp_path.iterdir())
 
 
-def test_a_cache_without_a_mesh_is_points_and_says_so(tmp_path: Path) -> None:
+def test_a_cache_without_a_mesh_is_read_as_points_with_a_note(tmp_path: Path) -> None:
     write_sequence(square(), tmp_path / "x.pc2")
     with open_sequence(tmp_path / "x.pc2") as read:
         assert read.connectivity.face_count == 0
@@ -79,7 +79,7 @@ def test_a_mesh_for_a_format_that_has_its_own_is_refused(tmp_path: Path) -> None
         open_sequence(tmp_path / "x.npz", mesh="other.obj")
 
 
-def test_bytes_after_the_last_frame_are_told(tmp_path: Path) -> None:
+def test_bytes_after_the_last_frame_are_noted(tmp_path: Path) -> None:
     write_sequence(square(), tmp_path / "x.mdd")
     with (tmp_path / "x.mdd").open("ab") as file:
         file.write(b"more")

@@ -136,7 +136,7 @@ def test_extras_of_gltf_may_be_anything(extras: Any, clip: Path, tmp_path: Path)
         assert np.isfinite(sequence.read_frames(0, 1)).all()
 
 
-def test_an_archive_whose_header_is_no_python_is_refused(tmp_path: Path) -> None:
+def test_an_archive_with_a_malformed_header_is_refused(tmp_path: Path) -> None:
     header = b"{'descr': ('<f4', 'fortran_order': False, 'shape': (1, 1, 3), }"
     header += b" " * (-(len(header) + 11) % 64) + b"\n"
     member = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(12)

@@ -17,7 +17,7 @@ from pdecodec.mesh.sequence import ArraySequence
 TWO_FRAMES = ArraySequence(np.arange(18, dtype=np.float32).reshape(2, 3, 3), fps=24)
 
 
-def test_the_list_of_formats_says_what_each_can_do():
+def test_the_list_of_formats_shows_what_each_can_do():
     table = {entry.name: (entry.extensions, entry.reads, entry.writes) for entry in list_formats()}
     assert table["obj"] == ((".obj",), True, True)
     assert table["hdf5"] == ((".h5", ".hdf5"), True, True)
@@ -25,7 +25,7 @@ def test_the_list_of_formats_says_what_each_can_do():
 
 
 @pytest.mark.parametrize("name", ["x.npz", "x.h5", "x.hdf5", "x.NPZ", "x", "x/", "x.v3/"])
-def test_the_extension_chooses_the_format_and_none_means_a_folder_of_obj(tmp_path: Path, name: str):
+def test_the_extension_chooses_the_format_and_no_extension_means_a_folder_of_obj(tmp_path: Path, name: str):
     target = f"{tmp_path}/{name}"
     write_sequence(TWO_FRAMES, target)
     with open_sequence(target) as read:

@@ -118,9 +118,7 @@ def test_blender_moves_the_parts(tmp_path: Path, extension: str) -> None:
 
 
 @pytest.mark.parametrize("extension", ["abc", "usdc", "glb"])
-def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_is_asked_for(
-    tmp_path: Path, extension: str
-) -> None:
+def test_parts_that_are_rigid_within_the_bound_become_moving_nodes_on_request(tmp_path: Path, extension: str) -> None:
     needed(extension)
     encode(machine(), tmp_path / "x.pdeanim", tolerance=1e-4)
     with open_animation(tmp_path / "x.pdeanim") as animation:

@@ -326,7 +326,7 @@ def test_parameters_of_alembic_have_samples_of_their_own_and_indices(tmp_path: P
     np.testing.assert_array_equal(found["orient"][[0, 2], 0], [[1, 0, 0, 0], [0, 1, 0, 0]])
 
 
-def test_alembic_keeps_seams_of_uvs_that_change_and_says_which_numbers_are_too_large(tmp_path: Path) -> None:
+def test_alembic_keeps_seams_of_changing_uvs_and_names_numbers_that_are_too_large(tmp_path: Path) -> None:
     needed("abc")
     from alembic3d import Abc, AbcGeom
 

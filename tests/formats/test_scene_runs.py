@@ -151,7 +151,7 @@ def test_an_object_that_is_faces_in_one_run_and_points_in_another_becomes_two(ex
         assert [one.connectivity.face_count for one in read.runs] == [1, 0]
 
 
-def test_attributes_of_a_name_that_are_of_another_kind_in_a_later_run_are_told(tmp_path: Path) -> None:
+def test_attributes_whose_kind_changes_in_a_later_run_are_noted(tmp_path: Path) -> None:
     for extension in ("abc", "usdc"):
         needed(extension)
         runs = [

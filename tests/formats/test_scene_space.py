@@ -55,7 +55,7 @@ def test_the_scene_turns_so_that_what_was_up_stays_up_and_its_way_back_is_exact(
     assert np.array_equal(place(turned, up_axis=have).read_frames(0, 1), axes.points)
 
 
-def test_an_axis_that_nobody_recorded_is_taken_as_given_and_told() -> None:
+def test_an_unrecorded_axis_is_assumed_and_noted() -> None:
     placed = place(at(None), up_axis="z")
     assert placed.read_frames(0, 1)[0, 0].tolist() == [1, 2, 3]
     assert placed.metadata["up_axis"] == "Z"
@@ -69,7 +69,7 @@ def test_an_axis_that_nobody_recorded_is_taken_as_given_and_told() -> None:
         *((unit, None) for unit in (None, "furlong", "x m", "-1 m", "inf m")),
     ],
 )
-def test_units_are_read_and_written_and_what_says_nothing_is_none(unit: str, metres: float | None) -> None:
+def test_units_are_read_and_written_and_a_missing_unit_stays_missing(unit: str, metres: float | None) -> None:
     assert metres_per_unit(at("Y", unit)) == metres
     assert metres is None or unit_text(metres) == unit
 
@@ -153,7 +153,7 @@ def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(sca
 
 
 @pytest.mark.parametrize("scale", [np.inf, np.nan, 1e300])
-def test_a_transform_that_is_no_number_gives_positions_that_are_none_without_a_warning(scale: float) -> None:
+def test_a_nan_transform_gives_nan_positions_without_a_warning(scale: float) -> None:
     transform = transform_attribute([0], np.diag([scale, 1.0, 1.0, 1.0])[None])
     item = MeshObject("solid", connectivity_of(4, OUTWARD), (transform,))
     baked = bake_transforms(ArraySequence(TETRAHEDRON[None], objects=[item]))
@@ -175,7 +175,7 @@ def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied
         assert volume(bake_transforms(read)) == pytest.approx(2 / 6)
 
 
-def test_an_attribute_called_transform_that_is_none_is_refused() -> None:
+def test_an_attribute_called_transform_that_is_no_transform_is_refused() -> None:
     item = MeshObject("odd", Connectivity(1), (Attribute(TRANSFORM, "object", np.zeros(3)),))
     with pytest.raises(InputError, match="'transform' of object 'odd' is not a list of times and matrices"):
         bake_transforms(ArraySequence(POINT, objects=[item]))
@@ -228,7 +228,7 @@ def test_alembic_objects_at_the_top_or_side_by_side_keep_transforms_of_their_own
         assert np.allclose(bake_transforms(read).read_frames(0, 5), expected, atol=1e-6)
 
 
-def test_velocities_are_written_beside_positions(tmp_path: Path) -> None:
+def test_velocities_are_written_with_positions(tmp_path: Path) -> None:
     needed("abc")
     needed("usdc")
     from alembic3d import Abc, AbcGeom

@@ -189,7 +189,7 @@ def test_parts_of_a_time_are_joined_of_vtu_and_vtp_alike(tmp_path: Path) -> None
         assert_same_connectivity(read.connectivity, connectivity_of(8, faces, [[4, 5]]))
 
 
-def test_what_meshio_refuses_vtk_reads_where_it_is_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_vtk_reads_files_that_meshio_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("vtkmodules", reason="VTK is not installed here (pip install 'pdecodec[vtk]')")
     from vtkmodules.vtkCommonCore import vtkStringArray
     from vtkmodules.vtkFiltersCore import vtkAppendFilter
@@ -427,7 +427,7 @@ def test_cell_data_of_lines_in_vtp_files_are_named(tmp_path: Path) -> None:
         assert "cell data of 1 cells that are not faces are not kept" in read.notices
 
 
-def test_xdmf_of_one_geometry_is_moved_by_the_displacement_asked_for(
+def test_xdmf_of_one_geometry_is_moved_by_the_requested_displacement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # meshio writes data to the current folder

@@ -72,7 +72,7 @@ def test_exodus_is_moved_by_what_its_programs_take_for_displacements(tmp_path: P
         ("undisp_x", "undisp_y", "undisp_z"),
     ],
 )
-def test_other_vectors_of_exodus_move_nothing_unless_they_are_asked_for(tmp_path: Path, names: tuple[str, ...]) -> None:
+def test_other_vectors_of_exodus_move_nothing_unless_requested(tmp_path: Path, names: tuple[str, ...]) -> None:
     write_exodus(tmp_path / "x.e", dict.fromkeys(names, STILL) | {names[0]: RISE})
     assert moved_by(tmp_path / "x.e") == along(0, [0.0] * 3)
     base = names[0][:-1].rstrip("_")
@@ -232,7 +232,7 @@ def write_vtk(path: Path, rise: float = 0.0, x: float = 0.0, **point_data: np.nd
 
 @pytest.mark.parametrize("extension", ["vtu", "vtk"])
 @pytest.mark.parametrize("name", ["u", "displacement", "velocity", "UX", "disp"])
-def test_vectors_of_vtk_move_nothing_unless_they_are_asked_for(tmp_path: Path, extension: str, name: str) -> None:
+def test_vectors_of_vtk_move_nothing_unless_requested(tmp_path: Path, extension: str, name: str) -> None:
     for frame, amount in enumerate(RISE):
         write_vtk(tmp_path / f"x{frame}.{extension}", **{name: VELOCITY * amount, "heat": np.zeros(4)})
     path = tmp_path / f"x#.{extension}"
@@ -509,9 +509,7 @@ ROUNDED = [("0", 0), ("4e+06", 1), ("8e+06", 2), ("8e+06", 3), ("8e+06", 4)]
         ([("1", "", ""), ("2", "", "s0.vtu")], "lists no files with times"),
     ],
 )
-def test_steps_of_a_pvd_that_cannot_be_told_apart_are_refused(
-    tmp_path: Path, rows: list[tuple[str, str, str]], message: str
-) -> None:
+def test_ambiguous_steps_of_a_pvd_are_refused(tmp_path: Path, rows: list[tuple[str, str, str]], message: str) -> None:
     for frame in range(5):
         write_vtk(tmp_path / f"s{frame}.vtu", float(frame))
     (tmp_path / "s0.vti").write_text("")
@@ -521,7 +519,7 @@ def test_steps_of_a_pvd_that_cannot_be_told_apart_are_refused(
 
 
 @pytest.mark.parametrize("parts", [('part="0"', 'part="1"'), ("", ""), ('group="a" part="0"', 'group="b" part="0"')])
-def test_parts_of_a_time_are_joined_where_the_list_tells_them_apart(tmp_path: Path, parts: tuple[str, str]) -> None:
+def test_parts_of_a_time_are_joined_if_the_list_distinguishes_them(tmp_path: Path, parts: tuple[str, str]) -> None:
     rows = []
     for frame in range(2):
         for number, part in enumerate(parts):
@@ -570,9 +568,7 @@ def test_a_series_without_times_is_counted_and_names_legacy_files(tmp_path: Path
         ("UX", "Vector", True),
     ],
 )
-def test_vectors_of_xdmf_move_nothing_unless_they_are_asked_for(
-    tmp_path: Path, name: str, kind: str, moves: bool
-) -> None:
+def test_vectors_of_xdmf_move_nothing_unless_requested(tmp_path: Path, name: str, kind: str, moves: bool) -> None:
     width = {"Scalar": 1, "Matrix": 2}.get(kind, 3)
     with h5py.File(tmp_path / "d.h5", "w") as file:
         file["p"] = SQUARE
@@ -619,7 +615,7 @@ def test_the_command_line_moves_by_the_vectors_that_are_named(
         open_sequence(tmp_path / "a.npz", displacement="u")
 
 
-def test_what_vtk_itself_reads_follows_the_same_rule(tmp_path: Path) -> None:
+def test_files_read_by_vtk_follow_the_same_rule(tmp_path: Path) -> None:
     pytest.importorskip("vtkmodules", reason="VTK is not installed here (pip install 'pdecodec[vtk]')")
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkFiltersCore import vtkAppendFilter

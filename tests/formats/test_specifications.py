@@ -359,7 +359,7 @@ def with_all(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", LISTED)
-def test_what_is_dropped_of_scenes_is_named(name: str, tmp_path: Path) -> None:
+def test_dropped_parts_of_scenes_are_named(name: str, tmp_path: Path) -> None:
     package, words = LISTED[name]
     pytest.importorskip(package)
     with open_sequence(with_all(name, tmp_path), skip_unsupported=True) as clip:
@@ -381,7 +381,7 @@ CASES = [
 ]
 
 
-def test_every_format_that_is_read_says_what_it_can_hold() -> None:
+def test_every_format_that_is_read_declares_what_it_can_hold() -> None:
     names = {entry.name for entry in list_formats() if entry.reads and entry.name != "pdeanim"}
     assert names == set(SPECIFICATIONS)
     assert {name: set(SAMPLES[name]) for name in SAMPLES} == {
@@ -391,7 +391,7 @@ def test_every_format_that_is_read_says_what_it_can_hold() -> None:
 
 
 @pytest.mark.parametrize(("name", "fate", "thing"), CASES)
-def test_what_is_declared_of_a_format_happens(name: str, fate: str, thing: str, tmp_path: Path) -> None:
+def test_each_declaration_of_a_format_holds(name: str, fate: str, thing: str, tmp_path: Path) -> None:
     make, expected = SAMPLES[name][thing]
     path = make(tmp_path)
     if fate == "refused":

@@ -38,7 +38,7 @@ def test_an_axis_and_a_unit_are_authored_where_they_are_known_alone(tmp_path: Pa
         place(scene(), unit="furlong")
 
 
-def test_a_rate_that_the_stage_does_not_say_is_asked_for(tmp_path: Path) -> None:
+def test_a_rate_that_the_stage_does_not_have_is_required(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda", rate=None)
     points = triangle(stage, "/a").GetPointsAttr()
     for code in (0, 30):
@@ -102,7 +102,7 @@ def test_irregular_times_of_transforms_that_we_wrote_stay_what_they_were(tmp_pat
         assert np.allclose(again.times, clip.times, rtol=0, atol=1e-9)
 
 
-def test_a_rate_that_is_asked_for_is_sampled_at_and_the_last_key_kept(tmp_path: Path) -> None:
+def test_frames_are_sampled_at_a_requested_rate_and_the_last_key_is_kept(tmp_path: Path) -> None:
     turning(tmp_path / "x.usda")
     with open_sequence(tmp_path / "x.usda", fps=16) as read:
         assert (read.times * 16).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
@@ -194,7 +194,7 @@ def test_faces_of_a_skinned_mesh_run_as_when_usd_bakes_it(tmp_path: Path, mirror
 
 
 @pytest.mark.parametrize("kind", ["BasisCurves", "Points"])
-def test_joints_move_curves_and_points_too_and_normals_that_would_stand_still_are_told(
+def test_joints_move_curves_and_points_too_and_normals_that_would_stand_still_are_noted(
     tmp_path: Path, kind: str
 ) -> None:
     stage = stage_at(tmp_path / "x.usda")
@@ -355,7 +355,7 @@ def test_implicit_shapes_become_closed_polygons_of_their_size(tmp_path: Path, ki
         assert 0.97 * volume < six_volumes / 6 <= volume * 1.0001
 
 
-def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
+def test_an_isolated_stage_reports_what_it_leaves_out(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     triangle(stage, "/a")
     UsdGeom.NurbsPatch.Define(stage, "/b")
@@ -389,7 +389,7 @@ def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
         open_sequence(tmp_path / "x.usda")
 
 
-def test_what_is_hidden_is_named_and_primvars_above_a_mesh_are_its_own(tmp_path: Path) -> None:
+def test_hidden_meshes_are_named_and_a_mesh_inherits_primvars(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     above = UsdGeom.Xform.Define(stage, "/up")
     color = UsdGeom.PrimvarsAPI(above).CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant")

@@ -66,7 +66,7 @@ GONE = "no file that can be opened, and it"
         ("", "", "./two.usda", f"{GONE} holds values of 'm'"),
     ],
 )
-def test_what_geometry_may_come_from_and_is_not_there_is_refused_by_name(
+def test_a_missing_source_of_geometry_is_refused_by_name(
     metadata: str, body: str, name: str, feature: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     clip(tmp_path, "one", "0: [(0, 0, 0), (1, 0, 0), (0, 1, 0)]")
@@ -84,9 +84,7 @@ def test_what_geometry_may_come_from_and_is_not_there_is_refused_by_name(
     assert capfd.readouterr().err == ""
 
 
-def test_looks_that_are_not_there_and_cycles_are_told_in_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_looks_and_cycles_are_noted_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     body = 'def Material "look" (references = @./gone.usda@) {}\ndef "round" (references = </round>) {}'
     path = stage(tmp_path, MESH + body)
     assert run(["encode", str(path), str(tmp_path / "x.pdeanim")]) == 0

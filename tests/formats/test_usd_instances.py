@@ -115,7 +115,7 @@ def test_instances_of_instancers_stand_where_usd_draws_them(tmp_path: Path) -> N
         assert np.allclose(points[18], [0, 2000 + 20, 2 * 57], atol=0.1)
 
 
-def test_prototypes_that_no_layer_defines_and_inactive_instances_are_as_usd_draws_them(tmp_path: Path) -> None:
+def test_undefined_prototypes_and_inactive_instances_are_read_as_usd_draws_them(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     made = UsdGeom.PointInstancer.Define(stage, "/many")
     stage.OverridePrim("/many/prototypes")
@@ -161,7 +161,7 @@ def test_an_instancer_within_its_own_prototype_is_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("surface", ["authored", "computed", "left-handed", "left-handed computed"])
-def test_of_tetrahedra_the_surface_is_read_with_every_point(tmp_path: Path, surface: str) -> None:
+def test_the_surface_of_tetrahedra_is_read_with_every_point(tmp_path: Path, surface: str) -> None:
     stage = stage_at(tmp_path / "x.usda")
     tets = UsdGeom.TetMesh.Define(stage, "/solid")
     inner = np.concatenate([TETRAHEDRON, TETRAHEDRON.mean(axis=0, keepdims=True)])
@@ -183,7 +183,7 @@ def test_of_tetrahedra_the_surface_is_read_with_every_point(tmp_path: Path, surf
 
 
 @pytest.mark.parametrize("command", ["info", "encode", "convert", "batch"])
-def test_what_cannot_be_read_is_refused_for_one_reason_by_every_command(
+def test_every_command_refuses_unreadable_instances_for_the_same_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     stage, made = trees(tmp_path / "x.usda")

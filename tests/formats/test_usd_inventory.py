@@ -169,14 +169,14 @@ def assert_complete(path: Path) -> None:
 
 @pytest.mark.data
 @pytest.mark.parametrize("pattern", FILES)
-def test_everything_in_shared_files_is_listed_and_what_is_dropped_is_told(shared_data: Path, pattern: str) -> None:
+def test_everything_in_shared_files_is_listed_and_losses_are_noted(shared_data: Path, pattern: str) -> None:
     paths = sorted(path for path in shared_data.glob(pattern) if path.parent.name != "24")
     assert paths
     for path in paths:
         assert_complete(path)
 
 
-def test_everything_in_a_stage_is_listed_and_what_is_dropped_is_told(tmp_path: Path) -> None:
+def test_everything_in_a_stage_is_listed_and_losses_are_noted(tmp_path: Path) -> None:
     path = tmp_path / "shop.usda"
     path.write_text(SHOP)
     assert_complete(path)
@@ -228,7 +228,7 @@ def test_encode_and_info_tell_once_what_is_dropped(tmp_path: Path, capsys: pytes
         assert said.count("cup.png") == 1
 
 
-def test_a_stage_without_geometry_says_what_there_is(tmp_path: Path) -> None:
+def test_a_stage_without_geometry_is_refused_with_its_contents(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_text('#usda 1.0\ndef Camera "a" {}\ndef DomeLight "b" {}\ndef Camera "c" {}\n')
     with pytest.raises(InputError, match="no mesh, curve or point animation: there are 2 Cameras, 1 DomeLight"):
         open_sequence(tmp_path / "x.usda")

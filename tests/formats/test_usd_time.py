@@ -62,7 +62,7 @@ def test_a_transform_follows_its_spline(tmp_path: Path) -> None:
     assert np.allclose(x, [*np.linspace(0, 6, 13), *np.linspace(6, 3, 13)[1:]])
 
 
-def test_a_spline_beside_samples_of_another_object_moves_too(tmp_path: Path) -> None:
+def test_a_spline_moves_too_if_another_object_has_samples(tmp_path: Path) -> None:
     samples = ", ".join(f"{code}: (0, {code / 10}, 0)" for code in range(1, 26))
     order = 'uniform token[] xformOpOrder = ["xformOp:translate"]'
     lines = (f"double3 xformOp:translate.timeSamples = {{ {samples} }}", order, prim("Mesh", "shape", *QUAD))
@@ -101,7 +101,7 @@ def test_a_spline_that_goes_on_moves_as_long_as_the_stage_lasts(lasts: str, fram
 
 @pytest.mark.parametrize("rate", ["0", "-1", "nan"])
 @pytest.mark.parametrize("below", [False, True])
-def test_a_rate_that_is_no_positive_number_is_refused(rate: str, below: bool, tmp_path: Path) -> None:
+def test_a_rate_that_is_not_positive_is_refused(rate: str, below: bool, tmp_path: Path) -> None:
     path = stage(tmp_path / "x.usda", moving(), f"timeCodesPerSecond = {rate}")
     if below:
         path = stage(tmp_path / "above.usda", "", "subLayers = [@./x.usda@]")
@@ -144,7 +144,7 @@ def test_a_primvar_of_equal_samples_is_constant(samples: str, is_kept: bool, tmp
         assert [one.name for one in read.fields] == ([] if is_kept else ["color"])
 
 
-def test_a_subset_that_changes_is_said_to(tmp_path: Path) -> None:
+def test_a_subset_that_changes_is_noted(tmp_path: Path) -> None:
     lines = ('uniform token elementType = "face"', "int[] indices.timeSamples = { 0: [], 10: [0] }")
     with open_sequence(stage(tmp_path / "x.usda", moving(prim("GeomSubset", "burnt", *lines)))) as read:
         assert any("subset burnt" in notice for notice in read.notices)

@@ -288,7 +288,7 @@ def attribute(name: str, center: str, text: str, item: str = "") -> str:
     )
 
 
-def test_attributes_are_fields_by_their_center_or_told_once_by_name(tmp_path: Path) -> None:
+def test_attributes_are_fields_by_their_center_or_noted_once_by_name(tmp_path: Path) -> None:
     whole = 'NumberType="Int" Precision="8"'
     told = attribute("p", "", "1 2 3 4") + attribute("ids", "Node", f"1 2 3 {2**60 + 1}", whole)
     told += attribute("p", "cell", "9 8") + attribute("mass", "Grid", "5")
@@ -386,7 +386,7 @@ def test_collections_of_the_same_meshes_and_times_are_read_together(tmp_path: Pa
 
 
 @pytest.mark.parametrize("other", [grid(QUAD + geometry(1), time=0), grid(QUAD + geometry(), time=3)])
-def test_of_several_collections_the_one_is_read_that_has_the_displacement(tmp_path: Path, other: str) -> None:
+def test_among_several_collections_the_one_with_the_displacement_is_read(tmp_path: Path, other: str) -> None:
     moves = collection(grid(QUAD + geometry() + vectors("u", SQUARE * 0 + 1), time=0), name="u")
     path = write(tmp_path / "x.xdmf", collection(other, name="p") + moves)
     with open_sequence(path, displacement="u") as read:
@@ -471,7 +471,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_not_understood_is_refused_with_what_it_is(tmp_path: Path, name: str) -> None:
+def test_unsupported_elements_are_refused_by_name(tmp_path: Path, name: str) -> None:
     domain, message = REFUSED[name]
     with pytest.raises(InputError, match=message):
         open_sequence(write(tmp_path / "x.xdmf", domain))

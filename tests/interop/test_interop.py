@@ -26,7 +26,7 @@ def sheet(frames: int = 5) -> ArraySequence:
     return ArraySequence(points.reshape(frames, -1, 3), objects=[smooth], times=times, metadata=SPACE)
 
 
-def test_what_is_shown_is_measured_at_frames_and_between_whatever_the_order_of_points() -> None:
+def test_the_difference_is_measured_at_and_between_frames_in_any_order_of_points() -> None:
     expected = expected_of(sheet())
     assert expected.is_frame.tolist() == [True, False, True, False, True]
     order = np.random.default_rng(0).permutation(24)

@@ -304,7 +304,7 @@ def test_a_baseline_without_a_length_is_encoded_once_for_all_bounds() -> None:
     assert (len(prepared), len(curve.tries), first.distortion.max_error) == (1, 1, 0.0)
 
 
-def test_what_was_tried_for_one_bound_serves_the_others() -> None:
+def test_trials_for_one_bound_are_used_for_the_others() -> None:
     points, baseline, bounds = noise(1, 1000, 3), Rounding(), (0.1, 0.03, 0.01, 0.003, 0.001)
     curve = RateCurve(baseline, points, Connectivity(1000))
     results = [curve.reach(bound) for bound in bounds]
@@ -317,7 +317,7 @@ def test_what_was_tried_for_one_bound_serves_the_others() -> None:
     assert [made.length for made in curve.tries] == sorted(baseline.lengths)
 
 
-def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded() -> None:
+def test_a_search_for_a_transform_codes_only_its_result() -> None:
     written = []
 
     class Counted(CosineInTime):
@@ -416,7 +416,7 @@ def test_bands_of_one_distribution_cost_within_three_percent_of_its_entropy(spre
 
 @settings(deadline=None)
 @given(connectivities())
-def test_a_traversal_has_every_vertex_once_and_predicts_from_what_came_before(connectivity: Connectivity) -> None:
+def test_a_traversal_has_every_vertex_once_and_predicts_from_earlier_places(connectivity: Connectivity) -> None:
     traversal = traverse(connectivity)
     assert np.array_equal(np.sort(traversal.order), np.arange(connectivity.vertex_count))
     owner = np.repeat(np.arange(traversal.order.size), np.diff(traversal.starts))

@@ -86,7 +86,7 @@ def baseline(name: str, size: int | None, **values: Any) -> Measurement:
     return replace(POINT, coder=name, kind="baseline", size=size, refusal=None if size else "too coarse", **values)
 
 
-def test_what_follows_from_a_measurement_is_as_it_is_defined() -> None:
+def test_derived_figures_of_a_measurement_follow_their_definitions() -> None:
     assert POINT.reached
     assert POINT.raw_size == 2400
     assert POINT.bpvf == 8 * 100 / 200
@@ -147,7 +147,7 @@ def test_measurements_are_measured_once_and_then_kept(tmp_path: Path) -> None:
     assert [point.size for point in found[0]] == [point.size for point in found[2]]
 
 
-def test_baselines_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
+def test_baselines_in_parallel_find_what_they_find_alone(tmp_path: Path) -> None:
     alone = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "one.json"))
     other = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptMeasurements(tmp_path / "two.json"))
     assert [(point.coder, point.size, point.max_error) for point in alone] == [
@@ -230,7 +230,7 @@ def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
     assert field.average_by_frame.mean() == pytest.approx(found.e_a)
 
 
-def test_what_draws_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_drawing_package_is_named_with_its_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"charts need the package vl_convert; run: pip install 'pdecodec\[re"):
         require_drawing()
@@ -285,7 +285,7 @@ def test_changes_are_judged_by_the_whole_file_and_by_the_bound() -> None:
 @pytest.mark.parametrize(
     "content", ["", "[]", "{}", '{"points": 3}', '{"points": [1]}', '{"points": [{}]}', "[" * 9999]
 )
-def test_what_is_no_earlier_report_is_refused_by_name(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_not_an_earlier_report_is_refused_by_name(tmp_path: Path, content: str) -> None:
     path = tmp_path / "old.json"
     path.write_text(content)
     with pytest.raises(InputError, match=r"old\.json"):
@@ -382,9 +382,7 @@ def test_a_report_has_its_page_charts_figures_and_summary(reported: tuple[Path, 
     ]
 
 
-def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
-    reported: tuple[Path, Result], tmp_path: Path
-) -> None:
+def test_a_second_report_lists_changes_and_fails_if_files_grew(reported: tuple[Path, Result], tmp_path: Path) -> None:
     source, out = reported[0] / "wave.npz", tmp_path / "out"
     shutil.copytree(reported[0] / "out", out)
     old = json.loads((out / "report.json").read_text())
@@ -493,7 +491,7 @@ return places.map((place) => place.dataset.drawn === "yes" ? place.querySelector
         (["empty"], 3, "no mesh sequence in this folder"),
     ],
 )
-def test_what_cannot_be_reported_is_said_in_a_line(
+def test_a_report_that_cannot_be_made_fails_with_one_line(
     arguments: list[str],
     code: int,
     said: str,
@@ -510,7 +508,7 @@ def test_what_cannot_be_reported_is_said_in_a_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_clip_that_is_not_there_is_all_that_a_report_says(
+def test_a_report_on_a_missing_clip_names_only_the_clip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("pdecodec.research.baselines.available_baselines", lambda: ((), ("another method is missing",)))
@@ -530,7 +528,7 @@ def sheets(*heights: int) -> list[ArraySequence]:
 
 
 @pytest.mark.usefixtures("three_baselines")
-def test_a_clip_whose_connectivity_changes_is_set_beside_draco_frame_by_frame(tmp_path: Path) -> None:
+def test_a_clip_whose_connectivity_changes_is_compared_with_draco_frame_by_frame(tmp_path: Path) -> None:
     pytest.importorskip("DracoPy")
     runs = sheets(2, 4, 3)
     encode(ChangingSequence(runs), tmp_path / "pond.pdeanim", tolerance=1e-6)

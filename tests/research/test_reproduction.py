@@ -175,7 +175,7 @@ def test_the_literal_equation_23_shears_a_curve_that_bends() -> None:
 
 
 @pytest.mark.parametrize("parameter", ["index", "arc length of frame 0"])
-def test_where_one_u_serves_all_the_product_is_the_minimiser_of_equation_25(parameter: str) -> None:
+def test_with_one_u_for_all_the_product_is_the_minimiser_of_equation_25(parameter: str) -> None:
     curve = swinging_curve(points=90)
     variant = replace(HONEST, parameter=parameter, alpha=2.5, r=3.0)  # type: ignore[arg-type]
     u = parameters(curve, variant.parameter)[..., 0]
@@ -329,7 +329,7 @@ def test_the_table_of_choices_changes_one_thing_at_a_time(small_report: tuple[Pa
         assert mean["u of Eq. 24", column] < mean["u by index", column]
 
 
-def test_errors_below_the_papers_are_no_failure() -> None:
+def test_errors_below_those_of_the_paper_pass() -> None:
     small = FrameErrors(np.full(11, 1e-4), np.full(11, 1e-3))
     assert times_table_1(small) < 0.1
     assert times_table_1(FrameErrors(np.full(11, 1e-4), np.full(11, 0.04))) == pytest.approx(0.04 / 0.019478)

@@ -58,7 +58,7 @@ def test_the_condition_of_the_printed_functions_grows_by_three_powers_in_time_an
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_where_rates_are_small_only_the_well_conditioned_basis_finds_the_minimiser(dtype: type) -> None:
+def test_only_the_well_conditioned_basis_finds_the_minimiser_at_small_rates(dtype: type) -> None:
     fit, wanted = sample_fit(60)
     exact = relative_error(fit.solve(WELL_CONDITIONED, wanted, 1e-4, 1e-4, np.float64), wanted)
     for name in NAMES:
@@ -77,7 +77,7 @@ def test_the_well_conditioned_basis_leaves_the_exact_minimisers_error_at_any_rat
     np.testing.assert_allclose(found, exact, rtol=1e-6)
 
 
-def test_where_rates_are_moderate_all_solvers_find_the_same() -> None:
+def test_all_solvers_agree_at_moderate_rates() -> None:
     fit, wanted = sample_fit(60)
     found = {name: fit.solve(name, wanted, 3.0, 3.0, np.float64) for name in NAMES}
     for name in ("normal equations", "QR", "SVD"):
@@ -187,7 +187,7 @@ def test_small_steps_stretch_less_than_as_many_iterations_and_neither_runs_off()
     assert spread < 0.5 * piled
 
 
-def test_a_ball_is_passed_where_a_step_is_longer_than_it_is_thick_and_the_ground_never() -> None:
+def test_particles_pass_through_a_ball_thinner_than_a_step_but_never_through_the_ground() -> None:
     assert passes_through(0.4 * BALL_RADIUS / 0.01, 0.01, through="ball") == 0.0
     assert passes_through(5.0 * BALL_RADIUS / 0.01, 0.01, through="ball") > 0.5
     assert all(passes_through(speed, 0.01, through="ground") == 0.0 for speed in (1.0, 100.0, 1e4))

@@ -317,7 +317,7 @@ def solver(**change: Any) -> Solver:
         (lambda: Sphere(center=(0.0, 0.0, 0.0), radius=0.0), "radius must be more than 0"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(make_wrong, message: str) -> None:
+def test_invalid_arguments_are_refused_in_one_line(make_wrong, message: str) -> None:
     with pytest.raises(SettingsError, match=message) as caught:
         make_wrong()
     assert "\n" not in str(caught.value)

@@ -157,7 +157,7 @@ def test_frames_are_the_same_bits_however_they_are_read(name: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["xpbd", "pbd"])
-def test_substeps_at_once_are_the_same_bits_as_one_by_one(method: Method) -> None:
+def test_substeps_in_one_call_give_the_bits_of_single_ones(method: Method) -> None:
     system = build("cloth", **SMALL["cloth"]).system
     # The ground is too far away to be hit, but contacts are checked after each iteration.
     watched = replace(system, colliders=(Ground(height=-1e6),))
@@ -257,7 +257,7 @@ def test_the_flag_is_carried_downwind() -> None:
     assert free_end[..., 0].mean() > 1.0
 
 
-def test_a_simulation_that_runs_off_says_at_which_frame() -> None:
+def test_a_diverging_simulation_names_the_frame() -> None:
     scene = build("cube-rope", rings=40, sides=8)
     scene.system.velocities[5 * 40 + 5] = 1e300
     with pytest.raises(SettingsError, match=r"frame 1: the simulation ran off .* more substeps"):
@@ -294,7 +294,7 @@ def test_options_explain_themselves() -> None:
         ("flag", SMALL["flag"], {"substeps": 0}, "substeps must be 1 to"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(
+def test_invalid_arguments_are_refused_in_one_line(
     name: str, options: dict[str, Any], request_: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(SettingsError) as caught:

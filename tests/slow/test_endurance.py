@@ -125,7 +125,7 @@ def killed(name: str, folder: Path, kills: int, seed: int) -> dict[str, int]:
 
 @linux
 @pytest.mark.parametrize("name", WRITTEN)
-def test_a_writer_that_is_killed_leaves_the_old_or_the_new_and_the_next_run_nothing_beside(
+def test_a_killed_writer_leaves_the_old_or_the_new_file_and_the_next_run_removes_the_rest(
     name: str, tmp_path: Path
 ) -> None:
     needed(name.rpartition(".")[2])
