@@ -14,6 +14,9 @@ from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
+VISIBLE_DIFFERENCE = 1 / 255
+"""Largest difference of a colour that no screen shows."""
+
 
 def look_role(field: Field) -> str | None:
     """Return whether a field is ``uv`` (of vertices or corners) or ``color``; None if it is neither."""
@@ -43,6 +46,24 @@ def objects_at(sequence: MeshSequence, frame: int, looks: Sequence[Field]) -> tu
                 added = _attribute(field, rows[own], item.connectivity)
                 objects[index] = dataclasses.replace(item, attributes=(*item.attributes, added))
     return tuple(objects)
+
+
+def limited_colors(objects: Sequence[MeshObject], looks: Sequence[Field]) -> tuple[tuple[MeshObject, ...], list[str]]:
+    """Return objects with the colours among some fields limited to 0 to 1, and the names of those that it changes
+    visibly: decoded colours may leave this range by the error bound.
+    """
+    colors, changed = {one.name for one in looks if look_role(one) == COLOR and not one.is_exact}, dict[str, None]()
+    found = []
+    for item in objects:
+        attributes = list(item.attributes)
+        for index, one in enumerate(attributes):
+            if one.name in colors:
+                limited = np.clip(one.values, 0, 1)
+                if np.abs(limited - one.values).max(initial=0) > VISIBLE_DIFFERENCE:
+                    changed[one.name] = None
+                attributes[index] = dataclasses.replace(one, values=limited)
+        found.append(dataclasses.replace(item, attributes=tuple(attributes)))
+    return tuple(found), list(changed)
 
 
 def _attribute(field: Field, rows: NDArray[Any], connectivity: Connectivity) -> Attribute:

@@ -24,7 +24,7 @@ from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.frame_meshes import not_kept
-from pdecodec.formats.base.looks import looks_of, objects_at
+from pdecodec.formats.base.looks import limited_colors, looks_of, objects_at
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output, frames_at_once
 from pdecodec.formats.base.rigid_motion import rigid_notices
@@ -281,7 +281,7 @@ class _Scene(GltfScene):
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
         looks = looks_of(sequence)
-        items = objects_at(sequence, 0, looks)
+        items, limited = limited_colors(objects_at(sequence, 0, looks), looks)
         rigid = self._rigid_objects()
         held = [item for index, item in enumerate(items) if index not in rigid]
         check_size(sequence.frame_count, held)
@@ -359,6 +359,7 @@ class _Scene(GltfScene):
         if looks:
             names = ", ".join(one.name for one in looks)
             self._notices.append(f"fields written as in the first frame, for few viewers play their change: {names}")
+        self._notices += not_kept(limited, "colours beyond 0 to 1, which glTF cannot store, are limited: {}")
         self._notices += not_kept([one.name for one in sequence.fields if one not in looks], "fields not kept: {}")
         deep = dict.fromkeys(uv.name for item in items for uv in uv_sets(item) if uv.values.shape[1] == 3)
         self._notices += [f"the third component of {name!r} is not kept: UVs have two in glTF" for name in deep]

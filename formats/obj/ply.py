@@ -129,17 +129,24 @@ def _fields(columns: dict[str, Any], domain: FieldDomain, comments: Sequence[str
         try:
             noted = json.loads(comment.removeprefix(FIELD_COMMENT))
             name, dtype, names = str(noted["name"]), str(noted["dtype"]), [str(one) for one in noted["properties"]]
-        except (LookupError, TypeError, ValueError):
+            is_here = noted["domain"] == domain and names and len(set(names)) == len(names)
+        except (LookupError, RecursionError, TypeError, ValueError):
             continue
         kind = next((one for one in DTYPES if one.name == dtype), None)
-        if noted.get("domain") == domain and kind is not None and names and set(names) <= set(columns):
+        if is_here and kind is not None and set(names) <= {one for one in columns if _is_number(columns[one])}:
             values = np.stack([columns.pop(one) for one in names], axis=1)
-            found[domain, name] = stored_array(values.astype(kind))
+            with np.errstate(invalid="ignore"):  # no number need fit the type that the comment tells
+                found[domain, name] = stored_array(values.astype(kind))
     if domain == "vertex" and set(_NORMALS) <= set(columns):
         found[domain, POINT_NORMALS] = stored_array(np.stack([columns.pop(one) for one in _NORMALS], axis=1))
-    for name in [name for name, values in columns.items() if values.ndim == 1 and values.dtype.kind in "iuf"]:
+    for name in [name for name, values in columns.items() if _is_number(values)]:
         found[domain, name] = stored_array(columns.pop(name))
     return found
+
+
+def _is_number(column: NDArray[Any]) -> bool:
+    """Return whether a column has one number for each element, not a list."""
+    return column.ndim == 1 and column.dtype.kind in "iuf"
 
 
 def _colors(columns: dict[str, Any], domain: AttributeDomain, name: str) -> Attribute | None:

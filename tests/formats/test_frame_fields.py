@@ -138,6 +138,38 @@ def test_other_fields_of_ply_come_back_with_names_types_and_domains(tmp_path: Pa
             np.testing.assert_array_equal(read.read_field(one.name, 0, FRAMES), clip.read_field(one.name, 0, FRAMES))
 
 
+@pytest.mark.parametrize(
+    "noted",
+    [
+        '{"name": "b", "dtype": "int8", "domain": "vertex", "properties": ["a", "a"]}',
+        '{"name": "b", "dtype": "text", "domain": "vertex", "properties": ["a"]}',
+        '{"name": "b", "dtype": "int8", "domain": "vertex", "properties": ["a", "list"]}',
+        '{"name": "b", "dtype": "int8", "domain": "vertex"}',
+        "[" * 9000,
+        "7",
+    ],
+)
+def test_comments_of_ply_that_fit_no_field_are_passed_over(noted: str, tmp_path: Path) -> None:
+    head = f"ply\nformat ascii 1.0\ncomment pdecodec field {noted}\nelement vertex 1\n"
+    head += "".join(f"property float {name}\n" for name in "xyza") + "property list uchar int list\nend_header\n"
+    (tmp_path / "x.ply").write_text(head + "0 0 0 nan 1 5\n")
+    with open_sequence(tmp_path / "x.ply") as read:
+        assert [one.name for one in read.fields] == ["a"]
+        assert read.notices == ("not kept: list",)
+
+
+def test_decoded_colours_slightly_beyond_1_are_written_to_gltf_and_bright_ones_are_noted(tmp_path: Path) -> None:
+    shades = np.full((2, 5, 3), 1.0005, np.float32)
+    bright = ArraySequence(np.zeros((2, 5, 3)), objects=[MeshObject("a", MESH)], fields=[(SHADES, shades)])
+    glare = ArraySequence(np.zeros((2, 5, 3)), objects=[MeshObject("a", MESH)], fields=[(SHADES, 3 * shades)])
+    line = "colours beyond 0 to 1, which glTF cannot store, are limited: color"
+    for clip, told in ((bright, False), (glare, True)):
+        assert (line in write_sequence(clip, tmp_path / "x.glb", overwrite=True)) == told
+        with open_sequence(tmp_path / "x.glb") as read:
+            (found,) = (one for one in read.objects[0].attributes if one.name == "color")
+            assert found.values.tolist() == [[1, 1, 1]] * 5
+
+
 def test_whole_numbers_beyond_doubles_are_noted(tmp_path: Path) -> None:
     serial = np.full((2, 5), 2**60)
     clip = ArraySequence(np.zeros((2, 5, 3)), fields={"serial": serial})
