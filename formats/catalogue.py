@@ -89,6 +89,7 @@ BUILT_IN = (
         reader="pdecodec.formats.alembic.reader:open_alembic",
         writer="pdecodec.formats.alembic.writer:write_alembic",
         onto="pdecodec.formats.alembic.onto:write_alembic_onto",
+        carrier="pdecodec.formats.alembic.scene:AlembicFamily",
         times="microseconds",
         extra="abc",
         options=("transforms", "skip_unsupported"),

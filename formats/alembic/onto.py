@@ -48,6 +48,12 @@ def write_alembic_onto(
         return _Copy(sequence, original, fits, source, output, path).write()
 
 
+def _archive_like(original: AlembicSequence, path: Path) -> Any:
+    """Open an archive for writing that says which program wrote the original, and its description."""
+    told = Abc.GetArchiveInfo(original.top.getArchive())
+    return Abc.CreateArchiveWithInfo(str(path), told["appName"], told["userDescription"])
+
+
 class _Copy:
     """An archive that is being written."""
 
@@ -62,12 +68,16 @@ class _Copy:
     ) -> None:
         self._sequence, self._original, self._output = sequence, original, output
         self._moved = {original.shapes[one.index].node.getFullName(): one for one in fits}
-        self._archive = Abc.OArchive(str(path))
+        self._archive = _archive_like(original, path)
         self._room = ReservedRoom(path)
         # Alembic ends the process if there is no room for its last bytes, so room is reserved before anything is
         # written.
         described = 2 * source.stat().st_size + OBJECT_BYTES * len(fits)
         self._room.reserve(described + sequence.frame_count * 64 * len(fits))
+        stored = original.top.getArchive()
+        # The library takes one that is nearly equal for the same: those of the original come first.
+        for number in range(stored.getNumTimeSamplings()):
+            self._archive.addTimeSampling(stored.getTimeSampling(number))
         self._sampling = self._archive.addTimeSampling(time_sampling(sequence.times, output.rate))
         self._shapes: list[_ShapeOver] = []
         self._copies: dict[str, Any] = {}
@@ -79,10 +89,10 @@ class _Copy:
         self._copy_object(self._original.top, top)
         for parent, child in self._instances:
             parent.addChildInstance(self._copies[child.instanceSourcePath()], child.getName())
-        own = self._original.top.getProperties()
-        if own.getPropertyHeader(FPS_PROPERTY) is None:
+        own, is_filled = self._original.top.getProperties(), self._output.is_filled
+        if own.getPropertyHeader(FPS_PROPERTY) is None and not is_filled:
             Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(self._output.rate)
-        if own.getPropertyHeader(METADATA_PROPERTY) is None and self._original.metadata:
+        if own.getPropertyHeader(METADATA_PROPERTY) is None and self._original.metadata and not is_filled:
             # For an archive itself, the library writes nothing but its own version.
             text = json.dumps(dict(self._original.metadata), sort_keys=True)
             Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
@@ -115,13 +125,15 @@ class _Copy:
     def _copy_properties(self, old: Any, new: Any, path: str, fit: Fitted | None = None) -> None:
         """Copy the properties of an object. For a moved shape, `fit`, leave out those that are written anew."""
         headers = [old.getPropertyHeader(index) for index in range(old.getNumProperties())]
+        # A scene that was carried has the bounds and velocities of the same motion.
+        is_filled, has_others = self._output.is_filled, self._output.velocities is None
         for header in headers:
             name = header.getName()
-            if name == _CHILD_BOUNDS:
+            if name == _CHILD_BOUNDS and not is_filled:
                 self._lost["bounds of children"] = None
-            elif name == _VELOCITIES and fit is not None and self._output.velocities is None:
+            elif name == _VELOCITIES and fit is not None and has_others and not is_filled:
                 self._lost["velocities, which are others now, and are written on request"] = None
-            elif fit is not None and name in _WRITTEN:
+            elif fit is not None and name in _WRITTEN and not (name == _VELOCITIES and has_others):
                 continue
             elif header.isCompound():
                 inner = Abc.OCompoundProperty(new, name, header.getMetaData())
@@ -139,7 +151,8 @@ class _Copy:
             # No reference cycle may include the archive: it is complete once it is closed, which happens when it is
             # released.
             placed = ShapePlacement(partial(self._original.shape_matrices, shape), self._sequence.times, fit.item.name)
-            item = self._original.objects[fit.index]
+            # Normals hold nothing in a scene that was carried: which corners share one is in the attributes.
+            item = fit.item if is_filled else self._original.objects[fit.index]
             self._shapes.append(_ShapeOver(new, old, there, fit.own, item, placed, self._sampling, self._output))
 
     def _copy_samples(self, old: Any, new: Any, header: Any, most: int | None) -> None:

@@ -15,9 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from numpy.typing import NDArray
+
 from pdecodec.codec.sections.scene import Carrier, name_fault
 from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import ErrorCode, InputError, damaged
+from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
 from pdecodec.formats.base.registry import Format, load
@@ -26,6 +29,9 @@ from pdecodec.system.whole_output import move_into, output_exists, partial_folde
 
 CUTS, FILES = "cuts", "files/"
 """Names of the stream that says what was cut out, and of those that are files."""
+
+COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
+"""Names of the arrays of faces that the decoder knows."""
 
 UNFIT = frozenset({"unsupported-feature", "object-mismatch", "object-missing", "damaged-input", "ambiguous-input"})
 """Codes of errors about a scene onto which the motion cannot be written: the mesh alone still can."""
@@ -62,6 +68,24 @@ class Stripped:
 def is_carried_name(name: str) -> bool:
     """Return whether a carrier can hold a file of this path relative to the main one."""
     return name_fault(f"{FILES}{name}") is None
+
+
+def arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
+    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around."""
+    faces = item.connectivity
+    order = reversed_corners(faces.face_counts)
+    yield (COUNTS, ""), faces.face_counts
+    yield (INDICES, ""), faces.face_indices
+    yield (INDICES, "turned"), faces.face_indices[order]
+    for one in item.attributes:
+        if one.labels or one.name == "transform":
+            continue
+        yield (one.name, "values"), one.values
+        if one.indices is not None:
+            yield (one.name, "indices"), one.indices
+        if one.domain == "corner":
+            turned = one.values if one.indices is None else one.indices
+            yield (one.name, "turned"), turned[order]
 
 
 class Family(Protocol):

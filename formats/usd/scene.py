@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
-from pdecodec.formats.base.carrying import Stripped, is_carried_name
+from pdecodec.formats.base.attribute_roles import UV, is_role
+from pdecodec.formats.base.carrying import COUNTS, INDICES, Stripped, arrays_of, is_carried_name
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.usd.composition import stage_errors
@@ -29,8 +29,6 @@ from pdecodec.system.reading import read_regular
 
 PACKAGE = "scene.usdz"
 """Name of the package that is made of the files of a carrier."""
-
-_COUNTS, _INDICES = "faceVertexCounts", "faceVertexIndices"
 
 _FEWEST = 4
 """Fewest numbers of an array that is worth a cut."""
@@ -87,7 +85,7 @@ class UsdFamily:
                     raise ValueError(f"{name} is no name of a file")
                 layers[name] = Sdf.Layer.FindOrOpen(str(folder / name))
             spec = layers[name].GetAttributeAtPath(path)
-            known = {tuple(key): values for key, values in _arrays_of(objects[number])}
+            known = {tuple(key): values for key, values in arrays_of(objects[number])}
             _set(spec, _typed(spec, known[tuple(cut)]))
         for name, layer in layers.items():
             # A binary file that is saved again would keep its previous content.
@@ -160,7 +158,7 @@ def _cut_specs(prim: Any, kept: set[tuple[str, Any]]) -> Iterator[tuple[Any, str
     for attribute in prim.GetAuthoredAttributes():
         name = attribute.GetName()
         kind = _REPLACED.get(name, "known")
-        if kind != "known" or name in (_COUNTS, _INDICES) or name.startswith("primvars:"):
+        if kind != "known" or name in (COUNTS, INDICES) or name.startswith("primvars:"):
             for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
                 if (spec.layer.identifier, spec.path) not in kept:
                     yield spec, kind
@@ -212,25 +210,7 @@ def _key(values: NDArray[Any]) -> bytes:
 def _known_arrays(item: MeshObject, *, exact_uvs: bool) -> dict[bytes, tuple[str, str]]:
     """Return the arrays that the decoder knows of an object, by their bytes."""
     uvs = set() if exact_uvs else {one.name for one in item.attributes if is_role(one, UV)}
-    return {_key(values): key for key, values in reversed([*_arrays_of(item)]) if key[0] not in uvs}
-
-
-def _arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
-    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around."""
-    faces = item.connectivity
-    order = reversed_corners(faces.face_counts)
-    yield (_COUNTS, ""), faces.face_counts
-    yield (_INDICES, ""), faces.face_indices
-    yield (_INDICES, "turned"), faces.face_indices[order]
-    for one in item.attributes:
-        if one.labels or one.name == "transform":
-            continue
-        yield (one.name, "values"), one.values
-        if one.indices is not None:
-            yield (one.name, "indices"), one.indices
-        if one.domain == "corner":
-            turned = one.values if one.indices is None else one.indices
-            yield (one.name, "turned"), turned[order]
+    return {_key(values): key for key, values in reversed([*arrays_of(item)]) if key[0] not in uvs}
 
 
 def _contents(stage: Any, files: dict[str, bytes]) -> dict[str, int]:

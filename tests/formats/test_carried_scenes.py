@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.codec.sections.scene import Carrier
 from pdecodec.errors import InputError
+from pdecodec.formats import write_sequence
 from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.formats.gltf.reader import GltfSequence
@@ -21,6 +23,7 @@ from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.selection import FrameSelection
 from tests.support.gltf_files import gltf_scene
 from tests.support.gltf_listing import GltfListing
+from tests.support.scene_cases import SPACE, body, scene
 
 GLTF = (
     *(f"files/gltf/{name}" for name in ("Fox.glb", "MorphStressTest.gltf", "robot.glb")),
@@ -257,6 +260,93 @@ def test_a_stage_of_several_layers_comes_back(tmp_path: Path, name: str, out: st
         companions = set() if out.endswith("z") else {"layers/look.usda", "layers/motion.usda", "parts/box.usda"}
         assert files == {out, *companions}
         assert not companions or "(1, 0, 2)" not in (target.parent / "layers/motion.usda").read_text()
+
+
+ALEMBIC = (
+    *(f"files/abc/{name}" for name in ("cortex_subdPlane", "dembones_tube", "destruction", "gn_flower", "hypercube")),
+    *(f"files/abc/{name}" for name in ("openusd_testUsdAbcIsConstant", "openusd_testusdtimecode", "vellum_balloon")),
+    *(f"interop/abc/{name}" for name in ("cubes_coloured", "deformingSubdTest", "hasColorSet", "rotatingCube")),
+    *(f"interop/abc/{name}" for name in ("mesh_xTranslate_visibilityAnim_15_24fps", "singleCurve")),
+    *(f"interop/abc/{name}" for name in ("sphereWithShadingGroups", "twoTriangles_facesetOrder_1f_24fps")),
+)
+"""The Alembic files of the shared data whose scenes are carried."""
+
+
+@pytest.mark.parametrize("name", ALEMBIC)
+def test_everything_in_an_alembic_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from tests.support.alembic_listing import listing
+
+    source = shared_data / f"{name}.abc"
+    with pdecodec.open_sequence(source) as read:
+        moved = {one.node.getFullName() for one in read.shapes}
+    out, report = decoded(tmp_path, source, source.name)
+    assert report.scene_bytes
+    assert listing(out, moved) == listing(source, moved)
+
+
+def alembic_shot(path: Path) -> Path:
+    """Write a moving mesh with UVs, a copy of its first positions, a camera, and properties of all kinds."""
+    import imath
+    from alembic3d import Abc, AbcGeom
+
+    from pdecodec.formats.alembic.writer import time_sampling
+
+    clip = scene([body("root/body")], frames=4, **SPACE)
+    write_sequence(clip, path.with_name("first.abc"))
+    with pdecodec.open_sequence(path.with_name("first.abc")) as read:
+        stored = read.read_frames(0, 4)
+    archive = Abc.CreateArchiveWithInfo(str(path), "a studio", "shot 12")
+    sampling = archive.addTimeSampling(time_sampling(0.5 + np.arange(4) / 24, 24))
+    xform = AbcGeom.OXform(archive.getTop(), "root", sampling)
+    AbcGeom.OCamera(xform, "eye", sampling).getSchema().set(AbcGeom.CameraSample())
+    mesh = AbcGeom.OPolyMesh(xform, "body", sampling)
+    own = Abc.OStringProperty(mesh.getSchema().getUserProperties(), "note", sampling)
+    rest = Abc.OV3fArrayProperty(mesh.getSchema().getArbGeomParams(), "Pref", sampling)
+    faces, counts = imath.IntArray(7), imath.IntArray(2)
+    for number, vertex in enumerate((3, 2, 1, 0, 4, 1, 2)):
+        faces[number] = vertex
+    counts[0], counts[1] = 4, 3
+    held = []
+    for frame, rows in enumerate(stored):
+        points = imath.V3fArray(5)
+        for number, row in enumerate(rows.tolist()):
+            points[number] = imath.V3f(*row)
+        held.append((points, AbcGeom.OPolyMeshSchemaSample(points, faces, counts)))
+        mesh.getSchema().set(held[-1][1])
+        own.setValue(f"frame {frame}")
+        rest.setValue(held[0][0])
+    return path
+
+
+@pytest.mark.parametrize("options", [{}, {"uv_tolerance": 1e-3}])
+def test_alembic_archives_come_back_with_cameras_and_properties(tmp_path: Path, options: dict[str, float]) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from tests.support.alembic_listing import listing
+
+    source = alembic_shot(tmp_path / "a.abc")
+    before = listing(source, {"/root/body"})
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim", **options)
+    assert dict(report.scene) == {"camera": 1}
+    source.unlink()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert pdecodec.write_sequence(animation, source) == ()
+        with pdecodec.open_sequence(source) as read:
+            assert np.abs(read.read_frames(0, 4) - animation.read_frames(0, 4)).max() < 1e-6
+    assert listing(source, {"/root/body"}) == before
+
+
+def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from pdecodec.formats.alembic.scene import _blocks
+
+    def words(*numbers: int) -> bytearray:
+        return bytearray(b"Ogawa\xff\0\1" + struct.pack(f"<{len(numbers)}Q", *numbers))
+
+    assert [*_blocks(words(16, 1, 16))] == []  # a group in itself
+    for tree in (words(99), words(16, 2**60), words(16, 1, 2**63 + 99), words(16, 1, 2**63 + 32, 2**62)):
+        with pytest.raises(InputError, match="leaves the file"):
+            list(_blocks(tree))
 
 
 def carrying(tmp_path: Path, **options: Any) -> Path:

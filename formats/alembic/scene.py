@@ -1,0 +1,163 @@
+"""Cut the motion out of an Alembic archive, and fill it again: blocks of its file, in place.
+
+An Ogawa file is a tree of groups, whose leaves are blocks: the samples of properties, each after a key of 16 bytes.
+Blocks of positions, normals and bounds become zeros with their keys; those of arrays that the decoder knows become
+zeros, too, and are filled. The rest of the file stays as it is, so that the library reads the archive as before.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import imath
+import numpy as np
+from alembic3d import Abc
+
+from pdecodec.errors import damaged
+from pdecodec.formats.alembic.reader import AlembicSequence
+from pdecodec.formats.alembic.values import to_numpy
+from pdecodec.formats.base.attribute_roles import UV, is_role
+from pdecodec.formats.base.carrying import Stripped, arrays_of
+from pdecodec.formats.base.onto import Fitted
+from pdecodec.mesh.sequence import MeshObject
+from pdecodec.system.reading import read_regular
+
+ROOT = "scene.abc"
+"""Name of the archive in a carrier."""
+
+_ROOT_PLACE, _KEY_BYTES, _IS_DATA = 8, 16, 1 << 63
+"""Place of the root group's place; bytes of a sample's key; bit of a place that says that there is a block."""
+
+_FEWEST_BYTES = 48
+"""Fewest bytes of a block that is worth a cut: those of bounds."""
+
+_OF_MOTION = (".geom/P", ".geom/N", ".geom/N/.vals", ".geom/.selfBnds")
+"""Properties of a shape that the motion replaces."""
+
+_NOUNS = {"Camera": "camera", "Light": "light", "Material": "material"}
+
+
+class AlembicFamily:
+    """Cutting and filling of Alembic archives."""
+
+    def strip(self, original: AlembicSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+        """Return the file of an archive without coded arrays."""
+        data = bytearray(read_regular(source))
+        known: dict[bytes, list[Any]] = {}
+        for number, one in enumerate(fits):
+            uvs = set() if exact_uvs else {item.name for item in one.item.attributes if is_role(item, UV)}
+            for key, values in arrays_of(one.item):
+                if key[0] not in uvs:
+                    known.setdefault(values.tobytes(), [number, *key])
+        replaced = _replaced(original.top, {original.shapes[one.index].node.getFullName() for one in fits})
+        arrays = []
+        for place, size in _blocks(data):
+            content = bytes(memoryview(data)[place : place + size])
+            if size >= _FEWEST_BYTES and (content in known or content in replaced):
+                # The library compares keys only when it writes.
+                data[place - _KEY_BYTES : place + size] = bytes(_KEY_BYTES + size)
+                if content in known:
+                    arrays.append([place, *known[content]])
+        counts = Counter(_nouns(original.top))
+        return Stripped({ROOT: bytes(data)}, ROOT, {"arrays": arrays}, dict(sorted(counts.items())))
+
+    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+        """Fill the archive in a folder."""
+        known: dict[tuple[Any, ...], bytes] = {}
+        for number, item in enumerate(objects):
+            known.update({(number, *key): values.tobytes() for key, values in arrays_of(item)})
+        size = (folder / ROOT).stat().st_size
+        with (folder / ROOT).open("r+b") as file:
+            for place, *key in cuts["arrays"]:
+                content = known[tuple(key)]
+                if not 0 <= place <= size - len(content):
+                    raise damaged("the scene does not fit the meshes of the file")
+                file.seek(place)
+                file.write(content)
+
+
+def _blocks(data: bytearray) -> Iterator[tuple[int, int]]:
+    """Yield the place and size of the content of each sample; damaged if the tree is none."""
+    left, seen = [_number(data, _ROOT_PLACE)], set[int]()
+    while left:
+        place = left.pop()
+        if place in seen or not place:
+            continue
+        seen.add(place)
+        for index in range(_number(data, place)):
+            child = _number(data, place + 8 * (index + 1))
+            if not child & _IS_DATA:
+                left.append(child)
+                continue
+            where = child & ~_IS_DATA
+            if where and where not in seen:
+                seen.add(where)
+                size = _number(data, where)
+                if where + 8 + size > len(data):
+                    raise damaged("its tree of blocks leaves the file")
+                if size > _KEY_BYTES:
+                    yield where + 8 + _KEY_BYTES, size - _KEY_BYTES
+
+
+def _number(data: bytearray, place: int) -> int:
+    if place + 8 > len(data):
+        raise damaged("its tree of blocks leaves the file")
+    (found,) = struct.unpack_from("<Q", data, place)
+    return int(found)
+
+
+def _replaced(top: Any, moved: set[str]) -> set[bytes]:
+    """Return the bytes of the samples that the motion of moved shapes replaces, and that nothing else has."""
+    replaced: set[bytes] = set()
+    kept: set[bytes] = set()
+    for path, name, content in _samples(top):
+        (replaced if path in moved and name in _OF_MOTION else kept).add(content)
+    return replaced - kept
+
+
+def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
+    """Yield the path of the object, the name of the property and the bytes of every sample of arrays and bounds."""
+    left = [top]
+    while left:
+        item = left.pop()
+        left += [item.getChild(index) for index in range(item.getNumChildren())]
+        properties = [("", item.getProperties())]
+        while properties:
+            above, owner = properties.pop()
+            for index in range(owner.getNumProperties()):
+                header = owner.getPropertyHeader(index)
+                name = header.getName()
+                if header.isCompound():
+                    properties.append((f"{above}{name}/", Abc.ICompoundProperty(owner, name)))
+                else:
+                    kind = Abc.IArrayProperty if header.isArray() else Abc.IScalarProperty
+                    found = _of_property(kind(owner, name))
+                    yield from ((item.getFullName(), f"{above}{name}", one) for one in found)
+
+
+def _of_property(stored: Any) -> Iterator[bytes]:
+    sampling = stored.getTimeSampling()
+    for index in range(stored.getNumSamples()):
+        try:
+            found = stored.getValue(Abc.ISampleSelector(sampling.getSampleTime(index)))
+        except RuntimeError:
+            return  # numbers that the Python binding has no type for
+        if isinstance(found, imath.Box3d):
+            yield np.array([tuple(found.min()), tuple(found.max())]).tobytes()
+        elif isinstance(stored, Abc.IArrayProperty) and (values := to_numpy(found)).dtype.kind in "fiu":
+            yield values.tobytes()
+        elif not isinstance(stored, Abc.IArrayProperty):
+            return
+
+
+def _nouns(top: Any) -> Iterator[str]:
+    left = [top]
+    while left:
+        item = left.pop()
+        left += [item.getChild(index) for index in range(item.getNumChildren())]
+        schema = item.getMetaData().get("schema")
+        yield from (noun for word, noun in _NOUNS.items() if word in schema)
