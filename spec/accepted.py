@@ -29,6 +29,7 @@ from pdecodec.codec.encode.search import GroupSearch
 from pdecodec.codec.encode.temporal import TimeFunctions
 from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.sections.residuals import encode_residuals
+from pdecodec.codec.sections.scene import Carrier, encode_scene
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MeshSequence
@@ -407,6 +408,8 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     flagged = [replace(part, flags=part.flags | 0x08) for part in unknown]
     yield "unknown_ignorable_sections", seal(flagged, minor=7)
     yield "sections_in_another_order", seal(parts[::-1])
+    scene = Carrier.of("gltf", [("camera", 2)], ["wood.png"], {"cuts": b"{}", "files/a/b.gltf": b"{}", "files/c": b""})
+    yield "scene", seal([*parts, Part("SCEN", encode_scene(scene), 0)])
     yield "without_remarks", seal([part for part in parts if part.kind != "META"])
     # A file of runs may hold a single run.
     sequence_head, names = content(parts, "SEQN")[:-1], content(parts, "SEQN")[-1:]

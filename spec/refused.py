@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -81,7 +82,7 @@ def refused() -> Iterator[Refused]:
     base = Base()
     for damage in (_container, _sequence, _connectivity, _reference, _model, _groups, _chunks, _scripts):
         yield from damage(base)
-    for damage in (_attributes, _remarks, _sizes):
+    for damage in (_attributes, _remarks, _sizes, _scenes):
         yield from damage(base)
     yield from _runs(base)
 
@@ -401,6 +402,44 @@ def _remarks(base: Base) -> Iterator[Refused]:
         ("remarks_not_json", compressed(b"{"), "META is not JSON (18)"),
     ):
         yield Refused(name, seal([*base.parts, Part("META", data, 0)]), reason, section="META")
+
+
+def _scenes(base: Base) -> Iterator[Refused]:
+    frame = compressed(b"x")
+
+    def scene(
+        name: bytes = b"a", size: int = 1, sum_of: bytes = b"x", data: bytes = frame, head: bytes = b"\x04gltf"
+    ) -> bytes:
+        row = count(len(name)) + name + count(size) + count(len(data)) + struct.pack("<I", zlib.crc32(sum_of))
+        return head + b"\0\0\x01" + row + data
+
+    two = count(1) + b"a" + count(1) + count(len(frame)) + struct.pack("<I", zlib.crc32(b"x"))
+    for name, data, reason, error in (
+        ("scene_without_a_format", scene(head=b"\0"), "a family without a name (26)", "corrupt"),
+        ("scene_without_streams", b"\x04gltf\0\0\0", "no streams (26)", "corrupt"),
+        ("scene_with_a_long_list", b"\x04gltf" + count(2**16 + 1), "2^16 + 1 kinds (26)", "corrupt"),
+        ("scene_name_above", scene(b"../a"), "a name that leads above its folder (26)", "corrupt"),
+        ("scene_name_absolute", scene(b"/a"), "a name that begins at the root (26)", "corrupt"),
+        ("scene_name_with_a_drive", scene(b"c:a"), "a name with a colon (26)", "corrupt"),
+        (
+            "scene_name_twice",
+            b"\x04gltf\0\0\x02" + two + two.replace(b"a", b"A", 1) + 2 * frame,
+            "a name twice (26)",
+            "corrupt",
+        ),
+        ("scene_stream_of_another_size", scene(size=2), "a stream of another size (26)", "corrupt"),
+        ("scene_stream_damaged", scene(sum_of=b"y"), "a stream with another CRC (26)", "corrupt"),
+        (
+            "scene_stream_unpacks_to_more",
+            scene(size=80, data=zeros(80, 100)),
+            "80 bytes that are 12 MiB (26)",
+            "corrupt",
+        ),
+        ("scene_stream_of_nothing", scene(size=0), "a stream without content (26)", "corrupt"),
+        ("scene_followed", scene() + b"\0", "a byte after the streams (26)", "corrupt"),
+        ("scene_of_a_terabyte", scene(size=2**40, data=zeros(2**40, 1)), "a scene of 2^40 bytes (26)", "limit"),
+    ):
+        yield Refused(name, seal([*base.parts, Part("SCEN", data, 0)]), reason, error, section="SCEN")
 
 
 def _runs(base: Base) -> Iterator[Refused]:

@@ -306,6 +306,7 @@ CLAIMS: dict[str, Callable[[Vector], bool]] = {
     "functions_of_length_zero": lambda v: v.chunk("TIME") == b"" and v.rows[0].functions > 0,
     "sections_in_another_order": lambda v: [part.kind for part in v.parts[:3]] == list(CHUNKS[::-1]),
     "unknown_ignorable_sections": lambda v: {"XYZW", "\xff\x00ab"} < {part.kind for part in v.parts},
+    "scene": lambda v: v.byte("SCEN", 0) == len("gltf"),
     "without_remarks": lambda v: "META" not in {part.kind for part in v.parts},
 }
 
