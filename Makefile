@@ -48,7 +48,7 @@ sanitize: .venv/tools
 	$(SANITIZE) -S core -B build/sanitize -DPDEANIM_SANITIZE=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug
 	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants misuse
 	$(BIN)/python -m spec.vector_files build/vectors
-	build/sanitize/misuse build/vectors/accept/polygons_attributes.pdeanim build/vectors/accept/runs.pdeanim
+	build/sanitize/misuse $(addprefix build/vectors/accept/,polygons_attributes.pdeanim runs.pdeanim fields.pdeanim)
 	build/sanitize/mutants $(MUTANTS) build/vectors/*/*.pdeanim
 
 # Threads that share animations through the C interface, under ThreadSanitizer.

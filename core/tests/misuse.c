@@ -68,13 +68,15 @@ static int64_t read_too_much(void *user, uint64_t offset, void *into, size_t siz
 }
 
 int main(int count, char **arguments) {
-    if (count != 3) {
-        fprintf(stderr, "usage: %s ONE.pdeanim RUNS.pdeanim\n", arguments[0]);
+    if (count != 4) {
+        fprintf(stderr, "usage: %s ONE.pdeanim RUNS.pdeanim FIELDS.pdeanim\n", arguments[0]);
         return EXIT_FAILURE;
     }
-    size_t size, size_of_runs;
+    size_t size, size_of_runs, size_of_fields;
     void *data = bytes_of(arguments[1], &size), *data_of_runs = bytes_of(arguments[2], &size_of_runs);
+    void *data_of_fields = bytes_of(arguments[3], &size_of_fields);
     pdeanim_animation *animation = opened(data, size), *runs = opened(data_of_runs, size_of_runs);
+    pdeanim_animation *fields = opened(data_of_fields, size_of_fields);
     pdeanim_animation *closed = opened(data, size), *made = NULL;
     pdeanim_close(closed);
 
@@ -210,7 +212,11 @@ int main(int count, char **arguments) {
     REFUSES(pdeanim_get_field, animation, 0, NULL);
     REFUSES(pdeanim_get_field, animation, 0, &field);
     REFUSES(pdeanim_get_field, animation, -1, &field);
+    REFUSES(pdeanim_get_field, fields, INT64_MAX, &field);
     REFUSES(pdeanim_get_field, runs, 0, &field);
+    RETURNS(PDEANIM_OK, pdeanim_get_field, fields, 0, &field);
+    const size_t row = (size_t)(field.row_count * field.column_count) * field.value_bytes;
+    void *values = calloc(row, 2);
 
     REFUSES(pdeanim_evaluate_field, NULL, 0, times, 1, 0, out, 4);
     REFUSES(pdeanim_evaluate_field, closed, 0, times, 1, 0, out, 4);
@@ -218,6 +224,23 @@ int main(int count, char **arguments) {
     REFUSES(pdeanim_evaluate_field, animation, 0, times, 1, 0, NULL, 4);
     REFUSES(pdeanim_evaluate_field, animation, 0, times, 1, 0, out, 4);
     REFUSES(pdeanim_evaluate_field, runs, 0, times, 1, 0, out, 4);
+    REFUSES(pdeanim_evaluate_field, fields, -1, times, 2, 0, values, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, INT64_MAX, times, 2, 0, values, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, NULL, 2, 0, values, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, 2, 0, NULL, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, not_numbers, 2, 0, values, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, 2, 0, values, 2 * row - 1);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, 2, 0, values, row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, SIZE_MAX, 0, values, row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, SIZE_MAX / row + 1, 0, values, row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, 2, 3, values, 2 * row);
+    REFUSES(pdeanim_evaluate_field, fields, 0, times, 2, -1, values, 2 * row);
+    RETURNS(PDEANIM_OK, pdeanim_get_field, fields, 2, &field);
+    const size_t whole = (size_t)(field.row_count * field.column_count) * field.value_bytes;
+    REFUSES(pdeanim_evaluate_field, fields, 2, times, 1, 1, values, whole);
+    RETURNS(PDEANIM_OK, pdeanim_evaluate_field, fields, 2, times, 1, 0, values, whole);
+    RETURNS(PDEANIM_OK, pdeanim_evaluate_field, fields, 0, NULL, 0, 0, NULL, 0);
+    RETURNS(PDEANIM_OK, pdeanim_evaluate_field, fields, 0, endless, 2, 0, values, 2 * row);
 
     REFUSES(pdeanim_get_group, NULL, 0, &group);
     REFUSES(pdeanim_get_group, closed, 0, &group);
@@ -279,11 +302,14 @@ int main(int count, char **arguments) {
     expect(pdeanim_verify(animation, &error) == PDEANIM_OK && pdeanim_verify(runs, NULL) == PDEANIM_OK,
            "both files are still sound at the end");
     pdeanim_close(animation);
+    pdeanim_close(fields);
     pdeanim_close(runs);
     pdeanim_close(runs);
+    free(values);
     free(points);
     free(data);
     free(data_of_runs);
+    free(data_of_fields);
     printf("%d misuses of the C interface, %d not as they must be\n", rows, faults);
     return faults ? EXIT_FAILURE : EXIT_SUCCESS;
 }

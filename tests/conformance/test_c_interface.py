@@ -14,6 +14,8 @@ import pytest
 
 from core.amalgamation import write as write_amalgamation
 from pdecodec import encode, open_animation
+from pdecodec.codec.sections.fields import DOMAINS
+from pdecodec.mesh.fields import DTYPES
 from pdecodec.mesh.sequence import MeshSequence
 from spec.accepted import several_objects, with_attributes
 from spec.vector_files import accepted_files, accepted_vectors
@@ -208,7 +210,8 @@ def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
 
 def test_misuse_of_the_interface_is_refused_without_a_crash(installed: Path, tmp_path: Path) -> None:
     compile_c(MISUSE, tmp_path / "misuse", installed)
-    printed = run(tmp_path / "misuse", accepted_files()["polygons_attributes"], accepted_files()["runs"])
+    files = (accepted_files()[name] for name in ("polygons_attributes", "runs", "fields"))
+    printed = run(tmp_path / "misuse", *files)
     assert ", 0 not as they must be" in printed
 
 
@@ -343,3 +346,53 @@ def test_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path,
     times[0] = np.nan
     assert evaluate(0, -1) == 3
     library.pdeanim_close(handle)
+
+
+class CField(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_char_p) for name in ("name", "unit")),
+        *((name, ctypes.c_int) for name in ("domain", "type")),
+        *((name, ctypes.c_int64) for name in ("row_count", "column_count")),
+        ("value_bytes", ctypes.c_size_t),
+        *((name, ctypes.c_double) for name in ("smallest", "largest", "bound")),
+        ("object_count", ctypes.c_int64),
+        ("objects", ctypes.POINTER(ctypes.c_int64)),
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in accepted_files() if name.startswith("fields")])
+def test_fields_are_those_of_python_at_all_frames_and_between(installed: Path, name: str) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    data = accepted_vectors()[name]
+    whole, handle, count, error = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_int64(), Error()
+
+    def call(function: str, *arguments: object) -> None:
+        status = getattr(library, f"pdeanim_{function}")(*arguments, ctypes.byref(error))
+        assert (status, error.text) == (0, b"")
+
+    call("open_memory", data, ctypes.c_size_t(len(data)), None, ctypes.byref(whole))
+    with open_animation(data) as animation:
+        for number, run in enumerate(animation.runs):
+            call("open_run", whole, ctypes.c_int64(number), ctypes.byref(handle))
+            call("field_count", handle, ctypes.byref(count))
+            assert count.value == len(run.fields)
+            times = np.sort(np.concatenate([run.times, np.linspace(run.times[0] - 0.1, run.times[-1] + 0.1, 11)]))
+            for index, field in enumerate(run.fields):
+                found, derivatives = CField(), range(1 if field.is_exact else 3)
+                call("get_field", handle, ctypes.c_int64(index), ctypes.byref(found))
+                assert (found.name, found.unit) == (field.name.encode(), field.unit.encode())
+                assert (DOMAINS[found.domain], DTYPES[found.type]) == (field.domain, field.dtype)
+                assert (tuple(found.objects[: found.object_count]) or None) == field.objects
+                stored = run.stored_fields[index]
+                limits = (stored.smallest, stored.largest, stored.bound)
+                assert (found.smallest, found.largest, found.bound) == limits
+                for derivative in derivatives:
+                    expected = run.field(field.name, times, derivative=derivative)
+                    out = np.empty_like(expected)
+                    assert out.size == times.size * found.row_count * found.column_count
+                    call("evaluate_field", handle, ctypes.c_int64(index), ctypes.c_void_p(times.ctypes.data),
+                         ctypes.c_size_t(times.size), derivative, ctypes.c_void_p(out.ctypes.data),
+                         ctypes.c_size_t(out.nbytes))  # fmt: skip
+                    np.testing.assert_array_equal(out.view(np.uint8), expected.view(np.uint8), field.name)
+            library.pdeanim_close(handle)
+    library.pdeanim_close(whole)

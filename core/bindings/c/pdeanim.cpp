@@ -191,11 +191,13 @@ pdeanim_status pdeanim_evaluate_field(pdeanim_animation *handle, int64_t index, 
                                       int derivative, void *out, size_t size, pdeanim_error *error) {
     return guarded(error, [&] {
         StoredFields &fields = opened(handle).only().stored_fields();
-        if (count) check_given(times, "times"), check_given(out, "out");
         check_index(index, static_cast<i64>(fields.headers().size()), "field");
+        if (count > 0) check_given(times, "times");
+        if (size > 0) check_given(out, "out");
         const FieldHeader &found = fields.headers()[index];
         const u64 row = static_cast<u64>(fields.rows(index) * found.components * size_of_type(found.type));
-        if (count > (row ? size / row : size) || count * row != size)
+        if (count > PTRDIFF_MAX / sizeof(double)) throw ArgumentError("there cannot be so many times");
+        if (row > 0 ? size % row != 0 || size / row != count : size != 0)
             throw ArgumentError("size does not fit the field");
         if (derivative < 0 || derivative > 2 || (derivative && !is_float(found.type))) {
             throw ArgumentError("a derivative is 0 to 2, and of floats alone");

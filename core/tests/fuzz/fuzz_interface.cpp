@@ -16,7 +16,7 @@ namespace {
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25, max_output = std::uint64_t{1} << 30;
 constexpr std::uint64_t most_numbers = 1 << 21;  // largest output of a call, which the memory limit does not count
 constexpr std::size_t most_calls = 12, most_times = 4, head_size = 2;
-constexpr std::uint8_t kinds = 6;
+constexpr std::uint8_t kinds = 7;
 constexpr std::string_view mark = "CALL";
 
 // A call and its numbers, taken from the end of the bytes.
@@ -106,6 +106,26 @@ void look_at_object(pdeanim_animation *animation, const Call &call) {
     check(pdeanim_get_attribute(animation, call.quantity % 4, call.number, &attribute, &error));
 }
 
+// Evaluate a field at one time; and with a size that does not fit, which must be refused.
+void look_at_field(pdeanim_animation *animation, const Call &call) {
+    pdeanim_error error;
+    pdeanim_field field;
+    std::int64_t count = 0;
+    check(pdeanim_field_count(animation, &count, &error));
+    const pdeanim_status status = pdeanim_get_field(animation, call.number, &field, &error);
+    check(status);
+    if (status) return;
+    const auto rows = static_cast<std::uint64_t>(field.row_count),
+               columns = static_cast<std::uint64_t>(field.column_count);
+    if (rows > most_numbers || rows * columns > most_numbers) return;
+    std::vector<unsigned char> out(rows * columns * field.value_bytes + 1);
+    const double time = call.time;
+    const int derivative = static_cast<signed char>(call.quantity) % 4;
+    check(pdeanim_evaluate_field(animation, call.number, &time, 1, derivative, out.data(), out.size() - 1, &error));
+    if (pdeanim_evaluate_field(animation, call.number, &time, 1, 0, out.data(), out.size(), &error) == PDEANIM_OK)
+        std::abort();
+}
+
 void look_at_file(pdeanim_animation *animation, const Call &call) {
     pdeanim_error error;
     pdeanim_section section;
@@ -132,12 +152,14 @@ void make(pdeanim_animation *animation, const Call &call) {
         case 2: look_at_object(animation, call); break;
         case 3: look_at_file(animation, call); break;
         case 4: check(pdeanim_verify(animation, &error)); break;
+        case 5: look_at_field(animation, call); break;
         default:
             check(pdeanim_open_run(animation, call.number, &run, &error));
             if (!run) break;
             evaluate(run, call);
             look_at_group(run, call);
             look_at_object(run, call);
+            look_at_field(run, call);
             pdeanim_close(run);
     }
 }

@@ -42,6 +42,29 @@ void evaluate(pdeanim_animation *animation) {
     }
 }
 
+void evaluate_fields(pdeanim_animation *animation) {
+    std::int64_t count = 0;
+    if (pdeanim_field_count(animation, &count, nullptr)) return;
+    const double *times = pdeanim_times(animation);
+    const double last = times[pdeanim_frame_count(animation) - 1];
+    const double asked[] = {last, times[0], times[0] + (last - times[0]) / 3};
+    for (std::int64_t index = 0; index < count; ++index) {
+        pdeanim_field field;
+        const pdeanim_status described = pdeanim_get_field(animation, index, &field, nullptr);
+        if (described == PDEANIM_INTERNAL || described == PDEANIM_ARGUMENT) std::abort();
+        if (described) return;
+        const std::int64_t values = field.row_count * field.column_count;
+        if (field.row_count > most_evaluated || values > most_evaluated) continue;
+        std::vector<unsigned char> out(static_cast<std::size_t>(values) * field.value_bytes * 3);
+        const int derivatives = field.type <= PDEANIM_FIELD_FLOAT64 ? 2 : 0;
+        for (int derivative = 0; derivative <= derivatives; ++derivative) {
+            const pdeanim_status status =
+                pdeanim_evaluate_field(animation, index, asked, 3, derivative, out.data(), out.size(), nullptr);
+            if (status == PDEANIM_INTERNAL || status == PDEANIM_ARGUMENT) std::abort();
+        }
+    }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
@@ -62,6 +85,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
         if (status) continue;
         ask_for_objects(run);
         evaluate(run);
+        evaluate_fields(run);
         pdeanim_close(run);
     }
     pdeanim_close(animation);
