@@ -3,11 +3,11 @@
 //     container.hpp     source of the bytes, and the table of sections; fields.hpp reads numbers from a section
 //     file.hpp          a file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP
 //     run_sections.hpp  one run: names, connectivity, reference frame, attributes, space basis, decoded on first use
-//     group_cache.hpp   decoded groups of frames, within a byte budget; groups_ahead.hpp reads them ahead,
-//                       decoded_group.hpp decodes one
+//     decoded_cache.hpp what is decoded of motion and fields, within one byte budget
+//     group_cache.hpp   decodes groups of frames; groups_ahead.hpp reads them ahead, decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
 //     stored_fields.hpp fields: values that change in time on vertices, faces, corners or objects;
-//                       field_headers.hpp reads their headers (FLDS), field_cache.hpp caches what is decoded
+//                       field_headers.hpp reads their headers (FLDS)
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
@@ -25,7 +25,7 @@ public:
 
     struct Options {
         int threads = 0;              // number of threads; 0: one per processor
-        i64 kept_bytes = usual_kept;  // byte budget of the cache of decoded groups
+        i64 kept_bytes = usual_kept;  // byte budget of the cache of what is decoded, fields included
         Turns::Cancels cancels;       // shared with other animations that are cancelled together; null: not shared
     };
 
@@ -33,9 +33,9 @@ public:
     // left.
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),
-          groups_(sections_, options.kept_bytes, turns_), evaluator_(sections_, groups_, turns_),
-          fields_(sections_, groups_, evaluator_, turns_),
-          stored_fields_(sections_, evaluator_, turns_, options.kept_bytes) {}
+          cache_(sections_.memory(), options.kept_bytes), groups_(sections_, cache_, turns_),
+          evaluator_(sections_, groups_, turns_), fields_(sections_, groups_, evaluator_, turns_),
+          stored_fields_(sections_, cache_, evaluator_, turns_) {}
 
     // Check every byte, and decode everything.
     void verify() {
@@ -72,6 +72,7 @@ private:
 
     Turns turns_;
     RunSections sections_;
+    DecodedCache cache_;
     GroupCache groups_;
     Evaluator evaluator_;
     GroupFields fields_;

@@ -1,64 +1,83 @@
-// Cache of decoded groups and computed frames of fields, and of tables of neighbours, within one byte budget: evicts the
-// least recently used one, frames first.
+// Cache of everything that is decoded and can be decoded again: groups of frames of the motion; groups, computed frames
+// and tables of neighbours of fields. One byte budget for all of them: the least recently used part is evicted, computed
+// frames first.
 #pragma once
 
 #include <list>
 #include <map>
-#include <optional>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "base/errors.hpp"
+#include "decode/decoded_group.hpp"
 #include "sections/fields/field_rows.hpp"
 
 namespace pdeanim {
 
 // Called only by the thread that holds the lock of `Turns`.
-class FieldCache {
+class DecodedCache {
 public:
-    enum Kind : u8 { group, frame, rows };
+    enum Kind : u8 { motion, field_group, field_frame, field_rows };
     struct Key {
         Kind kind;
-        std::size_t field, number;  // number: index of the group or frame
+        std::size_t field, number;  // number: of a group, or of a frame
         auto operator<=>(const Key &) const = default;
     };
-    struct Part {
-        std::vector<u8> values;  // of a group or a frame: (frames of the chunk, rows, components) of the field's type
-        std::optional<FieldRows> rows;
-    };
+    // The group of a motion; values of a field's group or frame, (frames of the chunk, rows, components) of its type; the
+    // rows of fields.
+    using Part = std::variant<DecodedGroup, std::vector<u8>, FieldRows>;
 
-    // budget: bytes of all parts at most. `limit` must outlive it.
-    FieldCache(MemoryLimit &limit, i64 budget) : limit_(limit), budget_(static_cast<u64>(budget)) {}
+    // largest_budget: bytes of all parts at most. `limit` must outlive the cache.
+    DecodedCache(MemoryLimit &limit, i64 largest_budget)
+        : limit_(limit), largest_budget_(static_cast<u64>(largest_budget)), budget_(first_budget()) {}
 
-    // Return a part and make it the most recently used one; nullptr if it is not cached.
+    // Return the initial byte budget. Going through a clip once needs few groups at a time. Each time an evicted group
+    // is decoded again the budget doubles, up to the largest: after some scrubbing, all the groups it needs stay
+    // cached.
+    u64 first_budget() const { return largest_budget_ / 8; }
+
+    u64 budget() const { return budget_; }
+    u64 bytes() const { return bytes_; }  // of all parts
+    bool is_empty() const { return places_.empty(); }
+    bool has(const Key &key) const { return places_.contains(key); }
+
+    // Return a part, which becomes the latest; nullptr if it is not cached.
     const Part *find(const Key &key);
 
-    // Take memory, and evict parts until it suffices. LimitError if it does not suffice with an empty cache.
+    // Keep a new part of `bytes`; it stays until others are kept or memory is taken. taken: its memory, unless the part
+    // itself holds it.
+    const Part &keep(const Key &key, Part part, u64 bytes, TakenMemory taken = {});
+
+    // Evict parts until the limit has so many bytes left, or the cache is empty.
+    void make_room(u64 bytes);
+
+    // Take memory after making room for it. LimitError if it is too little with an empty cache.
     TakenMemory take(u64 bytes, std::string_view what);
 
-    // Keep a new part; it stays until others are kept or memory is taken.
-    const Part &keep(const Key &key, Part part, TakenMemory taken);
-
-    bool is_empty() const { return places_.empty(); }
     void clear();
 
 private:
     struct Kept {
         Key key;
         Part part;
+        u64 bytes;
         TakenMemory taken;
     };
 
-    // At least as many frames as the spline needs for one time, but so few that reading a clip once does not fill the
-    // budget.
+    // As many frames as a spline between two frames needs; reading a clip once does not fill the budget.
     static constexpr std::size_t most_frames = 64;
 
-    std::list<Kept> &parts_like(const Key &key) { return key.kind == frame ? frames_ : others_; }
+    std::list<Kept> &parts_like(const Key &key) { return key.kind == field_frame ? frames_ : others_; }
+    bool was_evicted(const Key &key) const;
+    void evict_oldest() { evict_oldest(frames_.empty() ? others_ : frames_); }
     void evict_oldest(std::list<Kept> &parts);
 
     MemoryLimit &limit_;
-    u64 budget_, kept_bytes_ = 0;
-    std::list<Kept> frames_, others_;  // most recently used first
+    u64 largest_budget_, budget_, bytes_ = 0;
+    std::list<Kept> frames_, others_;  // the latest first
     std::map<Key, std::list<Kept>::iterator> places_;
+    std::map<std::pair<Kind, std::size_t>, std::vector<bool>> evicted_;  // of each kind and field, by number; no frames
 };
 
 }  // namespace pdeanim

@@ -362,7 +362,7 @@ void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::
         return;
     }
     // Evaluate as many times together as fit in the initial budget of the group cache, and in a part of what is left.
-    const u64 room = least(static_cast<u64>(groups_.first_budget()), run_.memory().left() / 4);
+    const u64 room = least(groups_.first_budget(), run_.memory().left() / 4);
     const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {

@@ -28,10 +28,6 @@ u64 known_bytes(const Group &group) {
 
 }  // namespace
 
-GroupCache::GroupCache(RunSections &run, i64 largest_budget, const Turns &turns)
-    : run_(run), turns_(turns), largest_budget_(largest_budget), budget_(first_budget()),
-      has_been_kept_(run.table().groups().size()) {}
-
 // Take the memory of a group that is known before it is decoded.
 TakenMemory GroupCache::begin_group(std::size_t index) {
     return TakenMemory(run_.memory(), known_bytes(run_.table().groups()[index]),
@@ -69,45 +65,25 @@ DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_
     }
 }
 
-void GroupCache::keep(std::size_t index, DecodedGroup group) {
-    if (has_been_kept_[index]) budget_ = least(2 * budget_, largest_budget_);
-    has_been_kept_[index] = true;
-    kept_bytes_ += group.bytes();
-    kept_.emplace_front(index, std::move(group));
-    places_[index] = kept_.begin();
-    while (kept_bytes_ > budget_ && kept_.size() > 1) evict_oldest();
-}
-
-void GroupCache::evict_oldest() {
-    kept_bytes_ -= kept_.back().second.bytes();
-    places_.erase(kept_.back().first);
-    kept_.pop_back();
-}
-
-// Evict groups until this many bytes are free, or the cache is empty.
-void GroupCache::evict_for(u64 bytes) {
-    while (run_.memory().left() < bytes && !kept_.empty()) evict_oldest();
+const DecodedGroup &GroupCache::keep(std::size_t index, DecodedGroup group) {
+    const u64 bytes = static_cast<u64>(group.bytes());
+    return std::get<DecodedGroup>(cache_.keep(key_of(index), std::move(group), bytes));
 }
 
 const DecodedGroup &GroupCache::group(std::size_t index) {
-    const auto found = places_.find(index);
-    if (found != places_.end()) {
-        kept_.splice(kept_.begin(), kept_, found->second);
-        return kept_.front().second;
-    }
+    if (const DecodedCache::Part *known = cache_.find(key_of(index))) return std::get<DecodedGroup>(*known);
     u64 room = expected_bytes(index);
     while (true) {
         turns_.check_cancelled();
-        evict_for(room);
+        cache_.make_room(room);
         try {
             TakenMemory taken = begin_group(index);
             const std::unique_ptr<GroupsAhead> ahead = run_.begin_ahead({&index, 1});
             const SpaceBasis &space = run_.space(ahead.get());
-            keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
-            return kept_.front().second;
+            return keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
         } catch (const LimitError &) {
-            // Without kept groups there may be room: try again.
-            if (kept_.empty()) throw;
+            // Without kept parts there may be room: try again.
+            if (cache_.is_empty()) throw;
             room = std::numeric_limits<u64>::max();
         }
     }
@@ -116,8 +92,8 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
 // Return the groups that are not cached, in the order in which times need them, as many as fit in memory together.
 std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u64 &bytes_at_once) const {
     std::vector<std::size_t> wanted;
-    i64 kept_bytes = 0;  // estimate for the groups in `wanted`
-    const u64 most_at_once = run_.memory().left() + static_cast<u64>(kept_bytes_);
+    u64 kept_bytes = 0;  // estimate for the groups in `wanted`
+    const u64 most_at_once = run_.memory().left() + cache_.bytes();
     for (const double time : times) {
         const bool is_enough = static_cast<int>(wanted.size()) == groups_a_thread * run_.threads();
         if (time > run_.times().back() || is_enough) break;
@@ -125,11 +101,12 @@ std::vector<std::size_t> GroupCache::wanted_at(std::span<const double> times, u6
         if (!wanted.empty() && wanted.back() == index) continue;
         const Group &own = run_.table().groups()[index];
         kept_bytes +=
-            own.channels() * run_.vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
+            static_cast<u64>(own.channels() * run_.vertices()) * (own.is_single ? sizeof(float) : sizeof(double));
         if (is_kept(index)) break;
         bytes_at_once += expected_bytes(index);
         // Stop here: a group that is evicted before its frames are evaluated would be decoded twice.
-        if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > budget_ - budget_ / 4)) break;
+        if (bytes_at_once > most_at_once || (!wanted.empty() && kept_bytes > cache_.budget() - cache_.budget() / 4))
+            break;
         wanted.push_back(index);
     }
     return wanted;
@@ -139,7 +116,7 @@ void GroupCache::decode_ahead(std::span<const double> times) {
     u64 bytes_at_once = 0;
     std::vector<std::size_t> wanted = wanted_at(times, bytes_at_once);
     if (wanted.size() < 2) return;
-    evict_for(bytes_at_once);
+    cache_.make_room(bytes_at_once);
     // Largest first: if the largest group were started last, the other threads would wait for it.
     const auto bytes_of = [&](std::size_t index) { return run_.table().groups()[index].sizes[1]; };
     std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });

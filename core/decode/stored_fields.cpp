@@ -99,14 +99,15 @@ template <class Visit> void StoredFields::for_each_owner(const FieldHeader &head
 
 // Return the rows of a field and their neighbours; valid until another part of the cache is requested.
 const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
-    const FieldCache::Key key{FieldCache::rows, header.first_of_rows, 0};
-    if (const FieldCache::Part *known = cache_.find(key)) return *known->rows;
+    const DecodedCache::Key key{DecodedCache::field_rows, header.first_of_rows, 0};
+    if (const DecodedCache::Part *known = cache_.find(key)) return std::get<FieldRows>(*known);
     std::vector<ConnectivityView> views;
     for_each_owner(header, [&](i64, const ConnectivityView &view) { views.push_back(view); });
     TakenMemory taken = cache_.take(FieldRows::building_bytes(header.domain, views), "rows of fields");
     FieldRows found(header.domain, views);
     taken.keep(found.bytes());
-    return *cache_.keep(key, {.values = {}, .rows = std::move(found)}, std::move(taken)).rows;
+    const u64 bytes = taken.bytes();
+    return std::get<FieldRows>(cache_.keep(key, std::move(found), bytes, std::move(taken)));
 }
 
 // Return the first row and the number of rows of an object in a field; without an object, of all objects.
@@ -142,8 +143,8 @@ std::vector<u8> StoredFields::chunk(const FieldGroup &group) {
 
 // Return the values of a decoded group; valid until another one is requested.
 const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index) {
-    const FieldCache::Key key{FieldCache::group, field, index};
-    if (const FieldCache::Part *known = cache_.find(key)) return known->values;
+    const DecodedCache::Key key{DecodedCache::field_group, field, index};
+    if (const DecodedCache::Part *known = cache_.find(key)) return std::get<std::vector<u8>>(*known);
     turns_.check_cancelled();
     const FieldHeader &header = headers()[field];
     const FieldGroup &own = header.groups[index];
@@ -162,7 +163,7 @@ const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index)
     decode_field_chunk(rows_with_neighbours(header), data, own.in_chunk, static_cast<int>(components), values, kinds);
     std::vector<u8> typed(size);
     to_type(header.type, own, values, kinds, typed);
-    return cache_.keep(key, {.values = std::move(typed), .rows = {}}, std::move(taken)).values;
+    return std::get<std::vector<u8>>(cache_.keep(key, std::move(typed), size, std::move(taken)));
 }
 
 // Compute one frame of a field of floats.
@@ -204,8 +205,8 @@ void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i
 
 // Return a frame of a group that has no chunk; valid until another one is requested.
 std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldGroup &group, i64 wanted) {
-    const FieldCache::Key key{FieldCache::frame, field, static_cast<std::size_t>(wanted)};
-    if (const FieldCache::Part *known = cache_.find(key)) return known->values;
+    const DecodedCache::Key key{DecodedCache::field_frame, field, static_cast<std::size_t>(wanted)};
+    if (const DecodedCache::Part *known = cache_.find(key)) return std::get<std::vector<u8>>(*known);
     turns_.check_cancelled();
     const FieldHeader &header = headers()[field];
     const std::size_t width = static_cast<std::size_t>(header.components * size_of_type(header.type));
@@ -225,7 +226,7 @@ std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldG
     } else {
         compute<double>(header, group, wanted, values);
     }
-    return cache_.keep(key, {.values = std::move(values), .rows = {}}, std::move(taken)).values;
+    return std::get<std::vector<u8>>(cache_.keep(key, std::move(values), size, std::move(taken)));
 }
 
 // Return the values at a frame; valid until another frame is requested.

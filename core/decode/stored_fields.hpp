@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "decode/evaluator.hpp"
-#include "decode/field_cache.hpp"
 #include "decode/field_headers.hpp"
 
 namespace pdeanim {
@@ -17,10 +16,9 @@ namespace pdeanim {
 // Functions may be called from several threads, which take turns.
 class StoredFields {
 public:
-    // The arguments must outlive this object. budget: largest number of bytes of decoded groups, computed frames and
-    // tables of neighbours.
-    StoredFields(RunSections &run, Evaluator &evaluator, Turns &turns, i64 budget)
-        : run_(run), evaluator_(evaluator), turns_(turns), cache_(run.memory(), budget) {}
+    // The arguments must outlive this object.
+    StoredFields(RunSections &run, DecodedCache &cache, Evaluator &evaluator, Turns &turns)
+        : run_(run), cache_(cache), evaluator_(evaluator), turns_(turns) {}
 
     // Return the headers of all fields. CorruptError if they are damaged, LimitError if they ask for too much memory.
     const std::vector<FieldHeader> &headers();
@@ -57,9 +55,9 @@ private:
     template <class Real> void mix(std::size_t field, double time, int derivative, i64 skip, std::span<Real> out);
 
     RunSections &run_;
+    DecodedCache &cache_;
     Evaluator &evaluator_;
     Turns &turns_;
-    FieldCache cache_;
     std::optional<std::vector<FieldHeader>> headers_;
     std::vector<std::optional<i64>> row_counts_;  // number of rows of each field, once it is counted
     std::vector<float> first_positions_;          // at frame 0, if displacements need them

@@ -46,8 +46,8 @@ class DecodeLimits:
         and space. Two kilobytes can declare terabytes. A file that declares more is refused when it is opened
         (LimitError). Default: none.
     max_kept : int [bytes]
-        Decoded groups of frames that stay in memory instead of being decoded again: an eighth of it at first, and more
-        when times return to evicted groups. `max_memory` includes them.
+        Decoded groups of frames, of positions and fields together, that stay in memory instead of being decoded again:
+        an eighth of it at first, and more when times return to evicted groups. `max_memory` includes them.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY

@@ -86,14 +86,22 @@ def crowded() -> bytes:
     return data
 
 
+def read_once(animation: pdecodec.Animation, name: str) -> None:
+    """Read a field, or "positions"."""
+    if name == "positions":
+        animation.read_frames(0, 1)
+    else:
+        animation.read_field(name, 0, 1)
+
+
 def least_memory(data: bytes, name: str) -> int:
-    """Return the smallest memory limit with which a field can be read [bytes], to 1 KiB."""
+    """Return the smallest memory limit with which a field, or "positions", can be read [bytes], to 1 KiB."""
     low, high = 0, 1 << 26
     while high - low > 1024:
         middle = (low + high) // 2
         try:
             with pdecodec.open(data, limits=DecodeLimits(max_memory=middle)) as animation:
-                animation.read_field(name, 0, 1)
+                read_once(animation, name)
             high = middle
         except LimitError:
             low = middle
@@ -112,6 +120,19 @@ def test_a_field_that_fits_alone_fits_after_other_fields(crowded: bytes) -> None
     with pdecodec.open(crowded, limits=limits) as animation:
         for name in [one.name for one in animation.fields] + [largest]:
             animation.read_field(name, 0, 1)
+
+
+def test_positions_and_fields_make_room_for_each_other() -> None:
+    random = np.random.default_rng(2).random
+    fields = {name: random((FRAMES, 2000)) for name in ("a", "b")}
+    data = pdecodec.encode(ArraySequence(random((FRAMES, 2000, 3)), fields=fields), effort="fast").data
+    assert data is not None
+    least = [least_memory(data, name) for name in ("positions", "a", "b")]
+    both = max(least) + min(least) // 4
+    assert both < sum(least[:2]) - 2**16
+    with pdecodec.open(data, limits=DecodeLimits(max_memory=both)) as animation:
+        for name in ("positions", "a", "b", "positions", "b", "a", "positions"):
+            read_once(animation, name)
 
 
 def test_headers_of_many_fields_take_no_quadratic_time() -> None:
