@@ -308,11 +308,8 @@ class GroupFitter:
         """Return the candidate that a search begins with."""
         return Candidate("trajectories", "reference", grid_index(self.tuning.usual_step * self.unit))
 
-    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories", coarser: int = 0) -> Candidate:
-        """Return the candidate for an encode without a search: its step leaves the usual mean error.
-
-        `coarser` is added to the index of this step.
-        """
+    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories") -> Candidate:
+        """Return the candidate for an encode without a search: its step leaves the usual mean error."""
         choice = replace(self.first_choice, time=time)
         some = self._some_rows(basis, choice)
         positions = self.frames * basis.order.size * len(some) / max(1, basis.functions)
@@ -330,8 +327,7 @@ class GroupFitter:
 
         # A step of the mean error leaves less than that, whatever the coefficients.
         steps = range(grid_index(tuning.mean_error * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
-        usual = bisect.bisect_left(steps, True, key=is_too_coarse) - 1
-        return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
+        return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
 
     def _some_rows(self, basis: SpaceBasis, choice: Candidate) -> Rows:
         """Return coefficients of all functions of time of a kind, for a sample of the functions of space."""

@@ -342,13 +342,11 @@ class AutoEncoder(Encoder):
         is_ruled = self._size > self._tuning.searched_positions
         usual_bits = 0.0  # bits per frame of the last group that was searched
         parts = self._first_parts(steps)
-        coarser = 0  # how many indices coarser than the steps that leave the usual mean error
         for index, (begin, end) in enumerate(self._ranges):
             searched = self._tuning.searched_groups
             is_searched = index < searched or index % (2 * searched) == 0
             if index > 0 and is_ruled:
-                coarser = max(0, coarser + _out_of_balance(parts, self._tuning.residual_share))
-                parts = self._by_rule(self._fitter(begin, end, steps), parts, coarser)
+                parts = self._by_rule(self._fitter(begin, end, steps), parts)
             elif index > 0:
                 fitter = self._fitter(begin, end, steps)
                 parts = [] if is_searched else self._like(fitter, choices)
@@ -383,17 +381,17 @@ class AutoEncoder(Encoder):
                 references=References(self._sequence.objects, ahead, self._ties),
                 ahead=ahead,
             )
-            look = search.first_look() if len(longer) < len(self._ranges) else None
-            if look and look.bits < self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied):
-                self._ranges, look = longer, None
+            most = self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied)
+            if len(longer) < len(self._ranges) and search.first_look() < most:
+                self._ranges = longer
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
                 search = replace(search, points=points, is_smooth=True)
-            self._model = search.run(look)
+            self._model = search.run()
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
         if self._settings.why:
             self._questions = self._model.questions
-        del search, look, points
+        del search, points
         # Keep none: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()
@@ -421,15 +419,12 @@ class AutoEncoder(Encoder):
             **steps,
         )
 
-    def _by_rule(self, fitter: GroupFitter, before: Sequence[EncodedPart], coarser: int) -> list[EncodedPart]:
-        """Encode a later group without a search, as dense motion if the group before was dense.
-
-        Steps are `coarser` indices above those that leave the usual mean error.
-        """
+    def _by_rule(self, fitter: GroupFitter, before: Sequence[EncodedPart]) -> list[EncodedPart]:
+        """Encode a later group without a search, as dense motion if the group before was dense."""
         frames = sum(part.group.entry.frames for part in before)
         is_smooth = _bits(before) < self._tuning.smooth_bits * frames * fitter.places
         dense = not is_smooth and (len(before) > 1 or is_dense(fitter))
-        groups = encode_by_rule(fitter, self._space, is_dense=dense, coarser=coarser)
+        groups = encode_by_rule(fitter, self._space, is_dense=dense)
         return side_by_side(*(partial(self._encoded, group) for group in groups))
 
     def _divided(self, fitter: GroupFitter, usual: Candidate) -> list[EncodedPart]:
@@ -486,18 +481,6 @@ class AutoEncoder(Encoder):
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
-
-
-def _out_of_balance(parts: Sequence[EncodedPart], residual_share: float) -> int:
-    """Return by how many indices the steps of the next group should be coarser, so that residuals take their share.
-
-    It is one index per octave that residuals are off by, at most two. At 1e-2 residuals may take more than their
-    share: steps are never finer than those that leave the usual mean error.
-    """
-    chunks = zip(*(part.group.chunks for part in parts), strict=True)
-    _, coefficients, residuals = (sum(map(len, of_a_kind)) for of_a_kind in chunks)
-    balanced = residual_share * coefficients
-    return sum((balanced > octave * residuals) - (residuals > octave * balanced) for octave in (1.4, 2.8))
 
 
 def _bits(parts: Sequence[EncodedPart]) -> int:

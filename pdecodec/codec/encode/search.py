@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -44,14 +44,6 @@ ESTIMATE_NOISE_BITS = 8 * 8
 
 EFFORT_BITS = 8.0 * 16
 """Largest number of bits that recording another effort takes in a file."""
-
-FINER_REFERENCE_BITS = 0.001
-"""Bits per position that a reference frame of half the usual step may add to be taken without a search. On
-regular meshes of cloths and ropes it adds almost nothing, and the motion takes 1 to 8 % less.
-"""
-
-SMALL_MESH_PATIENCE = 2
-"""Number of steps of the reference frame that are tried beyond the best one on small meshes."""
 
 Item = TypeVar("Item")
 
@@ -150,15 +142,10 @@ class GroupSearch:
 
     def tune(self, choice: Candidate) -> ChosenGroup:
         """Return a candidate with the cheapest steps nearby, those of the functions of time included."""
-        stride, near = self._tuning.step_stride, self._tuning.step_stride // 2
-        costs = {way: self._found.get(replace(choice, step=choice.step + way * stride)) for way in (1, -1)}
-        if None in costs.values():
-            choice = self._walk(choice, "step", near)
-        else:  # both neighbours cost more: the best step lies on the side of the better one
-            way = min(costs, key=lambda way: costs[way] or 0.0)
-            choice = min(choice, replace(choice, step=choice.step + way * near), key=self.bits)
+        stride = self._tuning.step_stride
+        choice = self._walk(choice, "step", stride // 2)
         if choice.time != "cosines":
-            choice = self._walk(choice, "time_step", self._tuning.step_stride)
+            choice = self._walk(choice, "time_step", stride)
         return self.chosen(choice)
 
     def chosen(self, choice: Candidate) -> ChosenGroup:
@@ -301,17 +288,14 @@ def _untuned(search: GroupSearch, usual: Candidate, kinds: tuple[TimeFunctions, 
     return _Untuned(search.bits(close[0]) + GROUP_BITS, tuple(choice.time for choice in close))
 
 
-def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, coarser: int = 0) -> list[FinishedGroup]:
-    """Fit a group in full without a search, `coarser` indices above the steps that leave the usual mean error.
-
-    It is fitted in trajectories, or if motion is dense, in cosines as short groups.
-    """
+def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) -> list[FinishedGroup]:
+    """Fit a group in full without a search: in trajectories, or if motion is dense, in cosines as short groups."""
     time: TimeFunctions = "cosines" if is_dense else "trajectories"
     count = -(-fitter.frames // fitter.tuning.dense_group) if is_dense else 1
     edges = [fitter.frames * k // count for k in range(count + 1)]
 
     def fitted(part: GroupFitter) -> FinishedGroup:
-        choice = part.with_usual_step(basis, time, coarser)
+        choice = part.with_usual_step(basis, time)
         return FinishedGroup(part, choice, part.fit(basis, choice, is_measured=False))
 
     parts = [fitter.part(slice(*span)) for span in itertools.pairwise(edges)] if is_dense else [fitter]
@@ -366,17 +350,6 @@ class _Model:
         return any(group.fitter.moves for group in self.groups)
 
 
-@dataclass(frozen=True, eq=False)
-class FirstLook:
-    """Approximate bits of a clip's first frames, encoded as most clips are.
-
-    If nothing else is tried, also the objects made for it; a search does not keep them, to save memory.
-    """
-
-    bits: float
-    found: tuple[ReferenceFrame, GroupFitter, SpaceBasis] | None
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelSearch:
     """Search for the cheapest model of a clip.
@@ -414,20 +387,15 @@ class ModelSearch:
     ahead: Executor
     is_smooth: bool = False
 
-    def run(self, look: FirstLook | None = None) -> FinishedModel:
+    def run(self) -> FinishedModel:
         """Return the reference frame, spatial basis and first groups that cost least together.
 
         More effort should not cost more bytes: what less effort finds is another candidate.
-
-        Parameters
-        ----------
-        look : FirstLook, optional
-            At these frames.
         """
         if self.times.size == 1 and (model := self._at_rest()):
             return model
         if self._is_by_rule:
-            return self._by_rule(look)
+            return self._by_rule()
         if self._is_exhaustive and self.tuning.restart_gain:
             tuning = replace(self.tuning, untuned_exit_ratio=math.inf, restart_gain=0.0)
             return replace(self, tuning=tuning).run()
@@ -460,22 +428,15 @@ class ModelSearch:
         data = self.references.data(reference)
         return FinishedModel(reference, data, basis, [group], [], self.tuning.compared_effort)
 
-    def first_look(self) -> FirstLook:
-        """Return the approximate cost of the first frames, encoded as most clips are."""
+    def first_look(self) -> float:
+        """Return the approximate bits of the first frames, encoded as most clips are."""
         if self._is_by_rule:
-            _ = self._reference_by_rule  # starts it
-            reference, space = self._finer_reference or self._usual_reference, self.tuning.spatial_bases[-1]
+            fitter, basis = self._fitter_by_rule, self._basis_by_rule  # kept: nothing else is tried
         else:
-            reference, space = self._usual_reference, self.tuning.spatial_bases[0]
-            self.references.begin(reference)
-        fitter, basis = self._fitter(reference), self._bases(reference).basis(space)
-        bits = GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
-        return FirstLook(bits, (reference, fitter, basis) if self._is_by_rule else None)
-
-    @property
-    def _positions(self) -> int:
-        """Return the number of positions of the whole clip."""
-        return self.times.size * self._places
+            reference = self._usual_reference
+            fitter, basis = self._fitter(reference), self._bases(reference).basis(self.tuning.spatial_bases[0])
+        self.references.begin(self._usual_reference)
+        return GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
 
     @property
     def _vertices(self) -> int:
@@ -492,42 +453,15 @@ class ModelSearch:
         """Return whether the clip is encoded by rule, without a search."""
         return self.times.size * self._vertices > self.tuning.searched_positions
 
-    def _by_rule(self, look: FirstLook | None) -> FinishedModel:
+    def _by_rule(self) -> FinishedModel:
         """Return the model that suits most clips, without a search."""
-        reference, fitter, known = self._reference_by_rule.result(), None, None
-        if look and look.found:
-            looked_at, fitter, known = look.found
-            if looked_at is not reference:
-                fitter, known = fitter.from_reference(reference.points), None
-        fitter = fitter or self._fitter(reference)
-
-        def clear_basis() -> SpaceBasis:
-            basis = known or self._bases(reference).basis(self.tuning.spatial_bases[-1])
-            return clear_space_basis(basis, reference.grid)
-
-        made = self.ahead.submit(clear_basis)
+        reference, fitter = self._usual_reference, self._fitter_by_rule
+        self.references.begin(reference)
+        made = self.ahead.submit(lambda: clear_space_basis(self._basis_by_rule, reference.grid))
         fitter.prepare(fitter.first_choice)
         basis = made.result()
         groups = encode_by_rule(fitter, basis, is_dense=not self.is_smooth and is_dense(fitter))
         return FinishedModel(reference, self.references.data(reference), basis, groups, [])
-
-    @cached_property
-    def _reference_by_rule(self) -> Future[ReferenceFrame]:
-        """Return the reference frame of the usual step, or of half of it if that costs little more."""
-        usual, finer = self._usual_reference, self._finer_reference
-        little_more = FINER_REFERENCE_BITS * self._positions
-
-        def reference() -> ReferenceFrame:
-            # On regular meshes the whole section is often that small: then the other one is not needed.
-            if finer and (
-                8 * len(self.references.data(finer)) < little_more
-                or 8 * (len(self.references.data(finer)) - len(self.references.data(usual))) < little_more
-            ):
-                return finer
-            self.references.data(usual)
-            return usual
-
-        return self.ahead.submit(reference)
 
     @cached_property
     def _usual_reference(self) -> ReferenceFrame:
@@ -535,18 +469,18 @@ class ModelSearch:
         return self._quantised(steps[usual])
 
     @cached_property
-    def _finer_reference(self) -> ReferenceFrame | None:
-        """Return the reference frame of half the usual step."""
-        steps, usual = self._reference_steps()
-        finer = usual + 2  # each second step is half as large
-        return self._quantised(steps[finer]) if finer < len(steps) else None
+    def _fitter_by_rule(self) -> GroupFitter:
+        return self._fitter(self._usual_reference)
+
+    @cached_property
+    def _basis_by_rule(self) -> SpaceBasis:
+        return self._bases(self._usual_reference).basis(self.tuning.spatial_bases[-1])
 
     def _for_this_bound(self) -> FinishedModel:
         """Search reference frame, spatial basis and groups, tune their steps, and fit them in full."""
         steps, usual = self._reference_steps()
         model = self._with_reference(steps[usual])
-        searches_reference = self._is_large or self.tuning.is_thorough or self._is_tiny
-        if model.moves and searches_reference:
+        if model.moves and (self._is_large or self.tuning.is_thorough or self._is_tiny):
             better = self._with_best_reference(model, steps, usual)
             if self._cost(better) < (1.0 - self.tuning.restart_gain) * self._cost(model):
                 again = self._with_reference(better.reference.coded_step)
@@ -605,21 +539,14 @@ class ModelSearch:
         for group in usual.groups:
             group.fitter.prepare(group.choice)  # results for other reference frames follow from these
         costs, best = {usual.reference.coded_step: self._cost(usual)}, usual
-        # Another reference frame can save at most all bits of this one.
-        most = self._cost(usual) + self._share_of(self.references.data(usual.reference))
-        patience: float = 1 if self._is_large else SMALL_MESH_PATIENCE
-        if self._is_exhaustive:
-            patience = most = math.inf
         for direction in (1, -1):
-            index, behind = start + direction, 0
-            while 0 <= index < len(steps) and behind < patience:
-                model = self._with_other_reference(usual, steps[index])
-                costs[steps[index]] = cost = self._cost(model)
-                index, behind = index + direction, behind + 1
-                if cost > most:
+            for step in steps[start + 1 :] if direction > 0 else steps[:start][::-1]:
+                model = self._with_other_reference(usual, step)
+                costs[step] = self._cost(model)
+                if costs[step] < self._cost(best):
+                    best = model
+                elif not self._is_exhaustive:
                     break
-                if cost < self._cost(best):
-                    best, behind = model, 0
             if best is not usual and not self._is_exhaustive:
                 break
         names = {step: f"{step / self.bound:.3g} bounds" for step in sorted(costs)}

@@ -83,26 +83,17 @@ class Sight:
     ----------
     project : callable
         Takes values on vertices, (vertices, n) float32 or float64, and returns (rows, n).
-    longer : Sight, optional
-        The same map of displacements that contain these.
     """
 
-    def __init__(self, project: Callable[[Rows], Rows], longer: Sight | None = None) -> None:
-        self._project, self._longer = project, longer
+    def __init__(self, project: Callable[[Rows], Rows]) -> None:
+        self._project = project
         self._seen: dict[tuple[Displacements, Seen], Rows] = {}
 
     def of(self, owner: Displacements, name: Seen) -> Rows:
         """Return the projection of an array of `owner`."""
         if (owner, name) not in self._seen:
-            self._seen[owner, name] = self._look(owner, name)
+            self._seen[owner, name] = self._project(owner.values(name))
         return self._seen[owner, name]
-
-    def _look(self, owner: Displacements, name: Seen) -> Rows:
-        if self._longer and owner.part_of:
-            whole, frames = owner.part_of
-            rows = self._longer.of(whole, name)
-            return rows[:, 3 * frames.start : 3 * frames.stop] if name == "moved" else rows
-        return self._project(owner.values(name))
 
 
 class Displacements:
@@ -138,7 +129,7 @@ class Displacements:
         self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
         self._tuning = tuning
         self._alike, self._sibling = alike, sibling
-        self.part_of = part_of if part_of and part_of[0]._span is None and not part_of[0]._is_wide else None
+        self._part_of = part_of if part_of and part_of[0]._span is None and not part_of[0]._is_wide else None
         self._frames, self._vertices = len(points), len(shape)
         self._least = (tuning.tail * unit) ** 2 * self._vertices * self._frames
         self._taken: tuple[Rows, float] | None = None
@@ -156,7 +147,7 @@ class Displacements:
     @cached_property
     def largest(self) -> float:
         """Return the largest magnitude of a displacement, here or in the displacements that these are derived from."""
-        other = self._alike or self._sibling or (self.part_of and self.part_of[0])
+        other = self._alike or self._sibling or (self._part_of and self._part_of[0])
         if other:
             return other.largest
         if self._taken is None:
@@ -182,7 +173,7 @@ class Displacements:
     @cached_property
     def _span(self) -> Span | None:
         """Return a span of few trajectories that approximates the displacements; None if it would take many."""
-        if self.part_of:
+        if self._part_of:
             return None
         if self._sibling is None:
             return leading_span(self._moved, self._least)
@@ -195,8 +186,8 @@ class Displacements:
     @cached_property
     def _squares(self) -> Float64Array:
         """Return products of frames and axes summed over all vertices, (3 frames, 3 frames) float64."""
-        if self.part_of:
-            whole, frames = self.part_of
+        if self._part_of:
+            whole, frames = self._part_of
             own = slice(3 * frames.start, 3 * frames.stop)
             return np.ascontiguousarray(whole._squares[own, own])
         if self._sibling is not None:
@@ -210,8 +201,8 @@ class Displacements:
     @cached_property
     def _squares_by_axis(self) -> Float64Array:
         """Return products of frames summed over all vertices and axes, (frames, frames) float64."""
-        if self.part_of:
-            whole, frames = self.part_of
+        if self._part_of:
+            whole, frames = self._part_of
             return np.ascontiguousarray(whole._squares_by_axis[frames, frames])
         if self._span is not None:
             coefficients, axes = self._span
@@ -276,7 +267,7 @@ class Displacements:
         _ = self._total, self.largest
         item: Displacements | None = self
         while item is not None:
-            item._coefficients, item._taken, item.part_of = {}, None, None
+            item._coefficients, item._taken, item._part_of = {}, None, None
             item.__dict__.pop("_span", None)
             item = item._alike or item._sibling
 

@@ -72,8 +72,6 @@ class Tuning:
         Share of all possible trajectories from which on motion is dense.
     searched_groups : int [groups]
         Number of groups at the beginning that are searched; later, one in twice as many is.
-    residual_share : float [bytes of residuals per byte of coefficients]
-        Ratio at which a step costs least; without a search, the next group's step is adapted towards it.
     searched_positions : float [positions]
         Largest clip that is searched; larger ones are encoded by rule.
     small_clip_positions : int [positions]
@@ -82,8 +80,6 @@ class Tuning:
         Smallest sample of an estimate.
     sample_share : float
         Smallest share of the mesh in the sample of an estimate.
-    sample_frames : int [frames]
-        Longest group whose residuals are estimated from all frames; of longer ones, half of the frames are taken.
     tail : float [units]
         Root mean square error that functions of time that are left out may add.
     dead_zones : tuple of (float, float)
@@ -126,12 +122,10 @@ class Tuning:
     dense_group: int = 12
     dense_share: float = 0.7
     searched_groups: int = 3
-    residual_share: float = 0.35
     searched_positions: float = float("inf")
     small_clip_positions: int = 2**16
     sample_vertices: int = 1024
     sample_share: float = 1 / 8
-    sample_frames: int = 128
     tail: float = 0.06
     dead_zones: tuple[DeadZone, ...] = ((0.6, 0.75),)
     aim: float = 0.75
