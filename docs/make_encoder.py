@@ -20,11 +20,20 @@ PAGE = Path(__file__).with_name("encoder.md")
 ATTRIBUTE = re.compile(r"^(?P<names>\w+(?:, \w+)*) : (?P<kind>.+)$")
 NAMED = re.compile(r"`(?P<name>[a-z_]+) = [^`\n]*`")
 NOT_MEASURED = "-"
+ALL = "all"
+
+MUCH = 0.003
+"""Change of a group's bytes from which on the table names the group."""
+
+Effects = dict[tuple[str, str, str], dict[str, dict[str, str]]]
+"""Rows of the ablation: by name, change and effort, then by group of clips."""
 
 
 def encoder_page() -> str:
-    """Return the page with its two tables, and the values of constants that its text mentions, updated."""
-    effects = {(row["name"], row["change"]): row for row in csv.DictReader(_measured())}
+    """Return the page with its two tables, and the values of constants that its text names, written again."""
+    effects: Effects = {}
+    for row in csv.DictReader(_measured()):
+        effects.setdefault((row["name"], row["change"], row["effort"]), {})[row["group"]] = row
     page = PAGE.read_text(encoding="utf-8")
     for name, rows in (("decisions", _decisions(effects)), ("constants", _constants(effects))):
         begin, end = (
@@ -49,23 +58,33 @@ def _measured() -> Iterable[str]:
     return PAGE.with_name("ablation.csv").read_text(encoding="utf-8").splitlines()
 
 
-def _decisions(effects: dict[tuple[str, str], dict[str, str]]) -> Iterator[str]:
-    yield "| without | bytes | bytes, worst clip | time | normals | STED |"
-    yield "|---|---|---|---|---|---|"
-    for (name, change), row in effects.items():
-        if change == "without":
-            figures = (row[column] for column in ("bytes", "worst_bytes", "seconds", "normals", "sted"))
-            yield f"| {name} | {' | '.join(map(_percent, figures))} |"
+def _decisions(effects: Effects) -> Iterator[str]:
+    yield '| without | bytes | worst clip | time | normals | STED | bytes, "fast" | time, "fast" |'
+    yield "|---|---|---|---|---|---|---|---|"
+    for (name, change, effort), groups in effects.items():
+        if change == "without" and effort == "default":
+            figures = (groups[ALL][column] for column in ("worst_bytes", "seconds", "normals", "sted"))
+            fast = effects.get((name, change, "fast"))
+            of_fast = (_bytes(fast), _percent(fast[ALL]["seconds"])) if fast else ("0", "0")
+            yield f"| {name} | {' | '.join((_bytes(groups), *map(_percent, figures), *of_fast))} |"
 
 
-def _constants(effects: dict[tuple[str, str], dict[str, str]]) -> Iterator[str]:
+def _bytes(groups: dict[str, dict[str, str]]) -> str:
+    """Return the change of all bytes, and of the group that changes most if that is much."""
+    most = max((name for name in groups if name != ALL), key=lambda name: abs(float(groups[name]["bytes"]) - 1.0))
+    found = _percent(groups[ALL]["bytes"])
+    is_much = abs(float(groups[most]["bytes"]) - 1.0) >= MUCH
+    return f"{found} ({most} {_percent(groups[most]['bytes'])})" if is_much else found
+
+
+def _constants(effects: Effects) -> Iterator[str]:
     yield "| constant | default | fast | best | what it does | bytes, halved | bytes, doubled |"
     yield "|---|---|---|---|---|---|---|"
     described = _descriptions()
     for name in (item.name for item in fields(Tuning)):
         usual, fast, best = (_shown(getattr(TUNINGS[effort], name)) for effort in ("default", "fast", "best"))
         changed = [
-            _percent(effects[name, change]["bytes"]) if (name, change) in effects else NOT_MEASURED
+            _bytes(found) if (found := effects.get((name, change, "default"))) else NOT_MEASURED
             for change in ("half", "double")
         ]
         others = ("" if other == usual else other for other in (fast, best))

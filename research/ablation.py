@@ -1,10 +1,11 @@
-"""Measure what each decision and each tuned constant of the encoder does, as the table in `docs/encoder.md` shows it.
+"""Measure what each decision and each tuned constant of the encoder does, as the tables in `docs/encoder.md` show it.
 
-``python -m pdecodec.research.ablation FOLDER > docs/ablation.csv`` encodes all clips of a folder without one decision
-after another (:data:`DECISIONS`), then with each number of :class:`pdecodec.codec.encode.tuning.Tuning` halved and
-doubled alone (of a ratio, its excess over 1). Every row is relative to the usual tuning: bytes of all clips, bytes of
-the clip that grows most, processor time of encoding, and the geometric means over the clips of the error of normals
-and of the spatio-temporal edge difference, both measured on decoded files. ``make docs`` then writes the page again.
+``python -m pdecodec.research.ablation FOLDER > docs/ablation.csv`` takes a folder with a folder of clips for each group
+("small", "cloths" and so on). It encodes all of them without one decision after another (:data:`DECISIONS`), then with
+each number of :class:`pdecodec.codec.encode.tuning.Tuning` halved and doubled alone (of a ratio, its excess over 1).
+Every row is relative to the usual tuning, of one group or of all clips: bytes, bytes of the clip that grows most and
+processor time of encoding; without a decision also the geometric means over the clips of the error of normals and of
+the spatio-temporal edge difference, both measured on decoded files. ``make docs`` then writes the page again.
 """
 
 from __future__ import annotations
@@ -21,48 +22,75 @@ from typing import Any
 from pdecodec import open_animation, open_sequence
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 from pdecodec.codec.encoding import encode
+from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.mesh.surface_metrics import measure_surfaces
 
-TOLERANCE = 1e-3
-"""Bound of all encodes, over the diagonal."""
+Case = tuple[EffortName, float]
+"""Effort, and bound over the diagonal."""
 
-HEADER = "name,change,bytes,worst_bytes,seconds,normals,sted"
+CASES: tuple[Case, ...] = (("default", 1e-3), ("fast", 1e-3))
+"""What is encoded without each decision; constants are halved and doubled in the first."""
+
+HEADER = "name,change,effort,tolerance,group,bytes,worst_bytes,seconds,normals,sted"
 """Columns of the table; `change` is "without" for a decision, "half" or "double" for a constant."""
+
+ALL = "all"
+"""Group of all clips."""
 
 DECISIONS: Mapping[str, Mapping[str, Any]] = {
     "refinement": {"refining_passes": ()},
     "dead zone": {"dead_zones": ((0.5, 0.5),), "refining_passes": ()},
     "division into groups, close steps": {"is_thorough": False},
     "several spatial bases": {"spatial_bases": (("patch", 64),), "small_mesh_spatial_bases": ()},
+    "more spatial bases on small meshes": {"small_mesh_spatial_bases": ()},
     "reference frames finer than usual": {"finest_reference_step": 0.39},
+    "limit of fine reference frames": {"finest_reference_step": 2.0**-9},
+    "coarser step of smoothed reference frames": {"smoothed_reference_step": 0.4},
+    "second search": {"restart_gain": 1.0},
     "early exit": {"early_exit_ratio": 2.0, "untuned_exit_ratio": 2.0},
+    "a ratio of its own before steps are searched": {"untuned_exit_ratio": 1.02},
     "estimate from a sample": {"small_mesh_vertices": 2**31},
+    "full search of small clips": {"small_clip_positions": 0},
+    "smallest sample": {"sample_vertices": 1},
+    "dearer large patches": {"large_patch_gain": 0.0},
+    "dead zone of lone coefficients": {"dead_zones": ((0.6, 0.6),)},
+    "end of refinement without gain": {"refining_gain": 0.0},
+    "longer groups of smooth motion": {"smooth_group_bytes": 3 * 2**25},
+    "smooth motion undivided": {"smooth_bits": 0.0},
+    "shortest group": {"shortest_group": 2},
+    "coarsest step": {"coarsest_step": 1000.0},
+    "more error where coefficients are dense": {"mean_error_of_dense": 0.0},
+    "cosines by rule": {"dense_share": 2.0},
+    "limit of groups that are searched": {"searched_groups": 2**31},
+    "saving of memory": {"heavy_group_bytes": 2**62},
 }
-"""For each decision, by its name in the table, the changes of the tuning that take it away; "dead zone" also
-takes away the refinement.
-"""
+"""Changes of the tuning that take a decision away, by its name in the table; "dead zone" also takes the refinement."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Bytes of each clip, processor time of all [s], and error of normals [degrees] and edges of clips with faces."""
+    """A clip's file, processor time [s], error of normals [degrees] and edge difference; 0 if not measured."""
 
-    sizes: list[int]
+    data: bytes
     seconds: float
-    normals: list[float]
-    edges: list[float]
+    normals: float = 0.0
+    edges: float = 0.0
+
+
+Groups = Mapping[str, Sequence[MeshSequence]]
+"""Clips of each group."""
 
 
 @contextmanager
-def tuned(tuning: Tuning) -> Iterator[None]:
-    """Encode with a tuning at default effort until the block ends."""
-    usual = TUNINGS["default"]
-    TUNINGS["default"] = tuning
+def tuned(effort: EffortName, tuning: Tuning) -> Iterator[None]:
+    """Encode with a tuning at an effort until the block ends."""
+    usual = TUNINGS[effort]
+    TUNINGS[effort] = tuning
     try:
         yield
     finally:
-        TUNINGS["default"] = usual
+        TUNINGS[effort] = usual
 
 
 def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
@@ -78,39 +106,65 @@ def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
             yield item.name, change, replace(tuning, **{item.name: changed})  # type: ignore[arg-type]  # one of many
 
 
-def measure(clips: Sequence[MeshSequence]) -> Measured:
-    """Encode clips at the present tuning, decode them and measure both."""
-    started = time.process_time()
-    reports = [encode(clip, tolerance=TOLERANCE) for clip in clips]
-    seconds = time.process_time() - started
-    normals, edges = [], []
-    for clip, report in zip(clips, reports, strict=True):
-        with open_animation(report.data or b"") as decoded:
-            found = measure_surfaces(clip, decoded, report.scale)
-        normals += [found.normal_error] if found.normal_error else []
-        edges += [found.sted] if found.sted else []
-    return Measured([report.file_bytes for report in reports], seconds, normals, edges)
+def measure(groups: Groups, case: Case, known: Mapping[bytes, Measured] | None = None) -> dict[str, list[Measured]]:
+    """Encode the clips of each group at the present tuning; with known files, also decode and measure the surfaces of
+    others.
+    """
+    effort, tolerance = case
+
+    def measured(clip: MeshSequence) -> Measured:
+        started = time.process_time()
+        report = encode(clip, tolerance=tolerance, effort=effort)
+        found = Measured(report.data or b"", time.process_time() - started)
+        if known is None or found.data in known:
+            return replace((known or {}).get(found.data, found), seconds=found.seconds)
+        with open_animation(found.data) as decoded:
+            surface = measure_surfaces(clip, decoded, report.scale)
+        return replace(found, normals=surface.normal_error or 0.0, edges=surface.sted or 0.0)
+
+    return {name: [measured(clip) for clip in clips] for name, clips in groups.items()}
 
 
-def rows(clips: Sequence[MeshSequence], tried: Iterable[tuple[str, str, Tuning]]) -> Iterator[str]:
-    """Yield the lines of the table, as CSV, of some :func:`variants`."""
-    measure(clips)  # fills caches
-    usual = measure(clips)
+def rows(groups: Groups, names: Iterable[str] | None = None, cases: Sequence[Case] = CASES) -> Iterator[str]:
+    """Yield the lines of the table, as CSV; of some decisions and constants if they are named."""
+    measure(groups, cases[0])  # warms up
+    usual = {case: measure(groups, case, {} if case == cases[0] else None) for case in cases}
+    known = {one.data: one for one in _of(usual[cases[0]], ALL)}
     yield HEADER
-    for name, change, tuning in tried:
-        with tuned(tuning):
-            found = measure(clips)
-        figures = (
-            sum(found.sizes) / sum(usual.sizes),
-            max(new / old for new, old in zip(found.sizes, usual.sizes, strict=True)),
-            found.seconds / usual.seconds,
-            geometric_mean(found.normals) / geometric_mean(usual.normals),
-            geometric_mean(found.edges) / geometric_mean(usual.edges),
-        )
-        yield ",".join([f'"{name}"', change, *(f"{figure:.4f}" for figure in figures)])
+    wanted = None if names is None else set(names)
+    tried = {effort: {one[:2]: one[2] for one in variants(TUNINGS[effort])} for effort, _ in cases}
+    for name, change in tried[cases[0][0]]:
+        if wanted is not None and name not in wanted:
+            continue
+        for case in cases if change == "without" else cases[:1]:
+            tuning = tried[case[0]].get((name, change), TUNINGS[case[0]])
+            if tuning == TUNINGS[case[0]]:
+                continue
+            looks = change == "without" and case == cases[0]
+            with tuned(case[0], tuning):
+                found = measure(groups, case, known if looks else None)
+            for group in (ALL, *groups):
+                figures = ",".join(_compared(*(_of(each, group) for each in (found, usual[case])), looks=looks))
+                yield f'"{name}",{change},{case[0]},{case[1]:g},{group},{figures}'
+
+
+def _of(measured: Mapping[str, list[Measured]], group: str) -> list[Measured]:
+    return [one for name, clips in measured.items() if group in (name, ALL) for one in clips]
+
+
+def _compared(found: Sequence[Measured], usual: Sequence[Measured], *, looks: bool) -> Iterator[str]:
+    """Yield the ratios of a row."""
+    pairs = list(zip(found, usual, strict=True))
+    yield f"{sum(len(one.data) for one in found) / sum(len(one.data) for one in usual):.4f}"
+    yield f"{max(len(new.data) / len(old.data) for new, old in pairs):.4f}"
+    yield f"{sum(one.seconds for one in found) / sum(one.seconds for one in usual):.2f}"
+    for name in ("normals", "edges"):
+        ratios = [getattr(new, name) / getattr(old, name) for new, old in pairs if looks and getattr(old, name)]
+        yield f"{geometric_mean(ratios):.4f}" if ratios else ""
 
 
 if __name__ == "__main__":
-    sequences = [open_sequence(path) for path in sorted(Path(sys.argv[1]).iterdir()) if path.is_file()]
-    for row in rows(sequences, variants(TUNINGS["default"])):
+    folders = sorted(path for path in Path(sys.argv[1]).iterdir() if path.is_dir())
+    clips = {path.name: [open_sequence(file) for file in sorted(path.iterdir())] for path in folders}
+    for row in rows(clips, sys.argv[2:] or None):
         print(row, flush=True)

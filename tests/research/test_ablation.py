@@ -27,11 +27,15 @@ def test_the_table_compares_bytes_time_normals_and_edges_and_leaves_the_tuning_a
     x, y = np.meshgrid(np.linspace(0, 1, 8), np.linspace(0, 1, 8))
     wave = np.stack(np.broadcast_arrays(x, y, 0.2 * np.sin(4 * x + 3 * y + phase)), axis=-1).reshape(5, -1, 3)
     usual = TUNINGS["default"]
-    tried = [one for one in variants(usual) if one[0] in ("refinement", "usual_step")]
-    found = list(csv.DictReader(rows([ArraySequence(wave, objects=[MeshObject("wave", grid(8, 8))])], tried)))
+    waves = {"waves": [ArraySequence(wave, objects=[MeshObject("wave", grid(8, 8))])]}
+    found = list(csv.DictReader(rows(waves, ["refinement", "usual_step"])))
     assert TUNINGS["default"] is usual
-    assert [(row["name"], row["change"]) for row in found] == [one[:2] for one in tried]
-    assert len(found) == 3
+    changed = [("refinement", "without"), ("usual_step", "half"), ("usual_step", "double")]
+    groups = ("all", "waves")
+    assert [(row["name"], row["change"], row["group"]) for row in found] == [
+        (*one, group) for one in changed for group in groups
+    ]
     for row in found:
-        assert all(0.2 < float(row[name]) < 5 for name in ("bytes", "worst_bytes", "normals", "sted"))
+        names = ("normals", "sted") if row["change"] == "without" else ()
+        assert all(0.2 < float(row[name]) < 5 for name in ("bytes", "worst_bytes", *names))
     assert float(found[0]["bytes"]) >= 1.0
