@@ -1,8 +1,8 @@
 """Cut the motion out of an Alembic archive, and fill it again: blocks of its file, in place.
 
 An Ogawa file is a tree of groups, whose leaves are blocks: the samples of properties, each after a key of 16 bytes.
-Blocks of positions, normals and bounds become zeros with their keys; those of arrays that the decoder knows become
-zeros, too, and are filled. The rest of the file stays as it is, so that the library reads the archive as before.
+Blocks of positions, normals and bounds become zeros; those of arrays that the decoder knows become zeros, too, and are
+filled. Keys become zeros. The rest of the file stays as it is, so that the library reads the archive as before.
 """
 
 from __future__ import annotations
@@ -53,15 +53,22 @@ class AlembicFamily:
             for key, values in arrays_of(one.item):
                 if key[0] not in uvs:
                     known.setdefault(values.tobytes(), [number, *key])
-        replaced = _replaced(original.top, {original.shapes[one.index].node.getFullName() for one in fits})
+        moved = {original.shapes[one.index].node.getFullName() for one in fits}
+        replaced, kept = set[bytes](), set[bytes]()
+        for path, name, content in _samples(original.top):
+            (replaced if path in moved and name in _OF_MOTION else kept).add(content)
         arrays = []
         for place, size in _blocks(data):
             content = bytes(memoryview(data)[place : place + size])
-            if size >= _FEWEST_BYTES and (content in known or content in replaced):
-                # The library compares keys only when it writes.
-                data[place - _KEY_BYTES : place + size] = bytes(_KEY_BYTES + size)
-                if content in known:
-                    arrays.append([place, *known[content]])
+            if size < _FEWEST_BYTES:
+                continue
+            if content in known:
+                arrays.append([place, *known[content]])
+            if content in known or (content in replaced and content not in kept):
+                data[place : place + size] = bytes(size)
+            if content in known or content in replaced or content in kept:
+                # Keys tell samples apart when the library writes; it does not look at them when it reads.
+                data[place - _KEY_BYTES : place] = bytes(_KEY_BYTES)
         counts = Counter(_nouns(original.top))
         return Stripped({ROOT: bytes(data)}, ROOT, {"arrays": arrays}, dict(sorted(counts.items())))
 
@@ -110,17 +117,8 @@ def _number(data: bytearray, place: int) -> int:
     return int(found)
 
 
-def _replaced(top: Any, moved: set[str]) -> set[bytes]:
-    """Return the bytes of the samples that the motion of moved shapes replaces, and that nothing else has."""
-    replaced: set[bytes] = set()
-    kept: set[bytes] = set()
-    for path, name, content in _samples(top):
-        (replaced if path in moved and name in _OF_MOTION else kept).add(content)
-    return replaced - kept
-
-
 def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
-    """Yield the path of the object, the name of the property and the bytes of every sample of arrays and bounds."""
+    """Yield the path of the object, the name of the property and the bytes of every sample of numbers."""
     left = [top]
     while left:
         item = left.pop()
@@ -148,10 +146,12 @@ def _of_property(stored: Any) -> Iterator[bytes]:
             return  # numbers that the Python binding has no type for
         if isinstance(found, imath.Box3d):
             yield np.array([tuple(found.min()), tuple(found.max())]).tobytes()
-        elif isinstance(stored, Abc.IArrayProperty) and (values := to_numpy(found)).dtype.kind in "fiu":
-            yield values.tobytes()
+        elif isinstance(found, imath.M44d):
+            yield np.array(found, np.float64).tobytes()
         elif not isinstance(stored, Abc.IArrayProperty):
             return
+        elif (values := to_numpy(found)).dtype.kind in "fiu":
+            yield values.tobytes()
 
 
 def _nouns(top: Any) -> Iterator[str]:

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.codec.sections.scene import Carrier, decode_scene, encode_scene
 from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.errors import InputError, Notice, PdecodecError
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
+from pdecodec.mesh.selection import ObjectSelection
 from pdecodec.mesh.sequence import Content, MeshSequence, Unsupported
 from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedError
 
@@ -85,6 +87,8 @@ class IsolatedSequence(LaidOutSequence):
             for name, domain, dtype, components, unit, objects in told["fields"]
         )
         self._path = path
+        if told["has_scene"]:
+            self.carried = _IsolatedScene(self.worker, path)
         self.contents = tuple(Content(*one) for one in told["contents"])
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
@@ -92,6 +96,25 @@ class IsolatedSequence(LaidOutSequence):
 
     def close(self) -> None:
         self.worker.end()
+
+
+class _IsolatedScene:
+    """The scene of a file in a worker, where its arrays are cut out of it."""
+
+    family = None
+
+    def __init__(self, worker: Worker, path: Path) -> None:
+        self._worker, self._path = worker, path
+
+    def of_some_objects(self) -> _IsolatedScene:
+        """Return itself: shapes that are not coded stay in the carrier."""
+        return self
+
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier | None:
+        """Return the carrier; None if there is nothing but meshes."""
+        names = [item.name for item in sequence.objects]
+        data = call_about_file(self._worker, self._path, _carry, names, exact_uvs)["scene"].tobytes()
+        return decode_scene(data) if data else None
 
 
 class _Points:
@@ -125,8 +148,24 @@ def _open(
     notices = [(one.text, one.setting, one.value, one.purpose) for one in known]
     # Arrays of text take the room of the longest one for each.
     fields = [(one.name, one.domain, str(one.dtype), one.components, one.unit, one.objects) for one in sequence.fields]
-    told = {"notices": notices, "unsupported": lost, "contents": sequence.contents, "fields": fields}
+    told = {
+        "has_scene": sequence.carried is not None,
+        "notices": notices,
+        "unsupported": lost,
+        "contents": sequence.contents,
+        "fields": fields,
+    }
     return {**arrays_of(sequence, sequence.fps), **facts, "told": np.frombuffer(json.dumps(told).encode(), np.uint8)}
+
+
+def _carry(path: Path, names: list[str], exact_uvs: bool) -> dict[str, Any]:
+    """Cut the arrays of objects out of a file in a worker; return section SCEN."""
+    if path not in _opened:
+        raise InputError("the worker process that had it open has ended; open it again", code="worker-ended")
+    scene = _opened[path].carried
+    carrier = None if scene is None else scene.carrier(ObjectSelection(_opened[path], names), exact_uvs=exact_uvs)
+    data = b"" if carrier is None else encode_scene(carrier)
+    return {"scene": np.frombuffer(data, np.uint8)}
 
 
 def _read_field(path: Path, name: str, start: int, stop: int) -> dict[str, Any]:

@@ -502,6 +502,17 @@ def test_a_file_of_the_scene_never_replaces_another(tmp_path: Path) -> None:
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.obj", "a.pdeanim", "looks.mtl"]
 
 
+def test_a_file_that_is_read_in_a_worker_is_cut_there(tmp_path: Path) -> None:
+    source = gltf_scene(tmp_path / "a.glb")
+    usual, isolated, some = (tmp_path / f"{name}.pdeanim" for name in "abc")
+    assert run(["encode", str(source), "-o", str(usual)]) == 0
+    assert run(["encode", str(source), "-o", str(isolated), "--isolate"]) == 0
+    assert isolated.read_bytes() == usual.read_bytes()
+    assert run(["encode", str(source), "-o", str(some), "--isolate", "--object", "shown"]) == 0
+    with pdecodec.open(some) as animation:
+        assert animation.carried is not None
+
+
 def changed(data: Path, name: str, content: bytes | None) -> None:
     """Replace a stream of a file's scene, or remove it."""
     with pdecodec.open(data) as animation:
