@@ -8,6 +8,7 @@ original like any other, onto which :func:`pdecodec.formats.write_onto` writes t
 from __future__ import annotations
 
 import json
+import os
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -33,8 +34,8 @@ CUTS, FILES = "cuts", "files/"
 COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 """Names of the arrays of faces that the decoder knows."""
 
-UNFIT = frozenset({"unsupported-feature", "object-mismatch", "object-missing", "damaged-input", "ambiguous-input"})
-"""Codes of errors about a scene onto which the motion cannot be written: the mesh alone still can."""
+OF_OUTPUT = frozenset({"output-exists", "output-unwritable", "disk-full", "overwrites-input", "interrupted"})
+"""Codes of errors that are not about the scene: otherwise the mesh alone can be written."""
 
 
 @dataclass(frozen=True)
@@ -194,9 +195,10 @@ def write_scene(
                 family.fill(folder, cuts, sequence.objects, where.suffix)
             # The output may have the name of the original.
             root = (folder / cuts["root"]).rename(folder / f"original{Path(cuts['root']).suffix}")
-            found = write_onto(sequence, root, folder / place.name, clip=cuts.get("clip"), is_filled=True, **options)
+            clip = str(cuts["clip"]) if "clip" in cuts and "clip" in entry.options else None
+            found = write_onto(sequence, root, folder / place.name, clip=clip, is_filled=True, **options)
         except InputError as error:
-            if error.code not in UNFIT:
+            if error.code in OF_OUTPUT:
                 raise
             return error
         root.unlink()
@@ -254,7 +256,13 @@ def _publish(folder: Path, place: Path, companions: Sequence[str], *, overwrite:
     moved = []
     for name in companions:
         there = target / name
-        if not there.exists():
+        if not there.parent.resolve().is_relative_to(target.resolve()):
+            raise InputError(
+                "is a link out of the folder, and the scene has files below it; write to another folder",
+                code=ErrorCode.OUTPUT_UNWRITABLE,
+                path=there.parent,
+            )
+        if not os.path.lexists(there):
             moved.append(name)
         elif not there.is_file() or there.read_bytes() != (folder / name).read_bytes():
             raise InputError(

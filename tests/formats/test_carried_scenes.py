@@ -502,6 +502,47 @@ def test_a_file_of_the_scene_never_replaces_another(tmp_path: Path) -> None:
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.obj", "a.pdeanim", "looks.mtl"]
 
 
+HOSTILE_LAYERS = {
+    "absolute": "(subLayers = [@/etc/passwd@])",
+    "above": "(subLayers = [@../../a.pdeanim@])",
+    "no text": "(",
+    "nothing": "",
+}
+
+
+@pytest.mark.parametrize("layer", HOSTILE_LAYERS.values(), ids=HOSTILE_LAYERS)
+def test_a_hostile_stage_reads_nothing_outside_and_leaves_the_meshes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], layer: str
+) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    file, out = tmp_path / "a.pdeanim", tmp_path / "out"
+    cuts = b'{"root": "a.usda", "companions": [], "arrays": []}'
+    clip = pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, 3, 3)), faces=[[0, 1, 2]])
+    clip.carried = Carrier.of("usd", [], [], {"cuts": cuts, "files/a.usda": f"#usda 1.0\n{layer}\n".encode()})
+    pdecodec.encode(clip, file)
+    out.mkdir()
+    assert run(["decode", str(file), "-o", str(out / "b.usda")]) == 0
+    lines = [one for one in capsys.readouterr().err.splitlines() if "left out" in one]
+    assert len(lines) == 1
+    assert [one.name for one in out.iterdir()] == ["b.usda"]
+    assert "/etc" not in (out / "b.usda").read_text()
+
+
+def test_files_of_a_scene_do_not_follow_links_out_of_the_folder(tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    source = usd_shot(tmp_path / "in", "a.usda")
+    pdecodec.encode(source, tmp_path / "a.pdeanim")
+    shutil.rmtree(tmp_path / "in")
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    out.mkdir()
+    elsewhere.mkdir()
+    (out / "layers").symlink_to(elsewhere)
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation, pytest.raises(InputError, match="link out of the folder"):
+        pdecodec.write_sequence(animation, out / "b.usda")
+    assert not [*elsewhere.iterdir()]
+    assert [one.name for one in out.iterdir()] == ["layers"]
+
+
 def test_a_file_that_is_read_in_a_worker_is_cut_there(tmp_path: Path) -> None:
     source = gltf_scene(tmp_path / "a.glb")
     usual, isolated, some = (tmp_path / f"{name}.pdeanim" for name in "abc")
@@ -531,6 +572,7 @@ def changed(data: Path, name: str, content: bytes | None) -> None:
         ("cuts", b"[]"),
         ("cuts", b"{"),
         ("cuts", b"[" * 100_000),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {}, "images": [], "arrays": [], "clip": 5}'),
         ("cuts", b'{"root": "../other.gltf", "companions": []}'),
         ("cuts", b'{"root": "scene.gltf", "companions": ["/etc/passwd"]}'),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"../../x": 0}, "images": [], "arrays": []}'),
@@ -538,6 +580,11 @@ def changed(data: Path, name: str, content: bytes | None) -> None:
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {}, "images": [[0, 0]], "arrays": []}'),
         ("files/scene.gltf", b"{}"),
         ("files/scene.gltf", b'{"accessors": [{"componentType": 5126, "count": 1e99}]}'),
+        (
+            "files/scene.gltf",
+            b'{"asset": {"version": "2.0"}, "buffers": [{"uri": "../../a.pdeanim", "byteLength": 9}]}',
+        ),
+        ("files/scene.gltf", b'{"asset": {"version": "2.0"}, "buffers": [{"uri": "/etc/passwd", "byteLength": 9}]}'),
         ("files/0.bin", None),
         ("files/0.bin", b""),
     ],
