@@ -202,7 +202,7 @@ def _encode(
     from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target
     from pdecodec.formats.base.choosing import InputOptions, open_clip
     from pdecodec.formats.base.companions import input_files
-    from pdecodec.formats.base.frame_meshes import is_about_loss
+    from pdecodec.formats.base.frame_changes import is_about_loss
 
     source, output = job.source, job.output
     settings, paper = (

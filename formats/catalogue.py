@@ -190,7 +190,7 @@ BUILT_IN = (
         "points and cells (fields), the surface of solids; parts are joined; motion is the points of each "
         "step, or the vectors that a setting names",
         loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects, data "
-        "that only some frames have unless they are floats, up axis and unit",
+        "that only some frames or parts have unless they are floats, up axis and unit",
     ),
     Format(
         name="vtu",

@@ -19,7 +19,7 @@ from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_numpy, unsigned_array, vector_array
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, archive_file, time_sampling
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.normals import normal_rows
 from pdecodec.formats.base.onto import Fitted, ShapeOver, ShapePlacement, corner_order, write_over
 from pdecodec.formats.base.registry import Output

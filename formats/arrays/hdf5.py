@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points, fields_as_arrays
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array

@@ -2,8 +2,8 @@
 
 Begin with ``registry.py``: what a format is, and which one reads or writes a path; ``opening.py`` opens and writes
 with the format found there. ``frame_files.py`` finds the files of a sequence stored as one file per frame,
-``frame_meshes.py`` reads and writes them. Readers of scenes (Alembic, USD, glTF) share ``scene_reading.py``, writers
-of scenes ``scene_writing.py``; both use ``scene_space.py`` (axes, units, transforms) and
+``frame_meshes.py`` reads them, ``frame_writing.py`` writes them. Readers of scenes (Alembic, USD, glTF) share
+``scene_reading.py``, writers of scenes ``scene_writing.py``; both use ``scene_space.py`` (axes, units, transforms) and
 ``normals.py``. ``rigid_fit.py`` fits rigid motion, of whole objects for ``rigid_motion.py`` and of connected faces for
 ``rigid_pieces.py``. ``onto.py`` writes motion onto an existing file. ``attribute_roles.py`` lists the names by which
 attributes pass from one format to another, ``times.py`` handles times as files store them. ``isolated.py`` reads in

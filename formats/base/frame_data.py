@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,13 +62,30 @@ def stored_array(values: NDArray[Any]) -> StoredData:
     return StoredData(rows.dtype.newbyteorder("="), rows.shape[1], lambda: rows)
 
 
-def joined_data(parts: Sequence[Mapping[DataKey, StoredData]]) -> dict[DataKey, StoredData]:
-    """Return the data that all parts of a mesh have with the same type, one part after the other."""
-    return {
-        key: StoredData(*one.kind, lambda key=key: np.concatenate([part[key].read() for part in parts]))  # type: ignore[misc]
-        for key, one in parts[0].items()
-        if all(key in part and part[key].kind == one.kind for part in parts)
-    }
+def joined_data(
+    parts: Sequence[tuple[Mapping[DataKey, StoredData], Mapping[FieldDomain, int]]],
+) -> dict[DataKey, StoredData]:
+    """Return the data of a mesh that has parts, one part after the other, given data and numbers of rows of each.
+
+    Floats that a part lacks are NaN there; a part without rows lacks nothing. Data of several types, and whole numbers
+    that a part lacks, are left out.
+    """
+    found = {}
+    for key in dict.fromkeys(key for data, _ in parts for key in data):
+        own = [(data.get(key), rows[key[0]]) for data, rows in parts if rows[key[0]] or len(parts) == 1]
+        there = [one for one, _ in own if one is not None] or [data[key] for data, _ in parts if key in data][:1]
+        is_whole = len(there) == max(len(own), 1)
+        if len({one.kind for one in there}) == 1 and (is_whole or there[0].dtype.kind == "f"):
+            found[key] = StoredData(*there[0].kind, partial(_joined, own, there[0]))
+    return found
+
+
+def _joined(parts: Sequence[tuple[StoredData | None, int]], one: StoredData) -> NDArray[Any]:
+    nothing = np.zeros((0, one.components), one.dtype)
+    found = (
+        np.full((rows, one.components), np.nan, one.dtype) if part is None else part.read() for part, rows in parts
+    )
+    return np.concatenate([nothing, *found])
 
 
 def fields_of_frames(

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.times import timing_of_arrays
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.fields import DTYPES, Field, FieldDomain, check_fields, field_of_array

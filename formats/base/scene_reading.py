@@ -24,7 +24,8 @@ from pdecodec.formats.base.attribute_roles import (
     unique_name,
     vertex_slices,
 )
-from pdecodec.formats.base.frame_meshes import not_kept, runs_of_frames
+from pdecodec.formats.base.frame_changes import not_kept
+from pdecodec.formats.base.frame_meshes import runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import (
     apply_matrices,

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError, Notice, damaged
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.base.times import (

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.errors import InputError, Notice, damaged
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES, SceneSequence, Shape, ShapeField, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS

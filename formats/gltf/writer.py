@@ -23,7 +23,7 @@ from pdecodec.codec.decoder import Animation
 from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.looks import limited_colors, looks_of, objects_at
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output, frames_at_once

@@ -16,8 +16,8 @@ from itertools import pairwise
 import numpy as np
 
 from pdecodec._core import ObjScan
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_looks import is_same_attribute
-from pdecodec.formats.base.frame_meshes import not_kept
 from pdecodec.formats.base.normals import normal_group, read_normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
 from pdecodec.formats.obj.text import ObjText

@@ -16,7 +16,7 @@ import numpy as np
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.base.frame_files import find_frames
-from pdecodec.formats.base.frame_meshes import write_frames
+from pdecodec.formats.base.frame_writing import write_frames
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.registry import Output

@@ -16,8 +16,9 @@ from plyfile import PlyData, PlyParseError
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, UV
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_data import DataKey, StoredData, stored_array
-from pdecodec.formats.base.frame_meshes import MeshFile, not_kept, open_frames, strip_triangles
+from pdecodec.formats.base.frame_meshes import MeshFile, open_frames, strip_triangles
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.mesh.arrays import Int64Array

@@ -24,7 +24,8 @@ from pdecodec.formats.base.attribute_roles import (
     unique_name,
     uv_sets,
 )
-from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
+from pdecodec.formats.base.frame_changes import not_kept
+from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
 from pdecodec.formats.base.looks import look_role, looks_of, objects_at
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output

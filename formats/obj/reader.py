@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, UV, is_by_vertex, rows_or_nan
+from pdecodec.formats.base.frame_changes import FrameChanges
 from pdecodec.formats.base.frame_files import FrameFiles, find_frames
-from pdecodec.formats.base.frame_meshes import FrameChanges, KeptPositions, runs_of_frames
+from pdecodec.formats.base.frame_meshes import runs_of_frames
+from pdecodec.formats.base.kept_frames import KeptPositions
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR
-from pdecodec.formats.base.frame_meshes import MeshFile, Positions, not_kept, open_frames
+from pdecodec.formats.base.frame_changes import not_kept
+from pdecodec.formats.base.frame_meshes import MeshFile, open_frames
+from pdecodec.formats.base.kept_frames import Positions
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.obj.text import is_rounding_noticeable, restore_shortest_floats
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshSequence

@@ -27,8 +27,9 @@ from pdecodec.formats.base.attribute_roles import (
     uv_sets,
     white_for_none,
 )
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
-from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
+from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
 from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output

@@ -150,7 +150,7 @@ class Cells:
         :meth:`connectivity`.
         """
         inner = self.count - np.unique(self.owners).size
-        if not inner or not self.owners.size:
+        if not inner:
             return ()
         return (f"{inner} of {self.count} {cells} have no face on the surface: their {data} are not kept",)
 

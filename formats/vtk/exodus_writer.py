@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec import __version__
 from pdecodec.formats.base.attribute_roles import GROUP, left_out, unique_name
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenField, WrittenFields
 from pdecodec.formats.vtk.cells import NODE

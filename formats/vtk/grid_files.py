@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.base.frame_changes import NotKept
 from pdecodec.formats.base.frame_data import DataKey, StoredData
-from pdecodec.formats.base.frame_meshes import MeshFile, NotKept, joined_meshes
+from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.mesh.arrays import Int64Array
@@ -211,5 +212,8 @@ class GridReader:
         )
 
     def _lost(self) -> dict[str, Iterable[str]]:
-        others = {kind: self._others[domain] for domain, kind in _KINDS_OF_DATA.items()}
+        others = {
+            kind: [name for name in self._others[domain] if name not in self._fields[domain]]
+            for domain, kind in _KINDS_OF_DATA.items()
+        }
         return {**others, "field data": self._field_data}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, Notice, damaged
-from pdecodec.formats.base.frame_meshes import kept_of
+from pdecodec.formats.base.frame_changes import kept_of
 from pdecodec.mesh.sequence import Content, Fate, MeshObject
 
 NO_DISPLACEMENT = "none"

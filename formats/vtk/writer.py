@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining, main_color
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
-from pdecodec.formats.base.frame_meshes import FrameBytes, not_kept, write_frames
+from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields

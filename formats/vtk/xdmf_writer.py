@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.arrays.hdf5 import new_hdf5
 from pdecodec.formats.base.attribute_roles import lost_by_joining
-from pdecodec.formats.base.frame_meshes import not_kept
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields

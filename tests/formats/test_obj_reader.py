@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence
-from pdecodec.formats.base.frame_meshes import KeptPositions
+from pdecodec.formats.base.kept_frames import KeptPositions
 from pdecodec.formats.obj.reader import PARALLEL_BYTES, open_obj
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence

@@ -17,7 +17,7 @@ from scipy.io import netcdf_file
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.base.frame_meshes import KeptPositions
+from pdecodec.formats.base.kept_frames import KeptPositions
 from pdecodec.formats.vtk import library as vtk_library
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.mesh_cases import connectivity_of

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -306,23 +308,46 @@ def test_empty_data_keep_their_components() -> None:
     assert stored_array(np.zeros(0)).kind == (np.dtype(np.float64), 1)
 
 
-def test_data_that_find_no_room_are_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two fields of 16 bytes per frame; memory suffices for those of the first frame."""
-    decoded: list[str] = []
+FULL_DISK = SimpleNamespace(free=0)
+
+
+def no_file() -> None:
+    raise OSError("no space left on device")
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "decoded", "parsed"),
+    [
+        ("tempfile.TemporaryFile", tempfile.TemporaryFile, "a0 b0 a1 b1 a2 b2", "012"),
+        ("shutil.disk_usage", lambda path: FULL_DISK, "a0 b0 a1 a2 b1 b2", "01212"),
+        ("tempfile.TemporaryFile", no_file, "a0 b0 a1 b1 a2 b1 b2", "01212"),
+    ],
+)
+def test_every_file_is_parsed_once_for_all_fields_that_find_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, instead: Any, decoded: str, parsed: str
+) -> None:
+    """Two fields of 16 bytes per frame; memory suffices for those of the first frame, others need the disk."""
+    found: list[str] = []
+    opened: list[str] = []
 
     def read(path: Path) -> MeshFile:
+        opened.append(path.stem)
+
         def data(name: str) -> StoredData:
             values = np.full((4, 1), float(path.stem), np.float32)
-            return StoredData(values.dtype, 1, lambda: decoded.append(f"{name}{path.stem}") or values)  # type: ignore[func-returns-value]
+            return StoredData(values.dtype, 1, lambda: found.append(f"{name}{path.stem}") or values)  # type: ignore[func-returns-value]
 
         return MeshFile(SQUARE, Connectivity(4), data={("vertex", name): data(name) for name in "ab"})
 
-    monkeypatch.setattr("pdecodec.formats.base.frame_meshes.BLOCK_BYTES", 40)
+    monkeypatch.setattr("pdecodec.formats.base.kept_frames.BLOCK_BYTES", 40)
+    monkeypatch.setattr(name, instead)
     files = [[tmp_path / f"{frame}.x"] for frame in range(3)]
     sequence = sequence_of_files(files, (np.arange(3) / 24, 24.0, ()), read)
+    opened.clear()
     for name in "ab":
         assert sequence.read_field(name, 0, 3).tolist() == [[frame] * 4 for frame in range(3)]
-    assert decoded == ["a0", "b0", "a1", "a2", "b1", "b2"]
+    assert found == decoded.split()
+    assert opened == list(parsed)
 
 
 def test_data_with_rows_missing_name_the_frame_of_the_whole_sequence(tmp_path: Path) -> None:
@@ -439,11 +464,13 @@ def test_parallel_files_are_read_alone_as_frames_and_in_lists(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("listed", "line"),
     [
-        (False, "not kept in frames where some parts lack them or store them in other ways: heat, flag"),
-        (True, "point data 'heat', 'flag' are not kept"),
+        (False, "not kept in frames where some parts lack them or store them in other ways: flag"),
+        (True, "point data 'flag' are not kept"),
     ],
 )
-def test_data_that_some_parts_of_a_frame_lack_are_named_once(tmp_path: Path, listed: bool, line: str) -> None:
+def test_data_that_some_parts_of_a_frame_lack_are_missing_there_or_named_once(
+    tmp_path: Path, listed: bool, line: str
+) -> None:
     rows = []
     for frame in range(2):
         names = [f"p{frame}_{part}.vtu" for part in range(2)]
@@ -456,10 +483,31 @@ def test_data_that_some_parts_of_a_frame_lack_are_named_once(tmp_path: Path, lis
         rows += [(str(frame), f'part="{part}"', name) for part, name in enumerate(names)]
     pvd(tmp_path / "x.pvd", rows)
     with open_sequence(tmp_path / "x.pvd") as read:
-        assert [one.name for one in read.fields] == ["wet", "rank"]
+        assert [one.name for one in read.fields] == ["heat", "wet", "rank"]
+        np.testing.assert_array_equal(read.read_field("heat", 1, 2), [[0, 1, 2, 3, *[np.nan] * 4]])
         assert read.notices == (line,)
         dropped = {one.path for one in read.list_contents() if one.fate == "dropped"}
-        assert dropped == {"/point data/heat", "/point data/flag"}
+        assert dropped == {"/point data/flag"}
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_parts_without_faces_do_not_cost_the_others_their_cell_data(tmp_path: Path, listed: bool) -> None:
+    cells: dict[str, list[np.ndarray]] = {"rank": [np.array([7], np.int32)], "load": [np.array([0.5])]}
+    meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], cell_data=cells).write(tmp_path / "p0.vtu")
+    meshio.Mesh(SQUARE, [("line", [[0, 1]])], cell_data={"rank": cells["rank"]}).write(tmp_path / "p1.vtu")
+    meshio.Mesh(SQUARE, [("triangle", [[0, 1, 2]])], cell_data={"rank": [np.array([9], np.int32)]}).write(
+        tmp_path / "p2.vtu"
+    )
+    names = [f"p{part}.vtu" for part in range(3)]
+    if listed:
+        pvtu(tmp_path / "p.pvtu", names)
+        names = ["p.pvtu"]
+    pvd(tmp_path / "x.pvd", [("0", f'part="{part}"', name) for part, name in enumerate(names)])
+    with open_sequence(tmp_path / "x.pvd", fps=24) as read:
+        assert read.connectivity.line_count == 1
+        assert read.read_field("rank", 0, 1).tolist() == [[7, 9]]
+        np.testing.assert_array_equal(read.read_field("load", 0, 1), [[0.5, np.nan]])
+        assert read.notices == ("1 of 1 cells have no face on the surface: their cell data are not kept",)
 
 
 def test_blocks_of_a_multi_block_file_and_a_part_without_points_are_joined(tmp_path: Path) -> None:
