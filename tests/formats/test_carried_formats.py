@@ -1,0 +1,329 @@
+"""Scenes of each format: encode, lose the original, decode: everything but the motion is as it was."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec.errors import InputError
+from pdecodec.formats import write_sequence
+from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
+from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.selection import FrameSelection
+from tests.support.gltf_listing import GltfListing
+from tests.support.scene_cases import SPACE, body, scene
+
+LONG = partial(pytest.param, marks=pytest.mark.long)
+"""A file that takes over five seconds."""
+
+GLTF = (
+    *(f"files/gltf/{name}" for name in ("Fox.glb", "MorphStressTest.gltf")),
+    LONG("files/gltf/robot.glb"),
+    *(f"interop/gltf/{name}.glb" for name in ("BoxMeshopt", "CesiumMan", "pirate")),
+    *(f"interop/gltf/{name}.gltf" for name in ("BoxDraco", "simple_skin")),
+    *(
+        f"interop/gltf/{name}/{name}.gltf"
+        for name in (
+            "01_morphed_cube", "03_all_animations", "03_skinned_cylinder", "06_parent-inverse-anim",
+            "23_multi_prim_vertex_attribute", "24_animation_pointer", "AnimatedMorphCube",
+            "CesiumMilkTruck", "MultiUVTest", "SimpleSparseAccessor", "VertexColorTest",
+        )
+    ),
+)  # fmt: skip
+"""The glTF files of the shared data, without one whose 1,900 instances have 4.2 million vertices."""
+
+
+def _by_name(sequence: pdecodec.MeshSequence, points: Float32Array) -> list[tuple[str, Float32Array]]:
+    """Return the positions of each object, in the order of their names."""
+    parts = zip(sequence.objects, vertex_slices(sequence.objects), strict=True)
+    return sorted(((item.name, points[:, own]) for item, own in parts), key=lambda pair: pair[0])
+
+
+def decoded(tmp_path: Path, source: Path, name: str, **options: Any) -> tuple[Path, pdecodec.EncodeReport]:
+    """Encode a file and decode it to another name, in a folder of its own; check its positions."""
+    with pdecodec.open_sequence(source) as whole:
+        few = FrameSelection(whole, range(min(3, whole.frame_count)))  # more only take longer
+        report = pdecodec.encode(few, tmp_path / "a.pdeanim", tolerance=1e-3, **options)
+    out = tmp_path / "out" / name
+    out.parent.mkdir()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        notices = pdecodec.write_sequence(animation, out, straight=name.startswith("straight"))
+        assert not [one for one in notices if "left out" in one]
+        with pdecodec.open_sequence(out) as read:
+            frames = [int(np.abs(read.times - time).argmin()) for time in animation.times]
+            found = np.stack([read.read_frames(frame, frame + 1)[0] for frame in frames])
+            ours, theirs = _by_name(animation, animation.read_frames(0, animation.frame_count)), _by_name(read, found)
+            assert [name for name, _ in ours] == [name for name, _ in theirs]
+            for (_, expected), (_, points) in zip(ours, theirs, strict=True):
+                assert np.abs(points - expected).max() <= 2e-6 * np.abs(expected).max() + 1e-6
+    return out, report
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", GLTF)
+def test_everything_in_a_gltf_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    source = shared_data / name
+    with pdecodec.open_sequence(source) as read:
+        assert isinstance(read, GltfSequence)
+        parts, chosen = read.shapes, read.clip_number
+        rows = {read.nodes.entries[one.node]["mesh"]: one.node for one in parts}
+    out, report = decoded(tmp_path, source, f"straight{source.suffix}")
+    if not report.scene_bytes:
+        assert not report.scene_note
+        return
+    before, after = GltfListing(source), GltfListing(out)
+    nodes, moved = len(before.root["nodes"]), {one.node for one in parts}
+    assert after.rest(nodes, moved, chosen) == before.rest(nodes, moved, chosen)
+    of_names = {one["name"]: one.get("mesh") for one in after.root["nodes"][nodes:]}
+    for mesh, node in rows.items():
+        there = after.root["nodes"][node].get("mesh")
+        number = (
+            of_names.get(next(one.name.split("/")[-1] for one in parts if one.node == node)) if there is None else there
+        )
+        if number is not None and "Draco" not in name:
+            assert after.moved_primitives(number) == before.moved_primitives(mesh)
+
+
+USD = (
+    *(f"files/usd/{name}" for name in ("cortex_vertexAnim.usda", "openusd_blendshapes.baked.usda")),
+    LONG("files/usd/SoC-ElephantWithMonochord.usdc"),
+    "interop/usd/AnimCube.usda",
+    *(f"interop/usd/{name}.usdz" for name in ("AnimatedCube", "BoxAnimated", "CesiumMan", "RiggedSimple")),
+    *(f"interop/usd/{name}.usda" for name in ("arm", "blendshapesWithNormals", "lbs")),
+)
+"""The USD files of the shared data."""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", USD)
+def test_everything_in_a_usd_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    from tests.support.usd_listing import listing, others_in_package
+
+    source = shared_data / name
+    with pdecodec.open_sequence(source) as read:
+        moved = {str(one.prim.GetPath()) for one in read.shapes}
+    out, report = decoded(tmp_path, source, source.name)
+    if not report.scene_bytes:
+        assert not report.scene_note
+        return
+    before, after = listing(source, moved), listing(out, moved)
+    assert before.keys() - after.keys() == set()
+    assert {key: value for key, value in after.items() if key in before} == before
+    assert all(key.rpartition(".")[0] in moved for key in after.keys() - before.keys())
+    if source.suffix == ".usdz":
+        assert others_in_package(out) == others_in_package(source)
+
+
+@pytest.mark.parametrize(
+    ("name", "out"),
+    [("a.usda", "a.usda"), ("a.usda", "b.usdc"), ("b.usdc", "c.usda"), ("a.usda", "b.usdz"), ("b.usdz", "c.usdz"),
+     ("b.usdz", "d.usda")],
+)  # fmt: skip
+@pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
+def test_a_stage_of_several_layers_comes_back(tmp_path: Path, name: str, out: str, uv_tolerance: float | None) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    from tests.support.usd_listing import listing, others_in_package
+    from tests.support.usd_stages import usd_shot
+
+    source = usd_shot(tmp_path / "in", name)
+    with pdecodec.open_sequence(source) as read:
+        moved = {str(one.prim.GetPath()) for one in read.shapes}
+    before = listing(source, moved)
+    packed = others_in_package(source) if name.endswith("z") else {}
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim", uv_tolerance=uv_tolerance, tolerance=1e-4)
+    assert {"camera", "material"} <= dict(report.scene).keys()
+    shutil.rmtree(tmp_path / "in")
+    target = tmp_path / "out" / out
+    target.parent.mkdir()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        if out.endswith("z") and not packed:
+            assert any("left out: a package holds" in one for one in pdecodec.write_sequence(animation, target))
+            return
+        assert pdecodec.write_sequence(animation, target) == ()
+        assert pdecodec.write_sequence(animation, target, overwrite=True) == ()
+        with pdecodec.open_sequence(target) as read:
+            assert np.abs(read.read_frames(0, 3) - animation.read_frames(0, 3)).max() < 1e-6
+    after = listing(target, moved)
+    if name.endswith("z") == out.endswith("z"):
+        assert {key: after.get(key) for key in before} == before
+    else:  # names of files in a package are its own
+        assert before.keys() <= after.keys()
+    assert not packed or not out.endswith("z") or others_in_package(target) == packed
+    files = {one.relative_to(target.parent).as_posix() for one in target.parent.rglob("*") if one.is_file()}
+    if not name.endswith("z"):
+        companions = set() if out.endswith("z") else {"layers/look.usda", "layers/motion.usda", "parts/box.usda"}
+        assert files == {out, *companions}
+        assert not companions or "(1, 0, 2)" not in (target.parent / "layers/motion.usda").read_text()
+
+
+ALEMBIC = (
+    *(f"files/abc/{name}" for name in ("cortex_subdPlane", "dembones_tube", "destruction", "gn_flower", "hypercube")),
+    *(f"files/abc/{name}" for name in ("openusd_testUsdAbcIsConstant", "openusd_testusdtimecode", "vellum_balloon")),
+    *(f"interop/abc/{name}" for name in ("cubes_coloured", "deformingSubdTest", "hasColorSet", "rotatingCube")),
+    *(f"interop/abc/{name}" for name in ("mesh_xTranslate_visibilityAnim_15_24fps", "singleCurve")),
+    *(f"interop/abc/{name}" for name in ("sphereWithShadingGroups", "twoTriangles_facesetOrder_1f_24fps")),
+)
+"""The Alembic files of the shared data whose scenes are carried."""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ALEMBIC)
+def test_everything_in_an_alembic_file_but_its_motion_comes_back(tmp_path: Path, shared_data: Path, name: str) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from tests.support.alembic_listing import listing
+
+    source = shared_data / f"{name}.abc"
+    with pdecodec.open_sequence(source) as read:
+        moved = {one.node.getFullName() for one in read.shapes}
+    out, report = decoded(tmp_path, source, source.name)
+    assert report.scene_bytes
+    assert listing(out, moved) == listing(source, moved)
+
+
+def alembic_shot(path: Path) -> Path:
+    """Write a moving mesh with UVs, a copy of its first positions, a camera, and properties of all kinds."""
+    import imath
+    from alembic3d import Abc, AbcGeom
+
+    from pdecodec.formats.alembic.writer import time_sampling
+
+    clip = scene([body("root/body")], frames=4, **SPACE)
+    write_sequence(clip, path.with_name("first.abc"))
+    with pdecodec.open_sequence(path.with_name("first.abc")) as read:
+        stored = read.read_frames(0, 4)
+    archive = Abc.CreateArchiveWithInfo(str(path), "a studio", "shot 12")
+    sampling = archive.addTimeSampling(time_sampling(0.5 + np.arange(4) / 24, 24))
+    xform = AbcGeom.OXform(archive.getTop(), "root", sampling)
+    AbcGeom.OCamera(xform, "eye", sampling).getSchema().set(AbcGeom.CameraSample())
+    mesh = AbcGeom.OPolyMesh(xform, "body", sampling)
+    own = Abc.OStringProperty(mesh.getSchema().getUserProperties(), "note", sampling)
+    rest = Abc.OV3fArrayProperty(mesh.getSchema().getArbGeomParams(), "Pref", sampling)
+    faces, counts = imath.IntArray(7), imath.IntArray(2)
+    for number, vertex in enumerate((3, 2, 1, 0, 4, 1, 2)):
+        faces[number] = vertex
+    counts[0], counts[1] = 4, 3
+    held = []
+    for frame, rows in enumerate(stored):
+        points = imath.V3fArray(5)
+        for number, row in enumerate(rows.tolist()):
+            points[number] = imath.V3f(*row)
+        held.append((points, AbcGeom.OPolyMeshSchemaSample(points, faces, counts)))
+        mesh.getSchema().set(held[-1][1])
+        own.setValue(f"frame {frame}")
+        rest.setValue(held[0][0])
+    return path
+
+
+@pytest.mark.parametrize("options", [{}, {"uv_tolerance": 1e-3}])
+def test_alembic_archives_come_back_with_cameras_and_properties(tmp_path: Path, options: dict[str, float]) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from tests.support.alembic_listing import listing
+
+    source = alembic_shot(tmp_path / "a.abc")
+    before = listing(source, {"/root/body"})
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim", **options)
+    assert dict(report.scene) == {"camera": 1}
+    source.unlink()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert pdecodec.write_sequence(animation, source) == ()
+        with pdecodec.open_sequence(source) as read:
+            assert np.abs(read.read_frames(0, 4) - animation.read_frames(0, 4)).max() < 1e-6
+    assert listing(source, {"/root/body"}) == before
+
+
+def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from pdecodec.formats.alembic.scene import _blocks
+
+    def words(*numbers: int) -> bytearray:
+        return bytearray(b"Ogawa\xff\0\1" + struct.pack(f"<{len(numbers)}Q", *numbers))
+
+    assert [*_blocks(words(16, 1, 16))] == []  # a group in itself
+    for tree in (words(99), words(16, 2**60), words(16, 1, 2**63 + 99), words(16, 1, 2**63 + 32, 2**62)):
+        with pytest.raises(InputError, match="leaves the file"):
+            list(_blocks(tree))
+
+
+OBJ = """# made by hand
+mtllib my looks.mtl
+o left
+v 0 0 0
+v 1.5 0 0 0.1 0.2 0.3
+v 0 1 0
+vt 0.1 0.25
+vt 0.3 1e-3
+vn 0 0 1
+usemtl red
+s 1
+{left}
+o right
+v 0 0 1
+v 1 0 1
+v 0 1 1
+v 1 1 1
+vt 0.5 0.5
+{spare}g big
+vp 0.5
+f 4/{first}/1 5/3/1 7/3/1 6/3/1
+l 4 5
+"""
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"left": "f 1/1/1 2/2/1 3/2/1", "spare": "", "first": "3"},
+        {"left": "f 1 2 3", "spare": "", "first": "3"},
+        {"left": "f -3//1 -2//1 -1//1", "spare": "vt 9 9\n", "first": "3"},
+        {"left": "f 1/1/1 2/2/1 3/2/1", "spare": "", "first": "1"},
+    ],
+    ids=["plain", "some without UVs", "relative and spare", "a texture vertex of another object"],
+)
+@pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
+def test_materials_and_statements_of_obj_files_come_back(
+    tmp_path: Path, parts: dict[str, str], uv_tolerance: float | None
+) -> None:
+    text, folder = OBJ.format(**parts), tmp_path / "in"
+    folder.mkdir()
+    (folder / "my looks.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd -s 1 1 1 wood.png\n")
+    for frame in (1, 2):
+        (folder / f"a.{frame:04}.obj").write_text(text.replace("v 0 1 1", f"v 0 1 {frame}"))
+    report = pdecodec.encode(folder, tmp_path / "a.pdeanim", uv_tolerance=uv_tolerance)
+    assert dict(report.scene) == {"material": 1, "library of materials": 1}
+    out = tmp_path / "out"
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        assert animation.carried.outside == ("wood.png",)
+        stored = animation.carried.files(10_000)["files/scene.obj"].decode()
+        assert "1.5" not in stored
+        assert pdecodec.write_sequence(animation, out) == ()
+        assert pdecodec.write_sequence(animation, out, overwrite=True) == ()
+    assert sorted(one.name for one in out.iterdir()) == ["my looks.mtl", "out.0001.obj", "out.0002.obj"]
+    assert (out / "my looks.mtl").read_bytes() == (folder / "my looks.mtl").read_bytes()
+    before, after = (path.read_text().splitlines() for path in (folder / "a.0001.obj", out / "out.0001.obj"))
+    kept = [line for line in before if not line.startswith(("v ", "vt ", "vn ", "f "))]
+    assert [line for line in after if not line.startswith(("v ", "vt ", "vn ", "f ", "# time"))] == kept
+    with pdecodec.open_sequence(folder) as old, pdecodec.open_sequence(out) as new:
+        assert [one.name for one in new.objects] == [one.name for one in old.objects]
+        for ours, theirs in zip(new.objects, old.objects, strict=True):
+            assert ours.connectivity.same_as(theirs.connectivity)
+            assert [one.name for one in ours.attributes] == [one.name for one in theirs.attributes]
+            for mine, its in zip(ours.attributes, theirs.attributes, strict=True):
+                assert np.array_equal(expanded(mine), expanded(its), equal_nan=True)
+        assert np.abs(new.read_frames(0, 2) - old.read_frames(0, 2)).max() <= (report.bound or 0) * 1.001
+
+
+def test_obj_files_without_materials_carry_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("# by hand\no a\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    report = pdecodec.encode(tmp_path / "a.obj")
+    assert (report.scene_bytes, report.scene_note) == (0, "")
