@@ -171,7 +171,7 @@ def test_memory_that_runs_out_in_a_product_is_a_memory_error() -> None:
     code = """
 import resource
 import numpy as np
-from pdecodec.codec.encode.temporal import product
+from pdecodec.codec.linear_algebra import product
 right = np.zeros((3000, 3000)).T
 product(np.zeros((1, 10)), np.zeros((10, 10)))
 with open("/proc/self/statm") as file:

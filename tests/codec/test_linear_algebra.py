@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdecodec.codec.encode.temporal import (
+from pdecodec.codec.linear_algebra import (
     eigen,
     orthonormal,
     product,

@@ -15,10 +15,8 @@ import pdecodec
 from pdecodec import ArraySequence, EncodeSettings, InputError
 from pdecodec.codec.editing import cut_animation, join_animations
 from pdecodec.codec.encode.fit import GroupFitter
-from pdecodec.codec.encode.reference import TieFinder
 from pdecodec.codec.encode.tuning import TUNINGS
 from pdecodec.codec.sections.reference import (
-    NO_TIES,
     ReferenceFrame,
     decode_reference,
     encode_reference,
@@ -27,6 +25,7 @@ from pdecodec.codec.sections.reference import (
 from pdecodec.errors import ErrorCode
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.ties import NO_TIES, TieFinder
 from spec.decoder import animation as independent
 from spec.decoder import reference as independent_reference
 from tests.support.mesh_cases import connectivity_of, meshes_of

@@ -22,7 +22,7 @@ import pdecodec
 from pdecodec import ArraySequence, MeshSequence
 from pdecodec.cli.main import run
 from pdecodec.codec.editing import cut_animation, join_animations
-from pdecodec.codec.encode.search import ModelSearch
+from pdecodec.codec.encode.model import ModelSearch
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshObject

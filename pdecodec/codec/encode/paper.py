@@ -21,8 +21,9 @@ from pdecodec.codec.encode.fit import EncodedGroup, FittedGroup, GroupFitter, Qu
 from pdecodec.codec.encode.pipeline import FINEST_STEP, Encoder
 from pdecodec.codec.encode.quantise import QUARTERS, quantise
 from pdecodec.codec.encode.report import ask
-from pdecodec.codec.encode.temporal import FARTHEST_STEPS, product
+from pdecodec.codec.encode.temporal import FARTHEST_STEPS
 from pdecodec.codec.encode.tuning import Tuning
+from pdecodec.codec.linear_algebra import product
 from pdecodec.codec.sections.bytestream import LARGEST
 from pdecodec.codec.sections.closed_form import SPACE_FUNCTIONS, TIME_FUNCTIONS, ClosedForm
 from pdecodec.codec.sections.groups import GroupEntry

@@ -1,7 +1,8 @@
 """The encoder from top to bottom: read group after group of frames, encode each, and collect the sections of a file.
 
 :class:`Encoder` holds what all profiles share; :class:`AutoEncoder` is profile "auto", whose choices
-:mod:`pdecodec.codec.encode.search` makes. Profile "paper" is :mod:`pdecodec.codec.encode.paper`.
+:mod:`pdecodec.codec.encode.model` and :mod:`pdecodec.codec.encode.search` make. Profile "paper" is
+:mod:`pdecodec.codec.encode.paper`.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from pdecodec.codec.container import (
     write_container,
 )
 from pdecodec.codec.encode.field.sections import encode_fields
-from pdecodec.codec.encode.fit import Candidate, EncodedGroup, FinishedGroup, GroupFitter, finish
-from pdecodec.codec.encode.reference import References, TieFinder, thread_ahead
+from pdecodec.codec.encode.fit import Candidate, EncodedGroup, GroupFitter
+from pdecodec.codec.encode.model import ModelSearch, References
+from pdecodec.codec.encode.refine import FinishedGroup, finish
 from pdecodec.codec.encode.report import EncodeReport, FieldReport, Question, counted, generator, to_json
-from pdecodec.codec.encode.search import GroupSearch, ModelSearch, divide, encode_by_rule, is_dense
+from pdecodec.codec.encode.search import GroupSearch, divide, encode_by_rule, is_dense
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 from pdecodec.codec.encoding_memory import memory_plan
 from pdecodec.codec.sections.attributes import encode_attributes
@@ -40,7 +42,6 @@ from pdecodec.codec.sections.description import encode_remarks, encode_sequence_
 from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.groups import GroupEntry, write_group_table
 from pdecodec.codec.sections.reference import (
-    NO_TIES,
     ReferenceFrame,
     decode_reference,
     encode_reference,
@@ -54,6 +55,8 @@ from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.jumps import JumpFinder
 from pdecodec.mesh.metrics import frame_scale, median_edge
 from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.ties import NO_TIES, TieFinder
+from pdecodec.system.ahead import thread_ahead
 from pdecodec.system.shares import side_by_side, threads_for
 
 FINEST_STEP = 2.0**-24

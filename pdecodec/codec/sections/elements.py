@@ -14,9 +14,9 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts
-from pdecodec.codec.sections.reference import NO_TIES
 from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.ties import NO_TIES
 
 Patches = _core.Patches
 

@@ -19,6 +19,7 @@ from pdecodec import _core
 from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldWriter, section_fault
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.ties import NO_TIES
 
 WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
 """Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier
@@ -38,9 +39,6 @@ enough in float64, and any float32 shape keeps all of its 24 bits.
 
 HEADER_BYTES = 33
 """Size of the step, the origin and the predictor together [bytes]."""
-
-NO_TIES: Int32Array = np.zeros(0, np.int32)
-"""Value of `ties` if no vertices are tied."""
 
 
 class CodedGrid(NamedTuple):

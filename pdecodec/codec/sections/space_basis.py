@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.elements import EarlyPatches, Patches, build_patches, extract_curves
-from pdecodec.codec.sections.reference import NO_TIES
 from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.ties import NO_TIES
 from pdecodec.system.shares import thread_count
 
 Rows = NDArray[Any]
