@@ -84,7 +84,7 @@ def shown_by_vtk(path: Path, time: float) -> tuple[NDArray[Any], Values]:
 
 
 @pytest.mark.parametrize(
-    "names", [("a.####.vtu", "b.xdmf"), ("a.xdmf", "b.pvd"), ("a.exo", "b.xdmf"), ("a.xdmf", "b.exo")]
+    "names", [("a.####.vtu", "b.xdmf"), ("a.xdmf", "b.pvd"), ("a.exo", "b.xdmf"), ("a.exo", "b.exo")]
 )
 def test_fields_pass_through_pdeanim_to_another_format_and_back(tmp_path: Path, names: tuple[str, str]) -> None:
     first, second = (tmp_path / name for name in names)
@@ -102,12 +102,14 @@ def test_fields_pass_through_pdeanim_to_another_format_and_back(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("name", ["x.xdmf", "x.exo"])
-def test_vtk_reads_the_fields_that_are_written(tmp_path: Path, name: str) -> None:
+def test_vtk_reads_the_fields_of_exodus_after_a_round_trip(tmp_path: Path, name: str) -> None:
     given = clip()
-    write_sequence(given, tmp_path / name)
+    write_sequence(given, tmp_path / "a.exo")
+    with open_sequence(coded(tmp_path / "a.exo", tmp_path / "a.pdeanim")) as read:
+        write_sequence(read, tmp_path / name)
     for frame, time in enumerate(TIMES):
         points, shown = shown_by_vtk(tmp_path / name, time)
-        assert np.array_equal(points.astype(np.float32), given.points[frame])
+        assert np.abs(points - given.points[frame]).max() < 1e-5
         for field in given.fields:
             values = given.read_field(field.name, frame, frame + 1)[0]
             # VTK gathers vectors of Exodus, but not tensors.
