@@ -109,3 +109,60 @@ function add(out, at, x, y, z) {
   out[at + 1] += y;
   out[at + 2] += z;
 }
+
+/** Describe an object that has only lines or only vertices, as `splitAtUvSeams` describes one with faces. */
+export function describeFaceless(object) {
+  const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
+  const edges = edgesOf([object]);
+  return edges.length
+    ? { kind: "LineSegments", sources, index: edges, uvs: null }
+    : { kind: "Points", sources, index: null, uvs: null };
+}
+
+/**
+ * Split vertices at UV seams, as three.js needs it: the source of each vertex, the indices, and the UVs or null.
+ * `isSplit`: give each corner of each triangle a vertex of its own, and say which corner of the faces it is.
+ */
+export function splitAtUvSeams(attributes, object, triangles, isSplit) {
+  const uv = attributes.find((attribute) => attribute.columns === 2 && attribute.name.toLowerCase().startsWith("uv"));
+  const isMapped = uv?.domain === "corners" || uv?.domain === "vertices";
+  if (!isMapped && !isSplit) {
+    const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
+    return { kind: "Mesh", sources, index: triangles, uvs: null };
+  }
+  const rowOf = (element) => (uv.indices ? uv.indices[element] : element);
+  const split = isSplit ? listTriangleCorners(object) : null;
+  const corners = uv?.domain === "corners" ? (split ?? listTriangleCorners(object)) : triangles;
+  const numbers = new Map();
+  const sources = [];
+  const uvs = [];
+  const index = new Uint32Array(triangles.length);
+  for (let k = 0; k < triangles.length; k++) {
+    const row = isMapped ? rowOf(corners[k]) : -1;
+    const key = isSplit ? k : `${triangles[k]} ${row}`;
+    if (!numbers.has(key)) {
+      numbers.set(key, sources.length);
+      sources.push(triangles[k]);
+      uvs.push(row < 0 ? 0 : uv.values[2 * row], row < 0 ? 0 : uv.values[2 * row + 1]);
+    }
+    index[k] = numbers.get(key);
+  }
+  return {
+    kind: "Mesh",
+    sources: Uint32Array.from(sources),
+    index: isSplit ? null : index,
+    uvs: isMapped ? Float32Array.from(uvs) : null,
+    corners: split,
+  };
+}
+
+/** Return which corner of the faces each corner of the triangles is. */
+function listTriangleCorners({ faceSizes }) {
+  const found = [];
+  let corner = 0;
+  for (const size of faceSizes) {
+    for (let k = 1; k + 1 < size; k++) found.push(corner, corner + k, corner + k + 1);
+    corner += size;
+  }
+  return found;
+}

@@ -3,6 +3,18 @@ import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
 
+export interface FieldColourOptions {
+  /**
+   * Default "viridis"; or CSS colours at equal distances. null: no colours; `geometry.attributes.field` holds the numbers,
+   * NaN where there are none.
+   */
+  colormap?: "viridis" | "coolwarm" | string[] | null;
+  /** Values at both ends of the colours [default: those of the source; for a magnitude, from 0]. */
+  range?: [low: number, high: number];
+  /** The component to show [default: the only one, or the magnitude of all]. */
+  component?: number;
+}
+
 /**
  * Holds a mesh (or line segments, or points) for each object of a file as children; you may replace their materials.
  */
@@ -17,6 +29,11 @@ export class DeformingGroup extends Group {
   readonly duration: number;
   /** Show the shape at a time [s], counted from the start of the clip. */
   setTime(seconds: number): void;
+  /**
+   * Colour all meshes by a field (`animation.fieldList`); null ends it. Sets `vertexColors` of their materials; materials
+   * that you set later need it, too. Objects without the field, and values that are no numbers, are grey.
+   */
+  setField(name: string | null, options?: FieldColourOptions): void;
   /** Whether the graphics processor computed the shape that is shown. */
   readonly isOnGpu: boolean;
   /** Upload the next group of frames, when there is time to spare. */

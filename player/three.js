@@ -27,8 +27,9 @@ import {
   Vector3,
 } from "three";
 
+import { FieldColours, rowsOfDrawn } from "./colours.js";
 import { GpuMotion } from "./gpu.js";
-import { edgesOf, normalsOf, trianglesOf } from "./mesh.js";
+import { describeFaceless, normalsOf, splitAtUvSeams, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
 import { WebGpuMotion } from "./webgpu.js";
 
@@ -89,6 +90,7 @@ export class DeformingGroup extends Group {
   #graphics;
   #run = null;
   #motion = null;
+  #colours = null;
 
   /** Whether the graphics processor computed the shape that is shown. */
   get isOnGpu() {
@@ -114,6 +116,65 @@ export class DeformingGroup extends Group {
       mesh.geometry.boundingSphere = null;
       mesh.geometry.boundingBox = null;
     }
+    this.#colour();
+  }
+
+  /**
+   * Colour all meshes by a field; null ends it. Fills `geometry.attributes.color` at every `setTime`, and sets
+   * `vertexColors` of the materials; materials that you set later need it, too.
+   * @param {string | null} name
+   * @param {{ colormap?: string | string[] | null, range?: [number, number], component?: number | null }} options
+   *     "viridis" (default), "coolwarm" or colours at equal distances; null: no colours, but the numbers themselves in
+   *     `geometry.attributes.field`. The values at both ends of the colours; by default those of the source. The component to
+   *     show; by default the magnitude of all.
+   */
+  setField(name, options = {}) {
+    const wasSplit = this.#isSplit;
+    const before = this.#colours;
+    this.#colours = name === null ? null : new FieldColours(this.animation, name, options);
+    for (const { geometry, material } of this.children) {
+      if (before) geometry.deleteAttribute(before.attribute.name);
+      if (before || this.#colours) this.#setVertexColors(material);
+    }
+    if (this.#isSplit === wasSplit) {
+      for (const mesh of this.children) this.#addFieldTo(mesh);
+      this.#colour();
+    } else {
+      this.#build(this.#run);
+      this.#showAgain();
+    }
+  }
+
+  get #isSplit() {
+    return this.#colours?.splits(this.#run) ?? false;
+  }
+
+  #setVertexColors(material) {
+    const hasColours = Boolean(this.#colours?.table);
+    for (const own of [material].flat()) {
+      if (own.vertexColors !== hasColours) own.needsUpdate = true;  // another shader
+      own.vertexColors = hasColours;
+    }
+  }
+
+  #addFieldTo({ geometry, userData }) {
+    if (!this.#colours) return;
+    const { name, size } = this.#colours.attribute;
+    const { sources, corners, shape } = userData.pdeanim;
+    geometry.setAttribute(name, new BufferAttribute(new Float32Array(size * sources.length), size));
+    userData.pdeanim.rows = rowsOfDrawn(this.#colours.in(this.#run), this.#run, shape.object, sources, corners);
+  }
+
+  /** Fill the field's attribute at the current time. */
+  #colour() {
+    const colours = this.#colours;
+    if (!colours) return;
+    const values = colours.in(this.#run) ? colours.values(this.#run, this.time) : [];
+    for (const { geometry, userData } of this.children) {
+      const attribute = geometry.attributes[colours.attribute.name];
+      colours.fill(attribute.array, values, userData.pdeanim.rows);
+      attribute.needsUpdate = true;
+    }
   }
 
   /** Upload the next group of frames, when there is time to spare. */
@@ -130,11 +191,16 @@ export class DeformingGroup extends Group {
 
   /** Upload everything again after a lost context. */
   #restore = () => {
-    const { time } = this;
     this.#run = null;
+    this.#showAgain();
+  };
+
+  /** Show the same time in new geometries. */
+  #showAgain() {
+    const { time } = this;
     this.time = null;
     this.setTime(time - this.animation.start);
-  };
+  }
 
   #clear() {
     for (const mesh of [...this.children]) {
@@ -153,14 +219,15 @@ export class DeformingGroup extends Group {
     const parts = run.objects.map((object, index) => {
       const own = { ...object, firstVertex: 0 };
       const { triangles } = trianglesOf([own]);
-      const drawn = triangles.length ? splitAtUvSeams(run.attributes(index), own, triangles) : describeFaceless(own);
+      const split = (attributes) => splitAtUvSeams(attributes, own, triangles, this.#isSplit);
+      const drawn = triangles.length ? split(run.attributes(index)) : describeFaceless(own);
       return { shape: new DecodedShape(run, index, triangles), ...drawn };
     });
     if (this.#graphics?.holds(run)) {
       const drawn = parts.map(({ sources }, index) => sources.map((vertex) => run.object(index).firstVertex + vertex));
       this.#graphics.work(() => (this.#motion = this.#graphics.motion(run, drawn)));
     }
-    parts.forEach(({ shape, kind, sources, index: indices, uvs }, index) => {
+    parts.forEach(({ shape, kind, sources, index: indices, uvs, corners }, index) => {
       const drawn = this.#motion?.drawn[index];
       const geometry = drawn ? new GpuGeometry() : new BufferGeometry();
       if (indices) geometry.setIndex(new BufferAttribute(indices, 1));
@@ -180,7 +247,9 @@ export class DeformingGroup extends Group {
       // Culling needs a bounding sphere per frame, which only the decoder could compute; drawing unseen vertices is
       // cheaper.
       mesh.frustumCulled = !drawn;
-      mesh.userData.pdeanim = { shape, sources };
+      mesh.userData.pdeanim = { shape, sources, corners };
+      if (this.#colours) this.#setVertexColors(material);
+      this.#addFieldTo(mesh);
       this.add(mesh);
     });
   }
@@ -329,52 +398,6 @@ class GpuGeometry extends BufferGeometry {
     }
     this.boundingSphere = new Sphere(center, radius);
   }
-}
-
-/** Describe an object that has only lines or only vertices, as `splitAtUvSeams` describes one with faces. */
-function describeFaceless(object) {
-  const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
-  const edges = edgesOf([object]);
-  return edges.length
-    ? { kind: "LineSegments", sources, index: edges, uvs: null }
-    : { kind: "Points", sources, index: null, uvs: null };
-}
-
-/** Split vertices at UV seams, as three.js needs it: the source of each vertex, the indices, and the UVs or null. */
-function splitAtUvSeams(attributes, object, triangles) {
-  const uv = attributes.find((attribute) => attribute.columns === 2 && attribute.name.toLowerCase().startsWith("uv"));
-  if (!uv || (uv.domain !== "corners" && uv.domain !== "vertices")) {
-    const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
-    return { kind: "Mesh", sources, index: triangles, uvs: null };
-  }
-  const rowOf = (element) => (uv.indices ? uv.indices[element] : element);
-  const corners = uv.domain === "corners" ? listTriangleCorners(object) : triangles;
-  const numbers = new Map();
-  const sources = [];
-  const uvs = [];
-  const index = new Uint32Array(triangles.length);
-  for (let k = 0; k < triangles.length; k++) {
-    const row = rowOf(corners[k]);
-    const key = `${triangles[k]} ${row}`;
-    if (!numbers.has(key)) {
-      numbers.set(key, sources.length);
-      sources.push(triangles[k]);
-      uvs.push(row < 0 ? 0 : uv.values[2 * row], row < 0 ? 0 : uv.values[2 * row + 1]);
-    }
-    index[k] = numbers.get(key);
-  }
-  return { kind: "Mesh", sources: Uint32Array.from(sources), index, uvs: Float32Array.from(uvs) };
-}
-
-/** Return which corner of the faces each corner of the triangles is. */
-function listTriangleCorners({ faceSizes }) {
-  const found = [];
-  let corner = 0;
-  for (const size of faceSizes) {
-    for (let k = 1; k + 1 < size; k++) found.push(corner, corner + k, corner + k + 1);
-    corner += size;
-  }
-  return found;
 }
 
 function gatherVertices(attribute, values, sources) {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec import encode, open_animation
+from pdecodec import Animation, ArraySequence, Connectivity, Field, MeshObject, encode, open_animation
 from spec.accepted import with_attributes
 from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
@@ -58,12 +58,12 @@ def site(three: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def loaded(site: Path, path: Path, *times: float) -> dict[str, Any]:
+def loaded(site: Path, path: Path, *steps: float | dict[str, Any]) -> dict[str, Any]:
     script = site / "load.mjs"
     text = (ROOT / "tests" / "browser" / "three_loader.mjs").read_text("utf-8")
     script.write_text(text.replace("../../player/three.js", "pdeanim/three"))
     done = subprocess.run(
-        ["node", script, path, *map(str, times)], capture_output=True, text=True, check=False, timeout=120
+        ["node", script, path, *map(json.dumps, steps)], capture_output=True, text=True, check=False, timeout=120
     )
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
@@ -104,6 +104,73 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
             assert len(rows) > 1
             points = animation.positions(0.0)[np.array(mesh["sources"]) + first_vertex(animation.objects, item)]
             assert np.abs(np.reshape(mesh["points"], (-1, 3)) - points).max() <= 1e-6
+
+
+def rows_of_drawn(animation: Animation, field: Field, index: int, sources: list[int]) -> Any:
+    """Return the row of a field that each of three.js's vertices of an object shows, -1 for none."""
+    owners = range(len(animation.objects)) if field.objects is None else field.objects
+    own = animation.objects[index].connectivity
+    if index not in owners:
+        return np.full(len(sources), -1)
+    first = field.row_count([item for k, item in enumerate(animation.objects) if k < index and k in owners])
+    if field.domain == "vertex":
+        return first + np.array(sources)
+    if field.domain == "object":
+        return np.full(len(sources), first)
+    starts = np.cumsum(own.face_counts) - own.face_counts
+    triangles = [(face, (0, k, k + 1)) for face, size in enumerate(own.face_counts) for k in range(1, size - 1)]
+    corners = [starts[face] + k for face, corners in triangles for k in corners]
+    assert sources == own.face_indices[corners].tolist()
+    return first + (np.repeat([face for face, _ in triangles], 3) if field.domain == "face" else np.array(corners))
+
+
+@pytest.mark.parametrize(
+    ("name", "component"),
+    [("velocity", None), ("velocity", 2), ("age", None), ("stress", None), ("nass/feucht 水", None), ("shade", 1),
+     ("index", None), ("small", None), ("id", None)],
+)  # fmt: skip
+def test_three_s_vertices_have_the_values_of_a_field(site: Path, name: str, component: int | None) -> None:
+    path, time = accepted_files()["fields"], 0.11
+    colours: dict[str, Any] = {"name": name, "options": {} if component is None else {"component": component}}
+    numbers_alone = {"name": name, "options": colours["options"] | {"colormap": None}}
+    shown = loaded(site, path, numbers_alone, time, {"name": None}, colours)["found"]
+    with open_animation(path) as animation:
+        field = animation.field_named(name)
+        values = animation.field(name, time).astype(np.float64).reshape(-1, field.components)
+        is_magnitude = component is None and field.components > 1
+        numbers = np.linalg.norm(values, axis=1) if is_magnitude else values[:, component or 0]
+        for index, (mesh, plain, coloured) in enumerate(zip(shown[1], *shown[2:], strict=True)):
+            rows = rows_of_drawn(animation, field, index, mesh["sources"])
+            expected = np.where(rows < 0, np.nan, numbers[rows] if numbers.size else np.nan)
+            finite = np.where(np.isfinite(expected), expected, np.nan)  # JSON has no infinity
+            np.testing.assert_allclose(np.array(mesh["field"], np.float64), finite, rtol=1e-6)
+            assert (plain["field"], plain["colors"], plain["vertexColors"]) == (None, None, False)
+            assert (mesh["vertexColors"], coloured["vertexColors"]) == (False, True)
+            is_grey = np.ptp(np.reshape(coloured["colors"], (-1, 3)), axis=1) < 1e-6
+            np.testing.assert_array_equal(is_grey, np.isnan(expected))
+
+
+def test_colours_follow_the_range_the_map_and_the_time(site: Path, tmp_path: Path) -> None:
+    path = tmp_path / "heat.pdeanim"
+    heat = np.array([[0.0, 1.0, 2.0, 4.0], [4.0, 3.0, np.nan, -9.0]], np.float32)
+    faces = Connectivity.from_padded(4, np.array([[0, 1, 2, 3]], np.int32))
+    points = np.zeros((2, 4, 3)) + np.eye(4, 3)
+    clip = ArraySequence(points, objects=[MeshObject("quad", faces)], times=[0.0, 1.0], fields={"heat": heat})
+    encode(clip, path, fields={"heat": "exact"})
+    shown = {"name": "heat", "options": {"colormap": ["black", "red"], "range": [0, 4]}}
+    _, first, last = (meshes[0]["colors"] for meshes in loaded(site, path, shown, 0.0, 1.0)["found"])
+    reds = np.array([0, 64, 128, 255]) / 255
+    linear = np.where(reds <= 0.04045, reds / 12.92, ((reds + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(np.reshape(first, (-1, 3)), linear[:, None] * [1, 0, 0], atol=3e-3)
+    at_end = np.reshape(last, (-1, 3))
+    np.testing.assert_allclose(at_end[[0, 3]], [[1, 0, 0], [0, 0, 0]], atol=1e-6)
+    assert at_end[2, 0] == at_end[2, 1] == at_end[2, 2] > 0.1
+    for wrong, said in (
+        (shown | {"name": "cold"}, "cold"),
+        ({"name": "heat", "options": {"colormap": "odd"}}, "viridis"),
+    ):
+        with pytest.raises(AssertionError, match=said):
+            loaded(site, path, wrong)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("lines", "LineSegments"), ("points", "Points")])
@@ -285,6 +352,7 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder: Path = tmp_path_factory.mktemp("clips")
     encode(two_sheets(), folder / "sheets.pdeanim", tolerance=1e-4, group_frames=9)
     encode(with_attributes(), folder / "mapped.pdeanim", tolerance=1e-4)
+    shutil.copy(accepted_files()["fields"], folder / "fields.pdeanim")
     return {path.stem: path for path in folder.iterdir()}
 
 
@@ -402,3 +470,29 @@ def test_data_are_uploaded_again_after_a_lost_context(scene: Browser, clips: dic
     here, there = (np.array(item["pixels"], float) for item in found[1:3])
     assert np.mean(np.abs(here - there) > 8) < 2e-3
     assert found[3] == 0
+
+
+@pytest.mark.parametrize(("name", "component"), [("velocity", 1), ("stress", 0)])
+def test_the_graphics_processor_colours_by_fields_of_vertices_and_faces(
+    scene: Browser, clips: dict[str, Path], name: str, component: int
+) -> None:
+    found = scene.run(
+        "const [name, component, time] = arguments_; const shown = [];"
+        "for (const clip of [on.fields, off.fields]) { clip.setTime(time); clip.setField(name, { component });"
+        " const colours = clip.children.map(({ geometry }) => [...geometry.attributes.color.array]);"
+        " shown.push([await meshes(clip), colours]); }"
+        "const pictures = [await show(on.fields, time), await show(off.fields, time)];"
+        "for (const clip of [on.fields, off.fields]) clip.setField(null);"
+        "return [on.fields.isOnGpu, shown, pictures, error()]",
+        name,
+        component,
+        0.1,
+    )
+    assert (found[0], found[3]) == (True, 0)
+    (here, colours), (_, others) = found[1]
+    with open_animation(clips["fields"]) as animation:
+        assert_where_the_library_has_it(here, animation, 0.1)
+    assert colours == others
+    assert len({tuple(colour) for colour in np.reshape(colours[0], (-1, 3)).tolist()}) > 2
+    first, second = (np.array(item["pixels"], float) for item in found[2])
+    assert np.mean(np.abs(first - second) > 8) < 2e-3

@@ -3,12 +3,14 @@ import { readFile } from "node:fs/promises";
 
 import { PDEAnimLoader } from "../../player/three.js";
 
-const [path, ...times] = process.argv.slice(2);
+const [path, ...steps] = process.argv.slice(2);
 const data = await readFile(path);
 const loader = new PDEAnimLoader();
 const group = await new Promise((resolve, reject) => loader.parse(data, resolve, reject));
-const found = times.map((time) => {
-  group.setTime(Number(time));
+const found = steps.map((text) => {
+  const step = JSON.parse(text);
+  if (typeof step === "number") group.setTime(step);
+  else group.setField(step.name, step.options);
   return group.children.map((mesh) => ({
     name: mesh.name,
     type: mesh.type,
@@ -18,6 +20,9 @@ const found = times.map((time) => {
     index: mesh.geometry.index ? [...mesh.geometry.index.array] : null,
     sources: [...mesh.userData.pdeanim.sources],
     material: mesh.material.type,
+    vertexColors: mesh.material.vertexColors,
+    colors: mesh.geometry.attributes.color ? [...mesh.geometry.attributes.color.array] : null,
+    field: mesh.geometry.attributes.field ? [...mesh.geometry.attributes.field.array] : null,
   }));
 });
 group.dispose();

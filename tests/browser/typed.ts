@@ -26,6 +26,10 @@ async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<numb
   new PDEAnimLoader().setRenderer(new WebGLRenderer());
   new Scene().add(clip);
   clip.setTime(0.5);
+  clip.setField(field!.name, { colormap: ["white", "#f00"], range: [0, 1], component: 0 });
+  clip.setField(null);
+  // @ts-expect-error there is no such colour map
+  clip.setField("stress", { colormap: "rainbow" });
   // @ts-expect-error times are numbers
   animation.positions("1.25");
   return read.length + (clip.isOnGpu ? 1 : 0) + (buffer && vertices ? 1 : 0);

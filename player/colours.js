@@ -1,0 +1,124 @@
+/** Colours of a field for three.js: colour maps, and which row of a field each drawn vertex shows. */
+import { Color, SRGBColorSpace } from "three";
+
+import { PdeanimError } from "./errors.js";
+
+/** Colours at equal distances along a range. */
+const COLORMAPS = {
+  viridis: "#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725".split(" "),
+  /** For ranges around zero: "smooth cool warm" of Moreland 2009. */
+  coolwarm: "#3b4cc0 #6282ea #8db0fe #b8d0f9 #dddddd #f5c4ad #f49a7b #de604d #b40426".split(" "),
+};
+
+const STEPS = 256;
+
+/** Colour of vertices without a value, and where it is not a number. */
+const WITHOUT_VALUE = "#808080";
+
+/** Return red, green and blue of STEPS colours and then of WITHOUT_VALUE, in three.js's working colour space. */
+function tabulate(colormap) {
+  const names = typeof colormap === "string" ? COLORMAPS[colormap] : colormap;
+  if (!names?.length) {
+    const known = Object.keys(COLORMAPS).join(", ");
+    throw new PdeanimError(`there is no colour map "${colormap}"; there are ${known}, or a list of colours`, "argument");
+  }
+  const stops = names.map((name) => new Color(name).getRGB({}, SRGBColorSpace));
+  const table = new Float32Array(3 * (STEPS + 1));
+  const color = new Color();
+  for (let step = 0; step < STEPS; step++) {
+    const place = (step / (STEPS - 1)) * (stops.length - 1);
+    const [a, b] = [stops[Math.floor(place)], stops[Math.ceil(place)]];
+    const mix = (axis) => a[axis] + (b[axis] - a[axis]) * (place % 1);
+    color.setRGB(mix("r"), mix("g"), mix("b"), SRGBColorSpace).toArray(table, 3 * step);
+  }
+  new Color(WITHOUT_VALUE).toArray(table, 3 * STEPS);
+  return table;
+}
+
+const isDefinedIn = (run, name) => run.fieldList.some((field) => field.name === name);
+
+/** A field as `DeformingGroup.setField` shows it. */
+export class FieldColours {
+  constructor(animation, name, { colormap = "viridis", range, component = null } = {}) {
+    const runs = Array.from({ length: animation.runCount }, (_, index) => index);
+    const first = runs.find((index) => isDefinedIn(animation.runCount === 1 ? animation : animation.run(index), name));
+    if (first === undefined) throw new PdeanimError(`there is no field "${name}"`, "argument");
+    const run = animation.runCount === 1 ? animation : animation.run(first);
+    const { components, smallest, largest } = run.fieldList.find((field) => field.name === name);
+    if (component !== null && !(component >= 0 && component < components)) {
+      throw new PdeanimError(`field "${name}" has no component ${component}`, "argument");
+    }
+    const isMagnitude = components > 1 && component === null;
+    this.name = name;
+    this.component = isMagnitude ? null : (component ?? 0);
+    this.range = range ?? (isMagnitude ? [0, Math.max(Math.abs(smallest), Math.abs(largest))] : [smallest, largest]);
+    this.table = colormap === null ? null : tabulate(colormap);
+  }
+
+  /** The field's description in a run of frames; undefined if the run lacks it. */
+  in(run) {
+    return run.fieldList.find((field) => field.name === this.name);
+  }
+
+  /** Whether faces that share a vertex may differ there, so that each corner of a triangle needs a vertex of its own. */
+  splits(run) {
+    return ["faces", "corners"].includes(this.in(run)?.domain);
+  }
+
+  /** The geometry's attribute to fill, and its numbers per vertex: colours, or without a colour map the values. */
+  get attribute() {
+    return this.table ? { name: "color", size: 3 } : { name: "field", size: 1 };
+  }
+
+  /** Return one number for each row of a run at a time: the component, or the magnitude of all. */
+  values(run, time) {
+    const { components } = this.in(run);
+    const raw = run.field(this.name, time);
+    const found = new Float64Array(raw.length / components);
+    for (let row = 0; row < found.length; row++) {
+      if (this.component !== null) {
+        found[row] = Number(raw[row * components + this.component]);
+        continue;
+      }
+      for (let k = 0; k < components; k++) found[row] += Number(raw[row * components + k]) ** 2;
+      found[row] = Math.sqrt(found[row]);
+    }
+    return found;
+  }
+
+  /** Fill an attribute: `rows` has the row of each vertex, or -1. */
+  fill(array, values, rows) {
+    const { table } = this;
+    const [low, high] = this.range;
+    for (let k = 0; k < rows.length; k++) {
+      const value = rows[k] < 0 ? NaN : values[rows[k]];
+      if (!table) {
+        array[k] = value;
+        continue;
+      }
+      const share = high > low ? (value - low) / (high - low) : value < low ? 0 : 1;
+      const step = Number.isNaN(value) ? STEPS : Math.round(Math.min(Math.max(share, 0), 1) * (STEPS - 1));
+      for (let axis = 0; axis < 3; axis++) array[3 * k + axis] = table[3 * step + axis];
+    }
+  }
+}
+
+/**
+ * Return the row of a field for each drawn vertex of an object, -1 for none. `sources` are their vertices in the object;
+ * `corners`, of split triangles, their corners among those of all faces.
+ */
+export function rowsOfDrawn(field, run, object, sources, corners) {
+  const rows = new Int32Array(sources.length).fill(-1);
+  if (!field?.objects.includes(object)) return rows;
+  const sizes = { vertices: (own) => own.vertexCount, faces: (own) => own.faceSizes.length, object: () => 1 };
+  const count = sizes[field.domain] ?? ((own) => own.faceIndices.length);
+  let first = 0;
+  for (const owner of field.objects) if (owner < object) first += count(run.object(owner));
+  if (field.domain === "vertices") return rows.map((_, k) => first + sources[k]);
+  if (field.domain === "object") return rows.fill(first);
+  if (!corners) return rows;
+  if (field.domain === "corners") return rows.map((_, k) => first + corners[k]);
+  const faces = [];
+  run.object(object).faceSizes.forEach((size, face) => faces.push(...Array(size).fill(face)));
+  return rows.map((_, k) => first + faces[corners[k]]);
+}
