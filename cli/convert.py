@@ -75,7 +75,11 @@ def _convert(
     with open_whole(source, asked) as whole:
         sequence = choose(whole, asked, job.source_name)
         job = job.with_frames(sequence, dry_run=dry_run)
-        bound = None if velocities and not rigid else rigid_bound(whole, asked.scale, job.output, rigid)
+        bound = (
+            None
+            if velocities and not rigid
+            else rigid_bound(whole, asked.scale, job.output, rigid, with_scene=scene == "keep")
+        )
         # Notices about materials and textures do not apply if OUT, a glTF file, keeps them.
         kept = getattr(whole, "notices_with_looks", whole.notices) if is_gltf(job.output) else whole.notices
         own = [one for one in sequence.notices if one not in whole.notices]

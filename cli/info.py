@@ -293,6 +293,9 @@ def _scene_rows(scene: Mapping[str, Any] | None) -> Iterator[tuple[str, str]]:
     """Yield rows about the scene that a file carries."""
     if scene is None:
         return
+    if "error" in scene:
+        yield "scene", f"damaged ({scene['error']}); {byte_size(scene['bytes'])}"
+        return
     contents = things((one["kind"], one["count"]) for one in scene["contents"])
     yield "scene", f"{scene['format']}, {contents}; {byte_size(scene['bytes'])}"
     for one in scene["streams"]:

@@ -6,11 +6,12 @@ import os
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from pdecodec.errors import InputError, SettingsError, naming_file
+from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError, naming_file
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
 from pdecodec.formats.base.registry import (
     Format,
@@ -285,18 +286,19 @@ def write_sequence(
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
     unwritten: tuple[str, ...] = ()
-    if scene == "keep" and carries_scene_of(sequence, entry):
-        moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
-        if moving is None:
-            options = {"fps": fps, "velocities": velocities, "progress": progress}
-            options |= {name: asked[name] for name in ("meshopt", "straight")}
-            write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
+    is_carried = scene == "keep" and carries_scene_of(sequence, entry)
+    moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
+    if is_carried and moving is not None:
+        unwritten = (f"the scene of the file is left out: {moving} would move its nodes",)
+    elif is_carried:
+        write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
+        options = {"fps": fps, "velocities": velocities, "progress": progress}
+        options |= {name: asked[name] for name in ("meshopt", "straight")}
+        with _scene_errors():
             found = write_scene(sequence, sequence.carried, entry, where, overwrite=overwrite, **options)
-            if not isinstance(found, InputError):
-                return found
-            unwritten = (f"the scene of the file is left out: {found.message}",)
-        else:
-            unwritten = (f"the scene of the file is left out: {moving} would move its nodes",)
+        if not isinstance(found, InputError):
+            return found
+        unwritten = (f"the scene of the file is left out: {found.message}",)
     if asked.pop("web"):
         # The writer always looks for rigid parts.
         asked |= {"quantize": True, "meshopt": True}
@@ -328,9 +330,22 @@ def write_sequence(
     return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
 
 
+@contextmanager
+def _scene_errors() -> Iterator[None]:
+    """Name the setting without which a damaged scene is left alone."""
+    try:
+        yield
+    except LimitError:
+        raise
+    except CorruptFileError as error:
+        remedy = {"setting": "scene", "value": "drop", "purpose": "to write the meshes alone"}
+        raise CorruptFileError(**error.fields() | remedy) from error
+
+
 def carries_scene_of(sequence: MeshSequence, entry: Format) -> bool:
     """Return whether a sequence comes from a `.pdeanim` file that carries a scene of a format."""
-    return sequence.carried is not None and sequence.carried.family == entry.name
+    with _scene_errors():
+        return entry.carrier is not None and sequence.carried is not None and sequence.carried.family == entry.name
 
 
 def _users(name: str) -> str:

@@ -24,7 +24,7 @@ from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.scene import SCENE_SECTION, Carrier, decode_scene, scene_facts
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.codec.source import DecodeLimits, Source, naming_file_of, open_core, open_source
-from pdecodec.errors import InputError, LimitError, SettingsError
+from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
@@ -504,8 +504,15 @@ class Animation(MeshSequence):
             "settings": remarks.get("settings", {}),
             "jumps": list(self.jumps),
             "fields": self.field_facts(),
-            **({} if self.carried is None else {"scene": scene_facts(self.carried, sections[SCENE_SECTION])}),
+            **({"scene": self._scene_facts(sections[SCENE_SECTION])} if SCENE_SECTION in sections else {}),
         }
+
+    def _scene_facts(self, stored: int) -> dict[str, Any]:
+        """Return what the scene holds; ``error`` if it is damaged, which nothing else depends on."""
+        try:
+            return scene_facts(self.carried, stored) if self.carried is not None else {}
+        except CorruptFileError as error:
+            return {"bytes": stored, "error": error.message}
 
     def field_facts(self) -> list[dict[str, Any]]:
         return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.fields import Field, held_or_mixed
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, equal_runs
-from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import MeshSequence, SceneSource, check_frame_range
 from pdecodec.mesh.times import Outside, check_times, times_inside
 
 
@@ -48,7 +49,10 @@ class SampledAnimation(MeshSequence):
         self.metadata = animation.metadata
         self.notices = animation.notices
         self.fields = animation.fields if quantity == "positions" else ()
-        self.carried = animation.carried if quantity == "positions" else None
+
+    @cached_property
+    def carried(self) -> SceneSource | None:  # type: ignore[override]  # read when it is first needed
+        return self._animation.carried if self._quantity == "positions" else None
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         return self._animation.field(field.name, self.times[start:stop], outside=self._outside)
@@ -149,7 +153,11 @@ class LinearInterpolation(MeshSequence):
             )
         self.metadata = source.metadata
         self.notices = source.notices
-        self.fields, self.carried = source.fields, source.carried
+        self.fields = source.fields
+
+    @cached_property
+    def carried(self) -> SceneSource | None:  # type: ignore[override]  # read when it is first needed
+        return self._source.carried
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.empty(field.shape(stop - start, self.objects), field.dtype)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field, selected_objects
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import MeshSequence, SceneSource, check_frame_range
 from pdecodec.mesh.times import check_times
 from pdecodec.system.arguments import shown
 
@@ -44,7 +44,11 @@ class FrameSelection(MeshSequence):
         self.times, self.fps = check_times(chosen.size, source.times[chosen], _rate(chosen, source.fps))
         self.metadata = source.metadata
         self.notices = source.notices
-        self.fields, self.carried = source.fields, source.carried
+        self.fields = source.fields
+
+    @cached_property
+    def carried(self) -> SceneSource | None:  # type: ignore[override]  # read when it is first needed
+        return self._source.carried
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -162,8 +166,12 @@ class ObjectSelection(MeshSequence):
         self.metadata = source.metadata
         self.notices = source.notices
         self.fields, self._rows = selected_objects(source.fields, source.objects, chosen)
-        scene, is_whole = source.carried, len(chosen) == len(known)
-        self.carried = scene if is_whole or scene is None else scene.of_some_objects()
+        self._is_whole = len(chosen) == len(known)
+
+    @cached_property
+    def carried(self) -> SceneSource | None:  # type: ignore[override]  # read when it is first needed
+        scene = self._source.carried
+        return scene if self._is_whole or scene is None else scene.of_some_objects()
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         return self._source.read_frames(start, stop)[:, self._vertices]

@@ -198,3 +198,17 @@ def test_a_hostile_scene_leaves_the_meshes_and_is_named_in_one_line(
     assert [one.name for one in out.iterdir()] == ["b.glb"]
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.pdeanim", "out"]
     assert not read_gltf(out / "b.glb").listed("cameras")
+
+
+def test_a_damaged_scene_stops_only_those_who_write_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = carrying(tmp_path)
+    data = bytearray(file.read_bytes())
+    data[-1] ^= 1
+    file.write_bytes(data)
+    assert run(["decode", str(file), "-o", str(tmp_path / "b.npz"), "--frames", "1:3"]) == 0
+    assert run(["decode", str(file), "-o", str(tmp_path / "b.glb"), "--scene", "drop"]) == 0
+    assert run(["info", str(file)]) == 0
+    assert "damaged (section SCEN" in capsys.readouterr().out
+    assert run(["decode", str(file), "-o", str(tmp_path / "c.glb")]) == 4
+    assert "pass --scene drop to write the meshes alone" in capsys.readouterr().err
+    assert not (tmp_path / "c.glb").exists()
