@@ -138,7 +138,8 @@ class CarriedFile:
             return None
         family: Family = load(self._entry, self._entry.carrier, "read", self._path)()
         fits, _ = match_objects(sequence, original, self._path)
-        found = family.strip(original, self._path, fits, exact_uvs=exact_uvs)
+        with _damage_named():
+            found = family.strip(original, self._path, fits, exact_uvs=exact_uvs)
         if found is None:
             return None
         contents = {noun: count for noun, count in found.contents.items() if count}

@@ -116,8 +116,9 @@ def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) 
     """Yield the arrays of a moved mesh, object `number`, that the decoder knows: an accessor, and its place there."""
     part = original.shapes[one.index]
     mesh, file = part.mesh, original.file
-    if mesh.gather is not None or mesh.corner_rows is not mesh.connectivity.face_indices:
-        # Its rows are those that our writer recorded next to it.
+    corners = mesh.connectivity.face_indices
+    if mesh.gather is not None or mesh.corner_rows is not corners or (mesh.connectivity.face_counts != 3).any():
+        # Its rows and faces are those that our writer recorded next to it.
         return
     turned = not one.item.connectivity.same_as(mesh.connectivity)
     place = {"object": number, **({"turned": True} if turned else {})}
@@ -129,9 +130,12 @@ def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) 
             return
         accessors = file.listed("accessors")
         indices, positions = primitive.get("indices"), accessors[primitive["attributes"]["POSITION"]]
+        count = (positions if indices is None else accessors[indices])["count"]
+        if corner + count > corners.size:
+            return
         if indices is not None and _is_plain(file, indices):
             yield {"accessor": indices, **place, "first": corner, "start": start}
-        corner += (positions if indices is None else accessors[indices])["count"]
+        corner += count
         for name, index in primitive["attributes"].items():
             known = role_name(UV, name, ("TEXCOORD_0",))
             if exact_uvs and name.startswith("TEXCOORD_") and known in uvs and _is_plain(file, index, "<f4"):
@@ -211,20 +215,17 @@ def _replaced_bytes(
     root = file.root
     users = [(entry["mesh"], index) for index, entry in enumerate(file.listed("nodes")) if "mesh" in entry]
     moved = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in nodes}
-    slots: set[int] = set()
+    slots, others = set[int](), set(kept)
     for number, mesh in enumerate(file.listed("meshes")):
         for primitive in mesh["primitives"]:
-            own = [
-                *primitive["attributes"].items(),
-                *(pair for one in primitive.get("targets", []) for pair in one.items()),
-            ]
-            of_motion = {index for name, index in own if number in moved and name.startswith(_MOVED)}
-            slots |= of_motion
-            kept = kept | ({index for _, index in own} - of_motion) | {primitive.get("indices", -1)}
-    kept = kept | (set(range(len(file.listed("accessors")))) - slots)
+            targets = (pair for one in primitive.get("targets", []) for pair in one.items())
+            for name, index in (*primitive["attributes"].items(), *targets):
+                (slots if number in moved and name.startswith(_MOVED) else others).add(index)
+            others.add(primitive.get("indices", -1))
+    others |= set(range(len(file.listed("accessors")))) - slots
     zeros = {index: np.zeros(len(data), bool) for index, data in buffers.items()}
     # What is kept wins over what is replaced, byte by byte.
-    for accessors, is_replaced in ((slots - kept, True), (kept - {-1}, False)):
+    for accessors, is_replaced in ((slots - others, True), (others - {-1}, False)):
         for index in accessors:
             if _is_plain(file, index):
                 buffer, places, _ = _places(root, index, buffers)

@@ -19,7 +19,7 @@ from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.selection import FrameSelection
 from tests.support.gltf_listing import GltfListing
-from tests.support.scene_cases import SPACE, body, scene
+from tests.support.scene_cases import SPACE, body, needed, scene
 
 LONG = partial(pytest.param, marks=pytest.mark.long)
 """A file that takes over five seconds."""
@@ -327,3 +327,19 @@ def test_obj_files_without_materials_carry_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("# by hand\no a\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     report = pdecodec.encode(tmp_path / "a.obj")
     assert (report.scene_bytes, report.scene_note) == (0, "")
+
+
+@pytest.mark.parametrize("extension", ["abc", "usda", "usdz", "glb", "gltf", "obj"])
+@pytest.mark.parametrize("as_one", [True, False])
+def test_what_we_wrote_has_no_scene_or_one_that_comes_back(tmp_path: Path, extension: str, as_one: bool) -> None:
+    needed(extension)
+    original = scene([body(), body("root/other", ())], frames=1 if extension == "obj" else 4, **SPACE)
+    source = tmp_path / f"a.{extension}"
+    write_sequence(original, source)
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim")
+    assert report.scene_note == ""
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        chosen = animation if as_one else FrameSelection(animation, [0])
+        assert not [one for one in pdecodec.write_sequence(chosen, tmp_path / f"b.{extension}") if "left out" in one]
+    with pdecodec.open_sequence(source) as old, pdecodec.open_sequence(tmp_path / f"b.{extension}") as new:
+        assert {one.name for one in new.objects} == {one.name for one in old.objects}
