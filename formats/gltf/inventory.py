@@ -119,7 +119,7 @@ def _holders(root: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
                 inner = [one for key in _INNER_LISTS.get(kind, ()) for one in entry.get(key, ())]
-                targets = [one["target"] for one in inner if "target" in one]
+                targets = [one["target"] for one in inner if isinstance(one.get("target"), dict)]
                 yield from ((kind, one) for one in (entry, *inner, *targets))
 
 

@@ -9,8 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pdecodec.formats import open_sequence
+import numpy as np
+
+from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import MATERIAL, face_sets
+from pdecodec.mesh.sequence import ArraySequence
 
 READ = ("POSITION", "NORMAL", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_")
 """Beginnings of the names of attributes that are read."""
@@ -146,3 +149,14 @@ def test_every_shared_file_has_what_a_plain_listing_of_it_has(shared_data: Path)
             used |= {materials[one["material"]] for one in primitives if "material" in one}
         assert (len(items), whole.vertex_count, whole.face_count) == (objects, rows, triangles), path.name
         assert {label for item in items for label, _ in face_sets(item, MATERIAL)} == used, path.name
+
+
+def test_an_animation_that_is_not_read_may_have_any_target(tmp_path: Path) -> None:
+    points = np.zeros((2, 3, 3)) + np.eye(3)
+    points[1, 0] += 0.5
+    write_sequence(ArraySequence(points, faces=[[0, 1, 2]]), tmp_path / "a.gltf")
+    root = json.loads((tmp_path / "a.gltf").read_text())
+    root["animations"].append({"name": "other", "channels": [{"sampler": 0, "target": 4}], "samplers": [{}]})
+    (tmp_path / "a.gltf").write_text(json.dumps(root))
+    with open_sequence(tmp_path / "a.gltf") as sequence:
+        assert np.array_equal(sequence.read_frames(0, 2), points.astype(np.float32))

@@ -180,6 +180,7 @@ def of_npz(random_: random.Random, data: bytes) -> bytes:
     """Give members other shapes, types or numbers; remove, rename or compress them."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
+    whole = dict(members)
     for _ in range(random_.randint(1, 2)):
         name = random_.choice([*members])
         kind = random_.randrange(6)
@@ -192,7 +193,7 @@ def of_npz(random_: random.Random, data: bytes) -> bytes:
         elif kind == 3:
             members[name] = of_text(random_, members[name][:128]) + members[name][128:]
         else:
-            members[name] = _array(random_, members[name])
+            members[name] = _array(random_, whole[name])
         if not members:
             break
     out = io.BytesIO()
