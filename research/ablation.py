@@ -53,6 +53,7 @@ DECISIONS: Mapping[str, Mapping[str, Any]] = {
     "estimate from a sample": {"small_mesh_vertices": 2**31},
     "full search of small clips": {"small_clip_positions": 0},
     "smallest sample": {"sample_vertices": 1},
+    "every other frame in a sample": {"sample_frames": 2**31},
     "dearer large patches": {"large_patch_gain": 0.0},
     "dead zone of lone coefficients": {"dead_zones": ((0.6, 0.6),)},
     "end of refinement without gain": {"refining_gain": 0.0},

@@ -23,6 +23,11 @@ from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
 
+FRAME_RUN = 8
+"""Length of the runs of frames of which every other one is sampled; runs, because residuals are coded by the
+frame before.
+"""
+
 WHOLE_DEPTHS = 8
 """Depth of the partition tree down to which all nodes are in the sample: they are few."""
 
@@ -93,9 +98,11 @@ class _Sample:
         First position of each element among the vertices.
     order : (m,) int32
         Positions of the vertices: 0 to m - 1.
-    points : (frames, m, 3) float32 [scene units]
+    frames : (l,) int64
+        Frames whose residuals are measured.
+    points : (l, m, 3) float32 [scene units]
     copies, weight : float
-        Ratio of all vertices to those in the sample, and estimated ratio of the bits of coefficients.
+        Ratio of all positions to those in the sample, and estimated ratio of the bits of coefficients.
     chosen : (n,) int64
         Subbands of these elements, and of the nodes above them.
     subbands : (starts, kinds, parents)
@@ -112,22 +119,24 @@ class _Sample:
         weight: float,
         like: _Sample | None = None,
     ) -> None:
-        points = fitter.points
+        points, sample_frames = fitter.points, fitter.tuning.sample_frames
         self.elements, self.weight = elements, weight
         self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
         self.vertices = _vertices(basis, elements)
         self.order = np.arange(self.vertices.size, dtype=np.int32)
+        runs = np.arange(len(points))
+        self.frames = runs[runs // FRAME_RUN % 2 == 0] if runs.size > sample_frames else runs
         self.points: Float32Array
         if like and np.array_equal(self.vertices, like.vertices):
             self.points = like.points
         else:
-            self.points = np.empty((len(points), self.vertices.size, 3), np.float32)
+            self.points = np.empty((self.frames.size, self.vertices.size, 3), np.float32)
 
             def take(first: int, end: int) -> None:
-                self.points[first:end] = points[first:end].take(self.vertices, axis=1)
+                self.points[first:end] = points[self.frames[first:end]].take(self.vertices, axis=1)
 
-            in_shares(take, len(points))
-        self.copies = basis.order.size / self.vertices.size
+            in_shares(take, self.frames.size)
+        self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
         starts, kinds, parents = basis.subbands
         self.chosen = basis.subbands_of(elements, least_depth=WHOLE_DEPTHS)
         sizes, depths = np.diff(starts), np.maximum(kinds, -1)
@@ -335,11 +344,11 @@ class Estimate:
     ) -> float:
         fitter, sample = self._fitter, self.sample
         time = functions_of_time(entry, functions, fitter.times)
-        moved = group_functions(entry, time, quantised, self.basis, sample.chosen)
+        moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.chosen)
         model = fitter.held(moved, sample.points, sample.order)
-        limits = margins(entry, time, largest, fitter.residual_step)
+        limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
         residuals, _, _ = model.missing(limits, None, None, False, thread_count())
-        near = np.ones(len(time), np.int64)
+        near = np.ones(sample.frames.size, np.int64)
 
         ways = prediction_choices(residuals, sample.order.size)
         return min(_core.measure_residuals(residuals, sample.starts, way, near, sample.copies) for way in ways)

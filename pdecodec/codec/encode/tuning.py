@@ -80,6 +80,8 @@ class Tuning:
         Smallest sample of an estimate.
     sample_share : float
         Smallest share of the mesh in the sample of an estimate.
+    sample_frames : int [frames]
+        Longest group whose residuals are estimated from all frames; of longer ones, half of the frames are taken.
     tail : float [units]
         Root mean square error that functions of time that are left out may add.
     dead_zones : tuple of (float, float)
@@ -126,6 +128,7 @@ class Tuning:
     small_clip_positions: int = 2**16
     sample_vertices: int = 1024
     sample_share: float = 1 / 8
+    sample_frames: int = 128
     tail: float = 0.06
     dead_zones: tuple[DeadZone, ...] = ((0.6, 0.75),)
     aim: float = 0.75
