@@ -4,28 +4,25 @@ import { findFrame } from "pdeanim/motion.js";
 
 import { OrbitCamera } from "pdeanim/view/camera.js";
 import { decodeBase64, Clip, Original, gunzip } from "pdeanim/view/clip.js";
-import { distances, FrameErrors, findLargest } from "pdeanim/view/errors.js";
+import { Colouring } from "pdeanim/view/colouring.js";
+import { findLargest } from "pdeanim/view/errors.js";
+import { handleKey, listKeys } from "pdeanim/view/keys.js";
 import * as panel from "pdeanim/view/panel.js";
+import { pick } from "pdeanim/view/picking.js";
 import { Stage } from "pdeanim/view/stage.js";
+import { Element, followPointer, History, showNextTo } from "pdeanim/view/values.js";
 
 const SPEEDS = [0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 4];
+
+/** Shortest and longest clip [s] that plays in real time at first; simulations of milliseconds or days do not. */
+const REAL_TIME_SECONDS = [0.5, 120];
+
+/** Time [s] in which other clips play. */
+const FITTED_SECONDS = 6;
 const SHADINGS = { smooth: "smooth", flat: "flat", edges: "smooth with edges", wireframe: "wireframe" };
-const COLOURINGS = [["plain", "one colour"], ["patches", "by patch or curve"]];
 
 /** Names of the views of two clips; A is the first clip, B the second. */
 const VIEWS = { side: "side by side", a: "A only", b: "B only", over: "B as a wireframe over A", change: "A coloured by error" };
-
-const KEYS = [
-  ["space", "play or pause"],
-  ["← →", "previous, next frame; with shift a tenth of a frame"],
-  ["home end", "first, last frame"],
-  ["[ ]", "slower, faster"],
-  ["s", "next shading"],
-  ["c", "next colouring"],
-  ["o", "next object"],
-  ["v", "next view of two clips"],
-  ["f", "show the whole mesh"],
-];
 
 /** Number of times in a group of frames at which the extent of the mesh is sampled. */
 const EXTENT_STEPS = 6;
@@ -37,7 +34,8 @@ class App {
   isPlaying = false;
   object = null;
   frames = 0;
-  errors = null;
+  pointer = null;
+  history = null;
 
   async start(data) {
     const canvas = byId("canvas");
@@ -57,6 +55,7 @@ class App {
     this.camera = new OrbitCamera();
     this.up = data.up;
     this.time = this.animation.start;
+    this.colouring = new Colouring(first);
     this.#setUpControls(data);
     first.show(this.time);
     this.fit();
@@ -66,6 +65,7 @@ class App {
     this.firstFrame = performance.now();
     if (data.original) await this.#takeOriginal(data.original);
     if (this.second) this.#compare();
+    if (this.colouring.choices.length && (!this.second || this.second.isStill)) this.#choose("field0");
     this.#showTables();
     new ResizeObserver(() => this.#resize()).observe(byId("stage"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#resize());
@@ -79,9 +79,16 @@ class App {
     return response.arrayBuffer();
   }
 
-  async #takeOriginal({ name, step, data }) {
-    const differences = new Int16Array(await gunzip(await decodeBase64(data)));
-    this.second = new Original(this.gl, this.first, differences, step, name);
+  /** Errors that are shown: of positions, or of a field. */
+  get errors() {
+    return this.colouring.errors;
+  }
+
+  async #takeOriginal({ name, step, data, fields }) {
+    const unpacked = async (text) => new Int16Array(await gunzip(await decodeBase64(text)));
+    const own = new Map();
+    for (const field of fields) own.set(field.name, { step: field.step, differences: field.data && (await unpacked(field.data)) });
+    this.second = new Original(this.gl, this.first, { name, step, differences: await unpacked(data), fields: own });
   }
 
   #compare() {
@@ -89,16 +96,32 @@ class App {
     if (a.runCount > 1 || b.runCount > 1 || a.vertexCount !== b.vertexCount) {
       this.say("no distances: the two clips have different vertices");
     } else {
-      this.errors = new FrameErrors(this.first, this.second);
-      this.chart = new panel.ErrorChart(byId("chart"), a, (time) => this.seek(time));
+      this.colouring.compare(this.second);
+      this.chart = new panel.TimeChart(byId("chart"), a, (time) => this.seek(time));
       byId("errors").hidden = false;
-      byId("go").onclick = () => this.#halt(a.times[this.errors.worst.frame]);
+      byId("go").onclick = () => this.halt(a.times[this.errors.worst.frame]);
       byId("other").textContent = this.second.name;
     }
     byId("comparing").hidden = false;
     if (!this.errors) byId("compare").querySelector('[value="change"]').remove();
-    this.#option("colour", this.errors ? [...COLOURINGS, ["error", "by error"]] : COLOURINGS);
+    this.#listColours();
     byId("compare").value = this.errors ? "change" : "side";
+  }
+
+  #listColours() {
+    const select = this.#option("colour", this.colouring.options, byId("colour").value || "plain");
+    select.onchange = () => this.#choose(select.value);
+    this.colouring.choose(select.value, this.time);
+  }
+
+  /** Choose what colours stand for. */
+  #choose(value) {
+    byId("colour").value = value;
+    this.colouring.choose(value, this.time);
+    byId("what").textContent = this.colouring.caption;
+    byId("values").hidden = !this.colouring.shown;
+    this.#pick(null);
+    this.#draw();
   }
 
   /** Fill a select element with (value, text) pairs. */
@@ -120,9 +143,13 @@ class App {
       this.seek(Number(time.value));
     });
     byId("play").onclick = () => (this.isPlaying ? this.pause() : this.play());
-    this.#option("speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), "1");
+    const fitted = (animation.end - animation.start) / FITTED_SECONDS;
+    const isRealTime = !fitted || fitted * FITTED_SECONDS >= REAL_TIME_SECONDS[0] && fitted * FITTED_SECONDS <= REAL_TIME_SECONDS[1];
+    const speeds = SPEEDS.map((speed) => [speed, `${speed} ×`]);
+    if (!isRealTime) speeds.push([fitted, `in ${FITTED_SECONDS} s`]);
+    this.#option("speed", speeds, isRealTime ? "1" : String(fitted));
     this.#option("shading", Object.entries(SHADINGS));
-    this.#option("colour", COLOURINGS);
+    this.#listColours();
     this.#option("compare", Object.entries(VIEWS));
     const names = animation.at(animation.start).objects.map((object, index) => [index, object.name]);
     const isOne = names.length < 2 || animation.runCount > 1;
@@ -134,17 +161,50 @@ class App {
       this.#draw();
     };
     this.camera.follow(byId("canvas"), () => this.#draw());
-    document.addEventListener("keydown", (event) => this.#key(event));
+    const hover = (point) => {
+      this.pointer = point;
+      if (!this.isPlaying) this.#showUnder();
+    };
+    followPointer(byId("canvas"), hover, (point) => {
+      this.pointer = point;
+      this.#pick(this.elementAt(point));
+      this.#draw();
+    });
+    document.addEventListener("keydown", (event) => handleKey(this, event));
     const { length } = data.clips;
     byId("summary").textContent = `${animation.frameCount} frames, ${panel.formatBytes(this.animation.fileSize)}${
       length > 1 ? ` against ${panel.formatBytes(this.clips[1].animation.fileSize)}` : ""
     }`;
-    byId("keys").replaceChildren();
-    for (const [key, what] of KEYS) {
-      const row = byId("keys").insertRow();
-      row.insertCell().innerHTML = `<kbd>${key}</kbd>`;
-      row.insertCell().textContent = what;
-    }
+    listKeys(byId("keys"));
+  }
+
+  /** Return the element of the shown field at a point of the canvas [pixels], null if there is none. */
+  elementAt({ x, y }) {
+    const { shown } = this.colouring;
+    if (!shown?.at(this.time)) return null;
+    const { clientWidth, clientHeight: height } = byId("canvas");
+    const width = this.#view() === "side" ? clientWidth / 2 : clientWidth;
+    const clip = x > width || this.#view() === "b" ? this.second : this.first;
+    const place = { x: x > width ? x - width : x, y, width, height };
+    const hit = pick(this.animation.at(this.time), clip.positions(this.time), this.camera, place, this.object);
+    return hit && new Element(shown, this.time, hit);
+  }
+
+  #showUnder() {
+    const element = this.pointer && this.elementAt(this.pointer);
+    const lines = element && element.describe(this.time, this.first, this.colouring.other);
+    showNextTo(byId("under"), lines, this.pointer, byId("canvas"));
+  }
+
+  #pick(element) {
+    const { other, shown } = this.colouring;
+    this.history = element && new History(byId("history"), element, this.first, other, (time) => this.seek(time));
+    byId("history").toggleAttribute("hidden", !element);
+    byId("picked").textContent = element ? `${shown.label} of ${element.name}` : "Click the mesh for a value over time";
+  }
+
+  #view() {
+    return this.second ? byId("compare").value : "a";
   }
 
   #showTables() {
@@ -152,45 +212,12 @@ class App {
     panel.showBytes(byId("bytes"), this.clips);
   }
 
-  #key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { times, start, end } = this.animation;
-    const frame = findFrame(times, this.time);
-    const step = (direction) => {
-      const gap = times.length > 1 ? (end - start) / (times.length - 1) : 0;
-      if (event.shiftKey) return this.time + 0.1 * direction * gap;
-      const next = direction > 0 || this.time > times[frame] ? frame + Math.max(direction, 0) : frame - 1;
-      return times[Math.min(Math.max(next, 0), times.length - 1)];
-    };
-    const actions = {
-      " ": () => byId("play").click(),
-      ArrowLeft: () => this.#halt(step(-1)),
-      ArrowRight: () => this.#halt(step(1)),
-      Home: () => this.#halt(start),
-      End: () => this.#halt(end),
-      "[": () => this.#next("speed", -1, false),
-      "]": () => this.#next("speed", 1, false),
-      s: () => this.#next("shading"),
-      c: () => this.#next("colour"),
-      o: () => this.#next("object"),
-      v: () => this.second && this.#next("compare"),
-      f: () => {
-        this.fit();
-        this.#draw();
-      },
-    };
-    const action = actions[event.key];
-    if (!action || (event.target instanceof HTMLSelectElement && event.key.startsWith("Arrow"))) return;
-    event.preventDefault();
-    action();
-  }
-
-  #halt(time) {
+  halt(time) {
     this.pause();
     this.seek(time);
   }
 
-  #next(id, step = 1, isRound = true) {
+  next(id, step = 1, isRound = true) {
     const select = byId(id);
     const { length } = select.options;
     const place = select.selectedIndex + step;
@@ -250,7 +277,10 @@ class App {
       this.#draw();
     } else if (this.errors && !this.errors.isDone) {
       this.#drawErrors();
+    } else if (this.history && !this.history.isDone) {
+      this.history.draw(this.time);
     }
+    if (this.history && !this.history.isDone) this.history.step();
     if (this.errors && !this.errors.isDone) this.errors.step();
     this.first.prefetch(this.time);
     requestAnimationFrame((next) => this.#tick(next));
@@ -263,7 +293,7 @@ class App {
     canvas.height = Math.max(Math.round(canvas.clientHeight * scale), 1);
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => panel.parseColour(style.getPropertyValue(name).trim());
-    this.look = { page: colour("--page"), mesh: colour("--mesh"), other: colour("--second"), pointSize: 3 * scale };
+    this.look = { page: colour("--page"), mesh: colour("--mesh"), other: colour("--second"), missing: colour("--missing"), pointSize: 3 * scale };
     panel.drawTicks(byId("ticks"), this.animation, style.getPropertyValue("--quiet"));
     this.#draw();
   }
@@ -271,18 +301,18 @@ class App {
   #draw() {
     if (!this.look) return;
     const { first, second, time } = this;
-    const view = second ? byId("compare").value : "a";
+    const view = this.#view();
     first.show(time);
     if (second && view !== "a" && view !== "change") second.show(time);
-    const most = this.errors?.scale ?? 1;
-    const isHeat = this.errors && (view === "change" || byId("colour").value === "error");
-    if (isHeat) first.model.setErrors(distances(first.positions(time), second.positions(time)));
+    const drawn = { b: [second], side: [first, second] }[view] ?? [first];
+    const scale = this.colouring.apply(view, drawn, time);
     const item = (clip, own = {}) => ({
       model: clip.model,
       object: this.object,
       shading: byId("shading").value,
-      colouring: isHeat && clip === first ? "error" : isHeat ? "plain" : byId("colour").value,
-      most,
+      colouring: scale ? (scale.clips.includes(clip) ? "values" : "plain") : byId("colour").value,
+      map: scale?.map,
+      isSplit: Boolean(scale?.isSplit),
       plain: this.look.mesh,
       ...own,
     });
@@ -298,10 +328,10 @@ class App {
       ],
     };
     this.stage.draw(views[view](), this.camera, this.look);
-    this.#showState(view, isHeat, most);
+    this.#showState(view, scale);
   }
 
-  #showState(view, isHeat, most) {
+  #showState(view, scale) {
     byId("time").value = this.time;
     byId("now").textContent = panel.formatTime(this.animation, this.time);
     const names = view === "side" ? [this.first.name, this.second.name] : [];
@@ -313,34 +343,37 @@ class App {
         return label;
       }),
     );
-    const legend = byId("legend");
-    legend.hidden = !isHeat;
-    if (isHeat) {
-      legend.innerHTML = `<i style="background:${COLOUR_RAMP}"></i><div><span>0</span><span>distance</span><span>${panel.formatLength(most)}</span></div>`;
-    }
+    byId("legend").hidden = !scale;
+    if (scale) panel.showLegend(byId("legend"), scale);
+    byId("none").hidden = !scale?.isMissing;
     this.#drawErrors();
+    this.#showUnder();
+    this.history?.draw(this.time);
+    const isPicked = this.history?.element.run === this.animation.at(this.time);
+    this.#mark("pick", isPicked ? this.history.element.vertex : null);
   }
 
   #drawErrors() {
     if (!this.errors) return;
-    const { errors } = this;
-    this.chart.draw(errors, this.time);
+    const { errors, colouring } = this;
+    panel.drawErrors(this.chart, errors, this.time);
     byId("measured").textContent = errors.isDone ? "" : `(${errors.count} of ${errors.most.length} frames measured)`;
-    const { value, vertex, frame } = errors.worst;
-    this.#markWorst();
-    byId("worst").textContent = `Worst: ${panel.formatLength(value)} at vertex ${vertex} in frame ${frame}.`;
+    const { value, element, frame } = errors.worst;
+    const isShown = this.time === this.animation.times[frame] && this.#view() === "change";
+    this.#mark("mark", isShown ? colouring.vertexOf(element, this.time) : null);
+    byId("worst").textContent = `Worst: ${panel.formatLength(value)} at ${colouring.element} ${element} in frame ${frame}.`;
   }
 
-  /** Place a ring around the worst vertex if its frame is shown and A is coloured by error. */
-  #markWorst() {
-    const { vertex, frame } = this.errors.worst;
-    const mark = byId("mark");
-    mark.hidden = this.time !== this.animation.times[frame] || byId("compare").value !== "change";
+  /** Place a ring around a vertex; hide it if there is none. */
+  #mark(id, vertex) {
+    const mark = byId(id);
+    mark.hidden = vertex === null;
     if (mark.hidden) return;
     const point = this.first.positions(this.time).subarray(3 * vertex, 3 * vertex + 3);
     const { clientWidth, clientHeight } = byId("canvas");
-    const [x, y] = this.camera.placeOf(point, clientWidth / clientHeight);
-    mark.style.left = `${100 * x}%`;
+    const share = this.#view() === "side" ? 0.5 : 1;
+    const [x, y] = this.camera.projector((share * clientWidth) / clientHeight)(point);
+    mark.style.left = `${100 * share * x}%`;
     mark.style.top = `${100 * y}%`;
   }
 
@@ -353,12 +386,11 @@ class App {
   }
 
   worstVertexNow() {
-    return findLargest(distances(this.first.positions(this.time), this.second.positions(this.time)));
+    return findLargest(this.errors.measure(this.time));
   }
 }
 
-const COLOUR_RAMP = "linear-gradient(90deg, #29459e, #219e99, #fad44a, #d62629)";
-const WIRES = { shading: "wireframe", colouring: "plain" };
+const WIRES = { shading: "wireframe", colouring: "plain", isSplit: false };
 
 const app = new App();
 globalThis.pdeanimView = app;

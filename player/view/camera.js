@@ -59,11 +59,24 @@ export class OrbitCamera {
     return found;
   }
 
-  /** Project a point to the picture: fractions of its width and height from the top left. */
-  placeOf(point, aspect) {
+  /** Return a function that projects points to the picture: fractions of its width and height from the top left. */
+  projector(aspect) {
     const matrix = this.matrix(aspect);
-    const row = (k) => point[0] * matrix[k] + point[1] * matrix[4 + k] + point[2] * matrix[8 + k] + matrix[12 + k];
-    return [0.5 + row(0) / row(3) / 2, 0.5 - row(1) / row(3) / 2];
+    return (point) => {
+      const row = (k) => point[0] * matrix[k] + point[1] * matrix[4 + k] + point[2] * matrix[8 + k] + matrix[12 + k];
+      return [0.5 + row(0) / row(3) / 2, 0.5 - row(1) / row(3) / 2];
+    };
+  }
+
+  /** Return the ray through a point of the picture: the eye, and the direction. */
+  rayOf(x, y, aspect) {
+    const { right, above, back } = this.axes();
+    const height = Math.tan(FIELD_OF_VIEW / 2) / Math.min(aspect, 1);
+    const [across, up] = [(2 * x - 1) * aspect * height, (1 - 2 * y) * height];
+    return {
+      eye: this.target.map((value, axis) => value + this.distance * back[axis]),
+      direction: back.map((value, axis) => across * right[axis] + up * above[axis] - value),
+    };
   }
 
   turn(x, y) {

@@ -1,5 +1,5 @@
 /** A clip on the page, with the drawable model of the run that is shown; or the original it is compared with. */
-import { findFrame } from "pdeanim/motion.js";
+import { findFramesAround } from "pdeanim/motion.js";
 
 import { Model } from "pdeanim/view/model.js";
 
@@ -21,6 +21,12 @@ export class Clip {
 
   positions(time) {
     return this.animation.at(time).positions(time);
+  }
+
+  /** Values of a field at a time, row after row; null if the run that is shown does not have it. */
+  field(name, time) {
+    const run = this.animation.at(time);
+    return run.fieldList.some((field) => field.name === name) ? run.field(name, time) : null;
   }
 
   /** Prepare the model for drawing at a time; return whether it is a new model (another run). */
@@ -45,26 +51,31 @@ export class Clip {
   }
 }
 
-/** The source of a file, rebuilt from the decoded positions plus stored differences at the frames. */
+/** The source of a file, rebuilt from the decoded values plus stored differences at the frames. */
 export class Original {
-  /** @param {Int16Array} differences for all frames and vertices, in multiples of `step` [scene units] */
-  constructor(gl, clip, differences, step, name) {
-    Object.assign(this, { gl, clip, differences, step, name, model: null });
+  /**
+   * @param {Int16Array} differences of positions for all frames and vertices, in multiples of `step` [scene units]
+   * @param {Map<string, { differences: Int16Array | null, step: number }>} fields the same of fields, null without any
+   */
+  constructor(gl, clip, { name, step, differences, fields }) {
+    Object.assign(this, { gl, clip, name, step, differences, fields, model: null });
+    this.isStill = differences.every((value) => value === 0);
   }
 
   positions(time) {
-    const { animation } = this.clip;
-    const found = this.clip.positions(time);
-    const frame = findFrame(animation.times, time);
-    const next = Math.min(frame + 1, animation.frameCount - 1);
-    const gap = animation.times[next] - animation.times[frame];
-    const share = gap ? Math.min(Math.max((time - animation.times[frame]) / gap, 0), 1) : 0;
-    const size = found.length;
-    for (let k = 0; k < size; k++) {
-      const [before, after] = [this.differences[frame * size + k], this.differences[next * size + k]];
-      found[k] += this.step * (before + share * (after - before));
-    }
-    return found;
+    return this.#restored(this.clip.positions(time), time, this);
+  }
+
+  field(name, time) {
+    const found = this.clip.field(name, time);
+    const own = this.fields.get(name);
+    return found && own && (own.differences ? this.#restored(found, time, own) : found);
+  }
+
+  #restored(found, time, { differences, step }) {
+    const { frames, shares } = findFramesAround(this.clip.animation.times, time);
+    const [before, after] = frames.map((frame) => frame * found.length);
+    return found.map((value, k) => value + step * (shares[0] * differences[before + k] + shares[1] * differences[after + k]));
   }
 
   show(time) {

@@ -23,13 +23,13 @@ export function findLargest(values) {
 }
 
 export class FrameErrors {
-  constructor(first, second) {
-    Object.assign(this, { first, second });
-    const { frameCount } = first.animation;
-    this.most = new Float64Array(frameCount);
-    this.rms = new Float64Array(frameCount);
+  /** `measure(time)` returns the errors of all elements. */
+  constructor(times, measure) {
+    Object.assign(this, { times, measure });
+    this.most = new Float64Array(times.length);
+    this.rms = new Float64Array(times.length);
     this.count = 0;
-    this.worst = { value: 0, vertex: 0, frame: 0 };
+    this.worst = { value: 0, element: 0, frame: 0 };
   }
 
   get isDone() {
@@ -41,16 +41,15 @@ export class FrameErrors {
     const until = performance.now() + SLICE_MS;
     while (!this.isDone && performance.now() < until) {
       const frame = this.count++;
-      const time = this.first.animation.times[frame];
-      const found = distances(this.first.positions(time), this.second.positions(time));
+      const found = this.measure(this.times[frame]);
       const { value, place } = findLargest(found);
       this.most[frame] = value;
       this.rms[frame] = Math.sqrt(found.reduce((sum, own) => sum + own * own, 0) / Math.max(found.length, 1));
-      if (value > this.worst.value) this.worst = { value, vertex: place, frame };
+      if (value > this.worst.value) this.worst = { value, element: place, frame };
     }
   }
 
-  /** The largest distance so far, as the scale of charts and colours. */
+  /** The largest error so far, as the scale of charts and colours. */
   get scale() {
     return this.worst.value || 1;
   }

@@ -41,7 +41,7 @@ class Pictures {
     });
     const camera = new OrbitCamera();
     camera.fit(low, high);
-    const item = { model: clip.model, object: null, shading: "smooth", colouring: "plain", most: 1, plain: this.mesh };
+    const item = { model: clip.model, object: null, shading: "smooth", colouring: "plain", plain: this.mesh };
     this.stage.draw([{ from: 0, to: 1, items: [item] }], camera, this.look);
     canvas.getContext("2d").drawImage(this.canvas, 0, 0);
     note.textContent += `, ${animation.vertexCount} vertices, ${animation.frameCount} frames`;

@@ -1,6 +1,7 @@
 /** Buffers to draw one run of frames: positions and normals, triangles and edges by object, colours. */
 import { GpuMotion } from "pdeanim/gpu.js";
 import { edgesOf, trianglesOf } from "pdeanim/mesh.js";
+import { listVertices } from "pdeanim/motion.js";
 
 /** Hues of consecutive elements are a golden angle apart [degrees], so that neighbours differ. */
 const GOLDEN_ANGLE = 137.508;
@@ -14,7 +15,8 @@ export class Model {
     this.#makeIndices("triangles", objects, (object) => trianglesOf([object]).triangles);
     this.#makeIndices("edges", objects, (object) => edgesOf([object]));
     this.#makeIndices("points", objects, listLoosePoints);
-    this.errors = this.#buffer(gl.ARRAY_BUFFER, new Float32Array(animation.vertexCount));
+    this.values = this.#buffer(gl.ARRAY_BUFFER, new Float32Array(2 * animation.vertexCount));
+    this.cornerValues = null;
     this.colours = null;
   }
 
@@ -32,15 +34,38 @@ export class Model {
     this.colours = this.#buffer(this.gl.ARRAY_BUFFER, bytes);
   }
 
-  setErrors(values) {
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.errors);
-    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 0, values);
+  /**
+   * Set the values that drawn vertices show, as shares of a range: the value of a row for each, no value for row -1.
+   * With `isSplit`, drawn vertices are the corners of triangles. Return whether positions have to be computed again.
+   */
+  setValues(values, { low, high }, rows = null, isSplit = false) {
+    const count = rows?.length ?? values.length;
+    const pairs = new Float32Array(2 * count);
+    for (let k = 0; k < count; k++) {
+      const value = rows ? values?.[rows[k]] : values[k];
+      if (!Number.isFinite(value)) continue;
+      pairs[2 * k] = (value - low) / (high - low || 1);
+      pairs[2 * k + 1] = 1;
+    }
+    const isNew = isSplit && this.#split();
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, isSplit ? this.cornerValues : this.values);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, pairs, this.gl.DYNAMIC_DRAW);
+    return isNew;
+  }
+
+  /** Have positions of the corners of triangles, too; return whether that is new. */
+  #split() {
+    if (this.cornerValues) return false;
+    this.cornerValues = this.#buffer(this.gl.ARRAY_BUFFER, new Float32Array(0));
+    this.motion.close();
+    const { triangles } = trianglesOf(this.animation.objects);
+    this.motion = new GpuMotion(this.gl, this.animation, [listVertices(this.animation), triangles]);
+    return true;
   }
 
   close() {
     for (const name of ["triangles", "edges", "points"]) this.gl.deleteBuffer(this[name].buffer);
-    this.gl.deleteBuffer(this.errors);
-    if (this.colours) this.gl.deleteBuffer(this.colours);
+    for (const buffer of [this.values, this.cornerValues, this.colours]) this.gl.deleteBuffer(buffer);
     this.motion.close();
   }
 

@@ -1,6 +1,8 @@
 /** Tables, the error chart, and the frame marks under the time slider. */
 import { findFrame } from "pdeanim/motion.js";
 
+import { MAPS } from "pdeanim/view/fields.js";
+
 const SECTION_NAMES = {
   SEQN: "times, names",
   NAME: "names of objects",
@@ -14,6 +16,9 @@ const SECTION_NAMES = {
   CORR: "corrections",
   ATTR: "attributes",
   META: "remarks",
+  FLDS: "headers of fields",
+  FDAT: "values of fields",
+  RFLD: "fields of runs",
   RUNS: "table of runs",
   RDAT: "runs of frames",
 };
@@ -29,7 +34,13 @@ export function formatBytes(bytes) {
   return `${power ? (bytes / 1000 ** power).toPrecision(3) : bytes} ${units[power]}`;
 }
 
-export const formatLength = (value) => (value === 0 ? "0" : value.toPrecision(3));
+/** Format a value with four digits; whole numbers as they are. */
+export const formatNumber = (value) => {
+  if (!Number.isFinite(value)) return "none";
+  return String(Number.isInteger(value) && Math.abs(value) < 1e9 ? value : Number(value.toPrecision(4)));
+};
+
+export const formatLength = (value) => String(Number(value.toPrecision(3)));
 
 function row(cells) {
   const found = document.createElement("tr");
@@ -51,10 +62,11 @@ export function showFacts(table, animation) {
     ["faces", sum("faceSizes")],
     ["lines", sum("lineSizes")],
     ["frames", `${animation.frameCount} at ${Number(animation.frameRate.toPrecision(6))} per second`],
-    ["seconds", (animation.end - animation.start).toFixed(3)],
+    ["seconds", formatSeconds(animation, animation.end - animation.start)],
     ["runs of frames, each with its own faces", animation.runCount],
     ["groups of frames", run.groupCount],
     ["functions of time per group", [...new Set([Math.min(...functions), Math.max(...functions)])].join(" to ")],
+    ["fields", run.fieldList.map((field) => field.name).join(", ")],
     ["attributes", [...new Set(run.objects.flatMap((_, k) => run.attributes(k).map((own) => own.name)))].join(", ")],
   ];
   const shown = rows.filter(([, value]) => value && !(value === 1 && rows.length > 3));
@@ -112,41 +124,78 @@ function element(name, attributes, text) {
   return found;
 }
 
-/** A chart of the largest and the rms distance per frame, with the current time. */
-export class ErrorChart {
+/** Width [pixels] of the numbers on the left of a chart. */
+const CHART_LEFT = 52;
+
+/** A chart of numbers per frame, with the current time; a click goes to a time. */
+export class TimeChart {
   constructor(svg, animation, seek) {
     Object.assign(this, { svg, animation });
-    svg.addEventListener("click", (event) => {
+    svg.onclick = (event) => {
       const box = svg.getBoundingClientRect();
-      const share = (event.clientX - box.left - this.left) / (box.width - this.left);
+      const share = (event.clientX - box.left - CHART_LEFT) / (box.width - CHART_LEFT);
       seek(animation.start + Math.min(Math.max(share, 0), 1) * (animation.end - animation.start));
-    });
+    };
   }
 
-  left = 52;
-
-  draw(errors, time) {
+  /** Draw series `{ name, values, count, colour }`, the first `count` values of each, in a range with its two texts. */
+  draw(series, time, { low, high, lowText, highText }) {
     const { svg, animation } = this;
     const [width, height] = [svg.clientWidth || 300, svg.clientHeight || 140];
     const bottom = height - 18;
-    const x = (at) => this.left + ((at - animation.start) / (animation.end - animation.start || 1)) * (width - this.left - 2);
-    const y = (value) => bottom - (value / errors.scale) * (bottom - 8);
-    const path = (values) => {
-      const places = Array.from({ length: errors.count }, (_, k) => `${x(animation.times[k])},${y(values[k])}`);
-      return { points: places.join(" "), fill: "none", "stroke-width": 1.5 };
-    };
+    const x = (at) => CHART_LEFT + ((at - animation.start) / (animation.end - animation.start || 1)) * (width - CHART_LEFT - 2);
+    const y = (value) => bottom - ((value - low) / (high - low || 1)) * (bottom - 8);
     const text = { fill: "var(--quiet)", "font-size": 11 };
+    const drawn = [element("line", { x1: CHART_LEFT, x2: width, y1: bottom, y2: bottom, stroke: "var(--edge)" })];
+    let left = CHART_LEFT;
+    for (const { name, values, count, colour } of series) {
+      let command = "M";
+      let path = "";
+      for (let frame = 0; frame < count; frame++) {
+        const isThere = Number.isFinite(values[frame]);
+        if (isThere) path += `${command}${x(animation.times[frame]).toFixed(1)},${y(values[frame]).toFixed(1)}`;
+        command = isThere ? "L" : "M";
+      }
+      drawn.push(element("path", { d: path, fill: "none", "stroke-width": 1.5, stroke: colour }));
+      drawn.push(element("text", { ...text, x: left, y: height - 3, fill: colour }, name));
+      left += 8 + 6.5 * name.length;
+    }
     svg.replaceChildren(
-      element("line", { x1: this.left, x2: width, y1: bottom, y2: bottom, stroke: "var(--edge)" }),
-      element("polyline", { ...path(errors.most), stroke: "var(--second)" }),
-      element("polyline", { ...path(errors.rms), stroke: "var(--accent)" }),
-      element("text", { ...text, x: 0, y: 14 }, formatLength(errors.scale)),
-      element("text", { ...text, x: 0, y: bottom }, "0"),
-      element("text", { ...text, x: this.left, y: height - 3, fill: "var(--second)" }, "largest"),
-      element("text", { ...text, x: this.left + 52, y: height - 3, fill: "var(--accent)" }, "root mean square"),
+      ...drawn,
+      element("text", { ...text, x: 0, y: 14 }, highText),
+      element("text", { ...text, x: 0, y: bottom }, lowText),
       element("line", { x1: x(time), x2: x(time), y1: 0, y2: bottom, stroke: "var(--text)", "stroke-dasharray": "2 3" }),
     );
   }
+}
+
+/** Draw the largest and the root mean square error per frame. */
+export function drawErrors(chart, errors, time) {
+  const { count, scale } = errors;
+  const series = [
+    { name: "largest", values: errors.most, count, colour: "var(--second)" },
+    { name: "root mean square", values: errors.rms, count, colour: "var(--accent)" },
+  ];
+  chart.draw(series, time, { low: 0, high: scale, lowText: "0", highText: formatLength(scale) });
+}
+
+/** Show a map of colours with its two ends and its middle. */
+export function showLegend(legend, { title, map, low, high, notes }) {
+  const ramp = document.createElement("i");
+  ramp.style.background = `linear-gradient(90deg, ${MAPS[map].join(", ")})`;
+  const line = (texts) => {
+    const found = document.createElement("div");
+    for (const text of texts) found.append(Object.assign(document.createElement("span"), { textContent: text }));
+    return found;
+  };
+  const ends = [low, (low + high) / 2, high].map(formatNumber);
+  legend.replaceChildren(line([title]), ramp, line(ends), ...notes.map((note) => line([note])));
+}
+
+/** Format seconds so that frames differ: three decimals, more where frames are closer. */
+export function formatSeconds({ times, start, end }, time) {
+  const gap = (end - start) / Math.max(times.length - 1, 1) || 1;
+  return time.toFixed(Math.min(Math.max(3, 2 - Math.floor(Math.log10(gap))), 12));
 }
 
 /** Format a time: "1.250 s, frame 30.00 of 48". */
@@ -155,7 +204,7 @@ export function formatTime(animation, time) {
   const frame = findFrame(times, time);
   const gap = (times[frame + 1] ?? times[frame]) - times[frame];
   const share = gap ? Math.min(Math.max((time - times[frame]) / gap, 0), 1) : 0;
-  return `${time.toFixed(3)} s, frame ${(frame + share).toFixed(2)} of ${times.length - 1}`;
+  return `${formatSeconds(animation, time)} s, frame ${(frame + share).toFixed(2)} of ${times.length - 1}`;
 }
 
 /** Convert a colour such as "#8fa9c9" to numbers from 0 to 1. */

@@ -6,16 +6,19 @@ import base64
 import gzip
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.player import FOLDER
 
@@ -40,11 +43,15 @@ class Original:
         Size of a step [scene units].
     differences : bytes
         int16 in steps, (frames, vertices, 3), little-endian, compressed by gzip.
+    fields : mapping of str to (float, bytes or None)
+        For each field that both have: size of a step, and differences (frames, rows, components) as above; None if all
+        values are equal.
     """
 
     name: str
     step: float
     differences: bytes
+    fields: Mapping[str, tuple[float, bytes | None]]
 
 
 def difference(animation: Animation, original: MeshSequence, name: str) -> Original:
@@ -68,15 +75,37 @@ def difference(animation: Animation, original: MeshSequence, name: str) -> Origi
             )
     if not np.allclose(animation.times - animation.times[0], original.times - original.times[0], atol=TIME_TOLERANCE):
         raise InputError("has its frames at other times than the .pdeanim file", code="object-mismatch", path=name)
-    parts = []
-    for start, points in original.blocks():
-        decoded = animation.read_frames(start, start + len(points))
-        parts.append((points.astype(np.float64) - decoded).astype(np.float32))
-    found = np.concatenate(parts)
-    largest = float(np.abs(found).max(initial=0.0))
-    step = largest / MAX_STEPS or 1.0
-    steps = np.rint(found / step).astype("<i2")
-    return Original(name, step, gzip.compress(steps.tobytes(), mtime=0))
+    step, differences = _in_steps(
+        _apart(points, animation.read_frames(start, start + len(points))) for start, points in original.blocks()
+    )
+    fields: dict[str, tuple[float, bytes | None]] = {}
+    for field in animation.fields if len(animation.runs) == 1 else ():
+        if any(_rows(one, original) == _rows(field, animation) for one in original.fields):
+            size, apart = _in_steps(
+                _apart(values, animation.read_field(field.name, start, start + len(values)))
+                for start, values in original.field_blocks(field.name)
+            )
+            fields[field.name] = size, apart if size else None
+    return Original(name, step or 1.0, differences, fields)
+
+
+def _rows(field: Field, sequence: MeshSequence) -> tuple[str, str, int, list[int]]:
+    return field.name, field.domain, field.components, field.row_counts(sequence.objects)
+
+
+def _apart(own: NDArray[Any], decoded: NDArray[Any]) -> Float32Array:
+    """Return differences; 0 where a value is not finite."""
+    with np.errstate(invalid="ignore"):
+        apart = own.astype(np.float64) - decoded
+    return np.where(np.isfinite(apart), apart, 0).astype(np.float32)
+
+
+def _in_steps(parts: Iterable[Float32Array]) -> tuple[float, bytes]:
+    """Return the size of a step, 0 if all differences are 0, and the differences in steps, compressed."""
+    found = np.concatenate(list(parts))
+    step = float(np.abs(found).max(initial=0.0)) / MAX_STEPS
+    steps = np.rint(found / (step or 1.0)).astype("<i2")
+    return step, gzip.compress(steps.tobytes(), mtime=0)
 
 
 def view_page(
@@ -94,7 +123,7 @@ def view_page(
     up_axis : {"y", "z"}, optional
         The axis that points up in the picture; y by default.
     """
-    files = [{"name": name, "data": base64.b64encode(data).decode("ascii")} for name, data in clips]
+    files = [{"name": name, "data": _in_base64(data)} for name, data in clips]
     return _page(title, {"clips": files, **_of_original(original)}, up_axis, wasm=_packed_wasm())
 
 
@@ -114,12 +143,20 @@ def list_page(title: str, files: Sequence[tuple[str, int, str]]) -> str:
 def _of_original(original: Original | None) -> dict[str, Any]:
     if original is None:
         return {}
-    data = base64.b64encode(original.differences).decode("ascii")
-    return {"original": {"name": original.name, "step": original.step, "data": data}}
+    fields = [
+        {"name": name, "step": step, "data": data and _in_base64(data)}
+        for name, (step, data) in original.fields.items()
+    ]
+    data = _in_base64(original.differences)
+    return {"original": {"name": original.name, "step": original.step, "data": data, "fields": fields}}
+
+
+def _in_base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
 
 
 def _packed_wasm() -> str:
-    return base64.b64encode(gzip.compress((FOLDER / "pdeanim.wasm").read_bytes(), 9, mtime=0)).decode("ascii")
+    return _in_base64(gzip.compress((FOLDER / "pdeanim.wasm").read_bytes(), 9, mtime=0))
 
 
 def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str, template: str = "index.html") -> str:
@@ -148,5 +185,5 @@ def _imports(folder: Path) -> dict[str, str]:
     for name, path in files.items():
         # A data address has no folder, so relative imports are replaced by names.
         text = re.sub(r'from "\./(\w+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
-        found[name] = "data:text/javascript;base64," + base64.b64encode(text.encode()).decode("ascii")
+        found[name] = "data:text/javascript;base64," + _in_base64(text.encode())
     return {"pdeanim": found["pdeanim/pdeanim.js"], **found}

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdecodec import ArraySequence, Connectivity, MeshObject, encode, open_animation
+from pdecodec import ArraySequence, Connectivity, Field, MeshObject, encode, open_animation
 from pdecodec.cli.main import run
-from pdecodec.formats import open_sequence
+from pdecodec.formats import open_sequence, write_sequence
 from spec.vector_files import accepted_files
 from tests.support.driven_browser import Browser, browsing
 
@@ -116,7 +116,7 @@ def test_the_page_shows_how_far_the_original_is(browser: Browser, clip: tuple[Pa
             original.read_frames(0, FRAMES).astype(np.float64) - animation.read_frames(0, FRAMES), axis=2
         )
     assert np.abs(np.array(most) - expected.max(axis=1)).max() <= 1e-3 * expected.max()
-    assert expected[worst["frame"], worst["vertex"]] == pytest.approx(expected.max(), rel=1e-3)
+    assert expected[worst["frame"], worst["element"]] == pytest.approx(expected.max(), rel=1e-3)
     browser.run("document.getElementById('go').click()")
     assert browser.run("return pdeanimView.time === pdeanimView.animation.times[arguments_[0]]", worst["frame"])
     assert not browser.run("return document.getElementById('mark').hidden")
@@ -203,6 +203,120 @@ def test_a_file_whose_faces_change_plays_run_by_run(browser: Browser, tmp_path: 
             found = browser.run("return pdeanimView.readPositions(arguments_[0]).positions", float(time))
             expected = animation.positions(float(time))
             assert np.abs(np.array(found).reshape(-1, 3) - expected).max() <= GPU_MARGIN * (1 + np.abs(expected).max())
+    assert browser.errors() == []
+
+
+SHADES = {"low": (0x44, 0x01, 0x54), "high": (0xFD, 0xE7, 0x25), "cold": (0x3B, 0x4C, 0xC0), "grey": (0xDD, 0xDD, 0xDD)}
+"""Ends of viridis; the cold end and the middle of the diverging map."""
+
+LOOK_ALONG_Z = "const v = pdeanimView; v.pause(); Object.assign(v.camera, { yaw: 0, pitch: 0 }); v.fit();"
+
+CHOOSE = """
+    const e = document.getElementById("colour");
+    e.value = [...e.options].find((option) => option.text === arguments_[0]).value;
+    e.onchange();
+"""
+
+PIXEL = """
+    const { gl } = v, { width, height } = gl.canvas, [x, y] = v.camera.projector(width / height)(arguments_[1]);
+    const found = new Uint8Array(4);
+    gl.readPixels(Math.round(x * width), Math.round((1 - y) * height), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, found);
+    return [...found].slice(0, 3);
+"""
+
+UNDER = """
+    const canvas = document.getElementById("canvas"), { left, top, width, height } = canvas.getBoundingClientRect();
+    canvas.setPointerCapture = () => {};
+    const [x, y] = v.camera.projector(width / height)(arguments_[1]);
+    const place = { clientX: left + x * width, clientY: top + y * height, pointerId: 1 };
+    for (const type of ["pointerdown", "pointerup"]) canvas.dispatchEvent(new PointerEvent(type, place));
+    while (v.history && !v.history.isDone) v.history.step();
+    const under = document.getElementById("under");
+    const lines = under.hidden ? null : [...under.children].map((line) => line.textContent);
+    return [lines, v.history && v.history.series.map((own) => [...own.values].map(String))];
+"""
+
+
+def three_squares() -> ArraySequence:
+    """Return three squares in a row in the xy plane, two objects, with fields of every domain."""
+    part = [
+        Connectivity.from_padded(2 * n + 2, np.array([[2 * k, 2 * k + 2, 2 * k + 3, 2 * k + 1] for k in range(n)]))
+        for n in (2, 1)
+    ]
+    points = np.array([[x, y, 0] for x in (0, 1, 2, 2, 3) for y in (0, 1)], np.float32)
+    time = np.arange(6)
+    heat = np.linspace(300, 400, 10) + 0 * time[:, None]
+    stress = np.array([-5.0, np.nan, 8.0]) * (1 + time[:, None]) / 6
+    corner = np.tile(np.array([0.0] * 4 + [1.0] * 4), (6, 1))
+    fields = [
+        (Field("heat", "vertex", unit="K"), heat.astype(np.float32)),
+        (Field("stress <i>", "face", unit="Pa"), stress.astype(np.float32)),
+        (Field("paint", "corner", objects=(0,)), corner.astype(np.float32)),
+        (Field("is on", "object", bool), np.array([[False, True]] * 6)),
+        (Field("flow", "vertex", components=2), np.stack([3 + 0 * heat, 4 + 0 * heat], axis=2).astype(np.float32)),
+    ]  # fmt: skip
+    objects = [MeshObject("two", part[0]), MeshObject("one", part[1])]
+    return ArraySequence(np.tile(points, (6, 1, 1)), objects=objects, times=time / 2, fields=fields)
+
+
+def test_colours_stand_for_values_of_a_field(browser: Browser, tmp_path: Path) -> None:
+    coded, page = tmp_path / "squares.pdeanim", tmp_path / "page.html"
+    encode(three_squares(), coded)
+    written(coded, "-o", page)
+    ready(browser, page)
+    names = "return [...document.getElementById('colour').options].map((option) => option.text)"
+    choices = ["heat", "stress <i>", "paint", "is on", "flow, magnitude", "flow x", "flow y"]
+    assert browser.run(names) == ["one colour", "by patch or curve", *choices]
+    middles = [[0.5, 0.5, 0], [1.5, 0.5, 0], [2.5, 0.5, 0]]
+    missing = browser.run("return pdeanimView.look.missing.map((part) => 255 * part)")
+    for name, shades in {
+        "stress <i>": (None, missing, None),
+        "paint": (SHADES["low"], SHADES["high"], missing),
+        "is on": (SHADES["low"], SHADES["low"], SHADES["high"]),
+    }.items():
+        for middle, shade in zip(middles, shades, strict=True):
+            found = browser.run(LOOK_ALONG_Z + CHOOSE + PIXEL, name, middle)
+            assert shade is None or np.abs(np.subtract(found, shade)).max() <= 2, (name, middle)
+    browser.run(LOOK_ALONG_Z + CHOOSE + "v.seek(2.5)", "stress <i>")
+    legend = browser.run("return document.getElementById('legend').textContent")
+    assert legend == "stress <i> [Pa]-808"
+    ends = [browser.run(LOOK_ALONG_Z + CHOOSE + PIXEL, "stress <i>", middle) for middle in middles]
+    assert ends[0][2] > ends[0][0], "below zero is blue"
+    assert ends[2][0] > ends[2][2], "above zero is red"
+    assert browser.run("return document.getElementById('none').hidden") is False
+    assert browser.errors() == []
+
+
+def test_the_value_under_the_pointer_is_that_of_the_library(browser: Browser, tmp_path: Path) -> None:
+    source, coded, page = tmp_path / "squares.npz", tmp_path / "squares.pdeanim", tmp_path / "page.html"
+    write_sequence(three_squares(), source)
+    encode(three_squares(), coded, field_tolerance=1e-2)
+    written(coded, "--original", source, "-o", page)
+    ready(browser, page)
+    with open_animation(coded) as animation, open_sequence(source) as original:
+        for name, place, element, row in (
+            ("heat", [0.9, 0.1, 0], "vertex 2 of two", 2),
+            ("stress <i>", [2.5, 0.4, 0], "face 0 of one", 2),
+            ("paint", [1.9, 0.9, 0], "corner 6 of two", 6),
+            ("is on", [2.5, 0.5, 0], "one", 1),
+        ):
+            lines, history = browser.run(LOOK_ALONG_Z + CHOOSE + "v.seek(1);" + UNDER, name, place)
+            assert lines[-1] == element
+            decoded, given = (one.read_field(name, 0, 6)[:, row].astype(float) for one in (animation, original))
+            assert float(lines[0].removeprefix(f"{name}: ").split()[0]) == pytest.approx(decoded[2], rel=1e-3)
+            error = float(lines[1].removeprefix("error: ").split()[0])
+            assert error == pytest.approx(abs(decoded[2] - given[2]), rel=1e-2, abs=1e-4)
+            ours = np.array(history, float)
+            np.testing.assert_allclose(ours[1], decoded)
+            np.testing.assert_allclose(ours[0], given, atol=1e-4 * np.abs(given).max())
+            browser.run("while (!pdeanimView.errors.isDone) pdeanimView.errors.step()")
+            apart = np.abs(animation.read_field(name, 0, 6).astype(float) - original.read_field(name, 0, 6))
+            worst = browser.run("return pdeanimView.errors.worst.value")
+            assert worst == pytest.approx(np.nanmax(apart), rel=1e-3, abs=1e-6)
+        browser.run(LOOK_ALONG_Z + CHOOSE, "flow, magnitude")
+        lines, _ = browser.run(LOOK_ALONG_Z + CHOOSE + UNDER, "flow, magnitude", [0.1, 0.1, 0])
+        assert lines[:2] == ["flow, magnitude: 5", "x 3, y 4"]
+        assert browser.run(LOOK_ALONG_Z + CHOOSE + UNDER, "heat", [5.0, 5.0, 0]) == [None, None]
     assert browser.errors() == []
 
 
