@@ -189,11 +189,11 @@ class Section:
 
 @dataclass(frozen=True)
 class StoredSection:
-    """A section of a file: its place, and the CRC-32 of its bytes."""
+    """A section of a file: its place, and the CRC-32 of its bytes; None for sections of runs, which the core checks."""
 
     offset: int
     length: int
-    checksum: int
+    checksum: int | None
 
 
 def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:

@@ -127,6 +127,11 @@ class Animation(MeshSequence):
             for name, vertices, arrays in zip(names, self._vertex_counts, parts, strict=True)
         )
 
+    @property
+    def stored_sections(self) -> list[_core.Section]:
+        """Places of the sections in the file; of a run, those of its own."""
+        return self._core.sections
+
     @cached_property
     def stored_fields(self) -> list[_core.StoredField]:
         """Headers of section FLDS."""

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -21,11 +22,20 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.appending import AppendingEncoder
-from pdecodec.codec.container import CHUNK_SECTIONS, SECTION_KINDS, Section, Spool, stored_sections, write_container
+from pdecodec.codec.container import (
+    CHUNK_SECTIONS,
+    SECTION_KINDS,
+    Section,
+    Spool,
+    StoredSection,
+    stored_sections,
+    write_container,
+)
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.field.sections import encode_field
 from pdecodec.codec.encode.report import generator
 from pdecodec.codec.opening import open_animation
+from pdecodec.codec.run_encoder import RunTable
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.fields import COPY, FROM_FIELDS, FieldEntry, encode_field_headers, entry_of, joined_entries
 from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
@@ -35,6 +45,7 @@ from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.jumps import jumps_across, shifted
+from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.mesh.times import SHORTEST_TIME_STEP
@@ -80,30 +91,39 @@ Coded = tuple[GroupEntry, tuple[bytes, bytes, bytes]]
 
 
 class CodedFile:
-    """An open file in coded form: its sections and its groups of frames.
+    """An open file, or one run of it, in coded form: its sections and its groups of frames.
 
     Parameters
     ----------
     path : path-like
+    run : int, optional
+        Number of the run, in a file of several.
+    whole : Animation, optional
+        The open file; it stays open.
 
     Raises
     ------
     InputError
-        If it has several runs of frames.
+        If it has several runs of frames, and none is given.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], run: int | None = None, whole: Animation | None = None) -> None:
         self.path = os.fspath(path)
         with ExitStack() as stack:
-            self.animation: Animation = stack.enter_context(open_animation(path))
+            whole = whole or stack.enter_context(open_animation(path))
             self._file: BinaryIO = stack.enter_context(open_regular(path))
             self._sections = dict(stored_sections(self._file))
             if "RUNS" in self._sections:
-                raise InputError(
-                    "has several runs of frames, of which none is cut or joined yet",
-                    code="unsupported-feature",
-                    path=path,
-                )
+                if run is None:
+                    raise InputError(
+                        "has several runs of frames, which are not joined yet", code="unsupported-feature", path=path
+                    )
+                one = whole.runs[run]
+                assert isinstance(one, Animation)
+                self.animation: Animation = one
+                self._sections |= {own.type: StoredSection(own.offset, own.length, None) for own in one.stored_sections}
+            else:
+                self.animation = whole
             self.entries = read_group_table(self.section("GRUP"), self.animation.frame_count)
             self._stack = stack.pop_all()
 
@@ -124,7 +144,9 @@ class CodedFile:
         if stored is None:
             return b""
         data = self._read(stored.offset, stored.length)
-        if zlib.crc32(data) != stored.checksum:
+        if stored.checksum is None:
+            self.animation.check_section(kind)
+        elif zlib.crc32(data) != stored.checksum:
             raise CorruptFileError(
                 f"section {kind} is damaged; encode it again",
                 code="section-checksum",
@@ -236,38 +258,88 @@ def cut_animation(
         If a file cannot be read or written, or is damaged.
     """
     check_writable(Path(path), overwrite=overwrite)
-    with CodedFile(source) as file:
-        edges, animation = file.edges, file.animation
+    with ExitStack() as stack:
+        whole = stack.enter_context(open_animation(source))
+        run_frames = whole.run_frames if isinstance(whole, ChangingSequence) else [whole.frame_count]
+        edges = [0, *np.cumsum(run_frames).tolist()]
         if not 0 <= first < end <= edges[-1]:
             raise SettingsError(
                 f"there are no frames {first} to {end}; the file has {edges[-1]}",
                 code="frame-out-of-range",
                 path=source,
             )
-        whole = [edge for edge in edges if first <= edge <= end]
-        through = [frame for frame in (first, end) if frame not in edges]
-        if through and not recode:
-            places = "; ".join(_nearest(edges, frame, animation) for frame in through)
-            raise SettingsError(f"groups of frames cannot be cut in two: {places}; or code them again", path=source)
+        parts = [
+            (number, max(first - begin, 0), min(end, stop) - begin)
+            for number, (begin, stop) in enumerate(pairwise(edges))
+            if begin < end and first < stop
+        ]
 
-        def pieces() -> Iterator[Coded]:
-            inner = (whole[0], whole[-1]) if whole else (end, end)
-            if first < inner[0]:
-                yield from again(first, inner[0])
-            yield from file.coded(edges.index(inner[0]), edges.index(inner[1])) if whole else ()
-            if inner[1] < end:
-                yield from again(inner[1], end)
+        def opened() -> Generator[_CutRun, None, None]:
+            for number, begin, stop in parts:
+                with CodedFile(source, number, whole) as file:
+                    yield _CutRun(file, begin, stop, effort, progress)
 
-        def again(begin: int, stop: int) -> Iterator[Coded]:
-            frames = FrameSelection(animation, range(begin, stop))
-            coder = file.appending(frames, effort=effort, progress=progress)
-            return ((group.entry, group.chunks) for group in coder.coded())
-
-        kept = whole[-1] - whole[0] if whole else 0
+        for part, (number, _, _) in zip(opened(), parts, strict=True):
+            if not recode:
+                part.check_edges(edges[number], whole.times)
         summary = f"frames {first} to {end - 1} of {edges[-1]}"
-        described = _Described(animation, animation.times[first:end], shifted(animation.jumps, first, end, 0))
-        fields = [(file, first, end)]
-        return _write(file, described, pieces(), fields, summary, end - first - kept, Path(path), overwrite)
+        if len(parts) > 1:
+            return _write_runs(opened(), whole, first, summary, Path(path), overwrite)
+        part = next(stack.enter_context(closing(opened())))
+        fields = [(part.file, part.first, part.end)]
+        return _write(part.file, part.described, part.pieces(), fields, summary, part.again, Path(path), overwrite)
+
+
+@dataclass(frozen=True)
+class _CutRun:
+    """Frames of a run that are cut out."""
+
+    file: CodedFile
+    first: int
+    end: int
+    effort: EffortName
+    progress: Progress | None
+
+    @property
+    def described(self) -> _Described:
+        animation = self.file.animation
+        times, jumps = animation.times[self.first : self.end], shifted(animation.jumps, self.first, self.end, 0)
+        return _Described(animation, times, jumps)
+
+    @property
+    def _whole(self) -> list[int]:
+        """Edges of the groups that are copied."""
+        return [edge for edge in self.file.edges if self.first <= edge <= self.end]
+
+    @property
+    def again(self) -> int:
+        """Number of frames that are coded again."""
+        return self.end - self.first - (self._whole[-1] - self._whole[0] if self._whole else 0)
+
+    def check_edges(self, begin: int, times: Float64Array) -> None:
+        """Raise SettingsError if a group would be cut through; `begin` is the run's first frame in the file."""
+        edges = self.file.edges
+        through = [frame for frame in (self.first, self.end) if frame not in edges]
+        if through:
+            places = "; ".join(_nearest([begin + edge for edge in edges], begin + frame, times) for frame in through)
+            raise SettingsError(
+                f"groups of frames cannot be cut in two: {places}; or code them again", path=self.file.path
+            )
+
+    def pieces(self) -> Iterator[Coded]:
+        """Yield the groups, coded again where they are cut through."""
+        edges, whole = self.file.edges, self._whole
+        inner = (whole[0], whole[-1]) if whole else (self.end, self.end)
+        if self.first < inner[0]:
+            yield from self._again(self.first, inner[0])
+        yield from self.file.coded(edges.index(inner[0]), edges.index(inner[1])) if whole else ()
+        if inner[1] < self.end:
+            yield from self._again(inner[1], self.end)
+
+    def _again(self, begin: int, stop: int) -> Iterator[Coded]:
+        frames = FrameSelection(self.file.animation, range(begin, stop))
+        coder = self.file.appending(frames, effort=self.effort, progress=self.progress)
+        return ((group.entry, group.chunks) for group in coder.coded())
 
 
 def join_animations(
@@ -375,33 +447,92 @@ def _write(
 ) -> CutReport:
     """Write groups of frames with the sections that they share with the first file."""
     times = described.times
-    remarks = {**decode_remarks(head.section("META")), "generator": generator()}
-    remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDIT_SEPARATOR)[0]}{EDIT_SEPARATOR}{summary}"
-    spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
-    try:
-        entries = []
-        for entry, chunks in pieces:
-            entries.append(entry)
-            for spool, chunk in zip(spools[:-1], chunks, strict=True):
-                spool.append(chunk)
-        headers, lost = _write_fields(fields, spools[-1])
-        shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
+    with _Spools(path) as spools:
+        groups, shared, lost = _run_sections(head, pieces, fields, spools)
         sections = [
-            Section("META", encode_remarks(remarks)),
+            _remarks_of(head, summary),
             Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
-            *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
-            Section("GRUP", write_group_table(entries)),
-            *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools[:-1], strict=True)),
-            *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),
-            *([Section("FLDS", headers), Section("FDAT", spools[-1])] if headers else []),
+            *shared,
             *([Section(SCENE_SECTION, scene)] if (scene := head.section(SCENE_SECTION)) else []),
         ]
-        sizes = write_container(path, sections, overwrite=overwrite)
+        size = sum(write_container(path, sections, overwrite=overwrite).values())
+    return CutReport(times.size, groups, size, coded_again, float(times[0]), float(times[-1]), lost)
+
+
+def _write_runs(
+    parts: Iterator[_CutRun], whole: Animation, first: int, summary: str, path: Path, overwrite: bool
+) -> CutReport:
+    """Write frames of several runs, from frame `first` of a file on, as a file of runs."""
+    described: list[_Described] = []
+    more: list[Section] = []
+    groups = again = 0
+    table = RunTable(path)
+    try:
+        for part in parts:
+            with _Spools(path) as spools:
+                fields = [(part.file, part.first, part.end)]
+                count, sections, _ = _run_sections(part.file, part.pieces(), fields, spools)
+                table.add(part.file.animation, sections)
+            if not described:
+                scene = part.file.section(SCENE_SECTION)
+                more = [_remarks_of(part.file, summary), *([Section(SCENE_SECTION, scene)] if scene else [])]
+            described.append(part.described)
+            groups, again = groups + count, again + part.again
+        sequence = ChangingSequence(described, fps=whole.fps)
+        times = sequence.times
+        jumps = shifted(whole.jumps, first, first + times.size, 0)
+        sections = [
+            Section("SEQN", encode_sequence_description(sequence, sorted(jumps))),
+            Section("RUNS", table.to_bytes()),
+            Section("RDAT", table.data),
+            *table.field_sections(),
+        ]
+        size = sum(write_container(path, [*more[:1], *sections, *more[1:]], overwrite=overwrite).values())
     finally:
-        for spool in spools:
+        table.close()
+    return CutReport(times.size, groups, size, again, float(times[0]), float(times[-1]))
+
+
+class _Spools(list[Spool]):
+    """Spools of a run's chunks: those of the groups, and those of the fields."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT"))
+
+    def __enter__(self) -> _Spools:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for spool in self:
             spool.close()
-    size = sum(sizes.values())
-    return CutReport(times.size, len(entries), size, coded_again, float(times[0]), float(times[-1]), lost)
+
+
+def _remarks_of(head: CodedFile, summary: str) -> Section:
+    """Return META of an edited file."""
+    remarks = {**decode_remarks(head.section("META")), "generator": generator()}
+    remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDIT_SEPARATOR)[0]}{EDIT_SEPARATOR}{summary}"
+    return Section("META", encode_remarks(remarks))
+
+
+def _run_sections(
+    head: CodedFile, pieces: Iterator[Coded], fields: Sequence[FieldPart], spools: _Spools
+) -> tuple[int, list[Section], tuple[str, ...]]:
+    """Return the number of groups, the sections of a run, and the names of fields left out."""
+    entries = []
+    for entry, chunks in pieces:
+        entries.append(entry)
+        for spool, chunk in zip(spools[:-1], chunks, strict=True):
+            spool.append(chunk)
+    headers, lost = _write_fields(fields, spools[-1])
+    shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
+    sections = [
+        *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
+        Section("GRUP", write_group_table(entries)),
+        *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools[:-1], strict=True)),
+        *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),
+        *([Section("FLDS", headers), Section("FDAT", spools[-1])] if headers else []),
+    ]
+    return len(entries), sections, lost
 
 
 def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tuple[str, ...]]:
@@ -451,10 +582,9 @@ def _write_fields(parts: Sequence[FieldPart], spool: Spool) -> tuple[bytes, tupl
     return encode_field_headers(entries) if entries else b"", tuple(lost)
 
 
-def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
+def _nearest(edges: Sequence[int], frame: int, times: Float64Array) -> str:
     """Describe the group borders nearest to a frame, for messages."""
     at = int(np.searchsorted(edges, frame))
-    times = animation.times
     near = [
         f"{edge} ({times[edge]:g} s)" if edge < times.size else f"{edge}, the end" for edge in edges[at - 1 : at + 1]
     ]

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import pdecodec
-from pdecodec import ArraySequence, InputError, SettingsError
+from pdecodec import ArraySequence, InputError, MeshSequence, SettingsError
 from pdecodec.cli.main import run
 from pdecodec.codec.editing import CodedFile, cut_animation, join_animations
 from pdecodec.errors import CorruptFileError
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute, MeshObject
+from spec.accepted_fields import runs_with_fields
 from spec.decoder import animation as independent
 from spec.sealing import table_end, take_apart
 from spec.vector_files import accepted_files
@@ -231,9 +232,66 @@ def test_the_command_line_cuts_by_frames_and_times_and_joins(
 
 
 @pytest.mark.parametrize("name", ["runs", "file_of_one_run"])
-def test_files_of_runs_are_refused_by_name(tmp_path: Path, name: str) -> None:
+def test_files_of_runs_are_not_joined(tmp_path: Path, name: str) -> None:
+    path = accepted_files()[name]
+    with pytest.raises(InputError, match="which are not joined yet") as caught:
+        join_animations(path, [path], tmp_path / "out.pdeanim", shift=True)
+    assert (caught.value.code, caught.value.path) == ("unsupported-feature", str(path))
+
+
+def edges_of_run(own: MeshSequence) -> list[int]:
+    assert isinstance(own, pdecodec.Animation)
+    return list(own.group_edges)
+
+
+def assert_is_part(part: pdecodec.Animation, whole: pdecodec.Animation, first: int) -> None:
+    """Check that a file has the times, positions and fields of consecutive frames of another, to the last bit."""
+    end = first + part.frame_count
+    assert part.times.tolist() == whole.times[first:end].tolist()
+    assert list(part.jumps) == [frame - first for frame in whole.jumps if first < frame < end]
+    for cut in part.runs:
+        own = whole.run_at(cut.times[0])
+        start = int(np.searchsorted(own.times, cut.times[0]))
+        stop = start + cut.frame_count
+        assert np.array_equal(cut.read_frames(0, cut.frame_count), own.read_frames(start, stop))
+        assert [item.name for item in cut.objects] == [item.name for item in own.objects]
+        assert cut.connectivity.same_as(own.connectivity)
+        assert cut.fields == own.fields
+        for field in cut.fields:
+            found, expected = cut.read_field(field.name, 0, cut.frame_count), own.read_field(field.name, start, stop)
+            np.testing.assert_array_equal(found, expected, field.name)
+
+
+@pytest.mark.parametrize("name", ["runs", "file_of_one_run", "runs_that_jump", "fields_of_runs", "runs_in_closed_form"])
+def test_runs_are_cut_between_groups_with_their_fields(tmp_path: Path, name: str) -> None:
     path, out = accepted_files()[name], tmp_path / "out.pdeanim"
-    for edit in (lambda: cut_animation(path, out, 0, 1), lambda: join_animations(path, [path], out, shift=True)):
-        with pytest.raises(InputError, match="none is cut or joined yet") as caught:
-            edit()
-        assert (caught.value.code, caught.value.path) == ("unsupported-feature", str(path))
+    with pdecodec.open(path) as whole:
+        starts = np.cumsum([0, *(own.frame_count for own in whole.runs)]).tolist()
+        groups = zip(starts, whole.runs, strict=False)
+        edges = sorted({start + edge for start, own in groups for edge in edges_of_run(own)} | {starts[-1]})
+        for first, end in {(edges[0], edges[-1]), (edges[0], edges[1]), (edges[-2], edges[-1]), (edges[1], edges[-1])}:
+            if first == end:
+                continue
+            report = cut_animation(path, out, first, end, overwrite=True)
+            assert (report.frames, report.coded_again) == (end - first, 0)
+            with pdecodec.open(out) as part:
+                assert_is_part(part, whole, first)
+            assert pdecodec.check_file(out, deep=True).is_sound
+            assert len(independent.decode_runs(out.read_bytes())) >= 1
+
+
+def test_a_cut_through_groups_of_runs_names_frames_of_the_file_and_codes_them_again(tmp_path: Path) -> None:
+    path, out = tmp_path / "runs.pdeanim", tmp_path / "out.pdeanim"
+    pdecodec.encode(runs_with_fields(), path, effort="fast", max_error=1e-4, fields={"bits": "exact"})
+    with pytest.raises(SettingsError, match=r"frame 5 is inside one, which begins at 4 .* ends before 8, the end"):
+        cut_animation(path, out, 2, 5)
+    report = cut_animation(path, out, 1, 7, recode=True)
+    assert (report.frames, report.coded_again) == (6, 4)
+    with pdecodec.open(path) as whole, pdecodec.open(out) as part:
+        assert part.run_frames.tolist() == [1, 2, 3]
+        for field in part.runs[2].fields:
+            found = part.runs[2].read_field(field.name, 0, 3)
+            np.testing.assert_array_equal(found, whole.runs[2].read_field(field.name, 0, 3), field.name)
+        assert np.abs(part.runs[2].read_frames(0, 3) - whole.runs[2].read_frames(0, 3)).max() <= 2e-4
+    with pytest.raises(SettingsError, match="there are no frames 3 to 9; the file has 8"):
+        cut_animation(path, out, 3, 9, overwrite=True)
