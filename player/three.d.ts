@@ -6,7 +6,7 @@ import type { PdeAnimation } from "./pdeanim.js";
 export interface FieldColourOptions {
   /**
    * Default "viridis"; or CSS colours at equal distances. null: no colours; `geometry.attributes.field` holds the numbers,
-   * NaN where there are none.
+   * NaN for vertices without a value.
    */
   colormap?: "viridis" | "coolwarm" | string[] | null;
   /** Values at both ends of the colours [default: those of the source; for a magnitude, from 0]. */

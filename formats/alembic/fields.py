@@ -22,8 +22,9 @@ from pdecodec.mesh.fields import DTYPES, Field, held_or_mixed
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity
 
 NAME_KEY, DTYPE_KEY, UNIT_KEY = "pdecodec_name", "pdecodec_dtype", "pdecodec_unit"
-"""Metadata keys of a parameter that is a field: its name, if Alembic's type says another; its type, which marks it as a
-field; and its unit. Their values are quoted as in addresses, for metadata cannot hold every character.
+"""Metadata keys of a parameter that is a field: its name, if Alembic's type implies another; its type, which
+marks it as a field; and its unit. Their values are quoted as in addresses, because metadata cannot hold every
+character.
 """
 
 DOMAIN_KEY = "pdecodec_domain"
@@ -116,7 +117,7 @@ def field_of_parameter(param: Any, name: str, metadata: Any, connectivity: Conne
         if values is None or not values.size or (taken is not None and len(values) != connectivity.face_indices.size):
             return None
         values = values if taken is None else values[taken]
-        with np.errstate(invalid="ignore"):  # no number of the file need fit the type that its metadata tell
+        with np.errstate(invalid="ignore"):  # numbers of the file need not fit the type in its metadata
             return values.reshape(len(values), -1).astype(field.dtype)
 
     return field, sample

@@ -56,7 +56,7 @@ not write 64-bit integers.
 
 
 def is_velocity(field: Field) -> bool:
-    """Return whether a field is what the shapes of Alembic have a property for."""
+    """Return whether a field is stored in the velocity property of Alembic's shapes."""
     return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
 
 

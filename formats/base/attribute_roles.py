@@ -94,7 +94,7 @@ def source_name(attribute: Attribute, role: str, main: str) -> str:
 
 
 def unique_name(name: str, taken: set[str], separator: str = "_") -> str:
-    """Return a name that is not in `taken`, the given one or that with a number, and add it to `taken`."""
+    """Return the given name, with a number appended if it is in `taken`, and add the result to `taken`."""
     found, number = name, 1
     while found in taken:
         number += 1
@@ -224,8 +224,8 @@ def main_color(item: MeshObject, domain: AttributeDomain = "vertex") -> Attribut
 
 
 def joined_colors(objects: Sequence[MeshObject], domain: Literal["vertex", "face"] = "vertex") -> Float32Array | None:
-    """Return the colours of all objects, (vertices or faces, 3 or 4) float32, white for none; None if there are
-    no colours.
+    """Return the colours of all objects, (vertices or faces, 3 or 4) float32, white for elements without a
+    colour; None if no object has colours.
     """
     found = [main_color(item, domain) for item in objects]
     width = max((color.values.shape[1] for color in found if color is not None), default=0)

@@ -222,7 +222,7 @@ def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
 
 @contextmanager
 def _damage_named() -> Iterator[None]:
-    """Turn what a family stumbles over in a damaged or hostile carrier into one line."""
+    """Turn exceptions that a damaged or hostile carrier causes in a family's code into an error of one line."""
     try:
         yield
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, OSError) as error:
@@ -231,7 +231,7 @@ def _damage_named() -> Iterator[None]:
 
 @contextmanager
 def _frames_in_folder(where: Path, entry: Format) -> Iterator[Path]:
-    """Yield the pattern of frames for a folder, which is made; any other path as it is."""
+    """Yield the output path; for a folder, make it and yield the pattern of its frames."""
     if not entry.frame_per_file or is_frame_pattern(where) or (where.suffix and not where.is_dir()):
         yield where
         return
@@ -248,7 +248,9 @@ def _frames_in_folder(where: Path, entry: Format) -> Iterator[Path]:
 
 
 def _publish(folder: Path, place: Path, companions: Sequence[str], *, overwrite: bool) -> None:
-    """Move what was written in a folder to its parent: companions, unless the same are there, then the outputs."""
+    """Move the files written in a folder to its parent: first companions, except those that exist there
+    unchanged, then the outputs.
+    """
     target = place.parent
     outputs = [one.name for one in sorted(folder.iterdir()) if one.is_file() and one.name not in companions]
     taken = [] if overwrite else [name for name in outputs if (target / name).exists()]

@@ -127,7 +127,7 @@ def _numbered_sequences(folder: Path, pattern: Any) -> list[Any]:
 
 
 def _with_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
-    """Return the sequences with this name: of several paddings only the pattern's own, but a single padding always."""
+    """Return the sequences with this name: those with the padding of the pattern, or all if none has it."""
     same_name = [one for one in numbered if one.basename() == name]
     return [one for one in same_name if one.zfill() == pattern.zfill()] or same_name
 

@@ -61,7 +61,7 @@ class ChangingLooks:
         return same
 
     def fields(self) -> dict[str, tuple[DataKey, Field]]:
-        """Return what changes, by name, and where its values are."""
+        """Return the fields of UVs and colours that change, by name, each with the key of its data."""
         found = {}
         for name in sorted(self._changed - self._uneven):
             key = self._keys[name]

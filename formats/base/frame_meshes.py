@@ -114,7 +114,7 @@ class FrameMeshes:
             )
 
     def fields(self, first: int, frames: int) -> dict[str, tuple[DataKey, Field]]:
-        """Return the fields of the frames of a run, by name, and where their values are."""
+        """Return the fields of the frames of a run by name, each with the key of its data."""
         return {**self.looks(first), **fields_of_frames(self._data[first : first + frames])[0]}
 
     def looks(self, first: int) -> dict[str, tuple[DataKey, Field]]:

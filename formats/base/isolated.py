@@ -146,7 +146,7 @@ def _open(
     facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     known = [one if isinstance(one, Notice) else Notice(one) for one in sequence.notices]
     notices = [(one.text, one.setting, one.value, one.purpose) for one in known]
-    # Arrays of text take the room of the longest one for each.
+    # In an array of text, every element takes the length of the longest text.
     fields = [(one.name, one.domain, str(one.dtype), one.components, one.unit, one.objects) for one in sequence.fields]
     told = {
         "has_scene": sequence.carried is not None,

@@ -70,7 +70,7 @@ def _attribute(field: Field, rows: NDArray[Any], connectivity: Connectivity) -> 
     values, indices, domain = rows, None, field.domain
     has = np.isfinite(rows).all(axis=1) if rows.dtype.kind == "f" else np.ones(len(rows), bool)
     if not has.all():
-        # A row that is not finite stands for none.
+        # A row that is not finite means that there is no value.
         values, indices = rows[has], np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
     if look_role(field) == UV and domain == "vertex":
         own = np.arange(len(rows), dtype=np.int32) if indices is None else indices

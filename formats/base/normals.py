@@ -33,7 +33,9 @@ CORNERS_AT_ONCE = 2**18
 """Number of corners whose normals are computed together, which bounds the memory used."""
 
 ENOUGH_AREA_RATIO = 0.5
-"""The first frame is taken whose most flattened face has this fraction of its area in the best frame."""
+"""Share of the largest area that the most flattened face must keep, relative to the frame where it keeps most:
+the first such frame is the rest shape.
+"""
 
 _DEFAULT_NORMAL = (0.0, 0.0, 1.0)
 """Normal of a vertex without a face, or with faces of no area."""
@@ -220,7 +222,9 @@ class NormalRows:
         return _lengths(self._areas(points))
 
     def least_flattened(self, points: Float32Array) -> int:
-        """Return the frame of (frames, vertices, 3) whose most flattened face keeps most of its largest area."""
+        """Return the first frame of (frames, vertices, 3) in which no face is flattened much more than in the
+        best frame (:data:`ENOUGH_AREA_RATIO`).
+        """
         largest = np.zeros(self._counts.size)
         for frame in points:
             np.maximum(largest, self.face_sizes(frame), out=largest)

@@ -157,7 +157,7 @@ def write_onto(
         matches, notices = match_objects(placed, there, source)
         if entry.times != "exact":
             notices += times_kept(sequence.times, entry.times, title=entry.title)
-        # A scene that was carried has its own, exactly.
+        # A carried scene already holds these fields, without loss.
         if names := [] if is_filled else sorted({one.name for one in sequence.runs[0].fields}):
             notices += (f"fields not kept: {', '.join(names)}",)
         return (*notices, *writer(placed, there, matches, source, output))

@@ -41,7 +41,9 @@ _FORMAT_OPTIONS = ("mesh", "clip", "displacement")
 
 
 CARRIED_FILE, WRITE_SCENE = (f"pdecodec.formats.base.carrying:{name}" for name in ("CarriedFile", "write_scene"))
-"""What takes the scene of a file along and what writes it, which build on this module."""
+"""The class that carries the scene of a file and the function that writes it; loaded by name, because their
+module imports this one.
+"""
 
 
 def open_sequence(

@@ -31,8 +31,8 @@ It takes a path, ``fps``, and those options of :func:`open_sequence` that the fo
 
 
 WRITTEN_BYTES = 2**23
-"""Bytes of positions, and of fields, that writers take at once: with normals and text of them, some three times as
-many are held.
+"""Bytes of positions, and of fields, that writers read at once; with normals and text made from them, they hold
+about three times as much.
 """
 
 

@@ -25,7 +25,7 @@ ENCLOSING_ROUNDS = 4
 """Times that the position furthest from the centre of some positions is added to them."""
 
 WEIGHT_OFFSET = 1e-3
-"""Added to relative distances as weights, so that a vertex that is hit exactly counts again later."""
+"""Added to relative distances as weights, so that a vertex at distance zero keeps some weight."""
 
 PROBED_VERTICES = 16
 """Vertices that are checked before all are."""

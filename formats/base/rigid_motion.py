@@ -108,10 +108,10 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
     """Return the sequence with rigidly moving meshes static under a transform
     (:mod:`pdecodec.formats.base.scene_space`).
 
-    If there is none, that is the sequence itself; else positions are read once more than they are written. A mesh
-    that rotates has the middle of its bounding box at the origin, so that programs rotate it about that between
-    frames. With a bound, and two more readings, meshes that move rigidly within it are included; a line then gives
-    their largest error.
+    If no mesh moves rigidly, this is the given sequence. Finding such meshes reads all positions once more. A mesh
+    that rotates has the middle of its bounding box at the origin, so that programs rotate it about this point
+    between frames. With a bound, meshes that move rigidly within it are included, which takes two more readings; a
+    line then gives their largest error.
     """
     exact = _exact_parts(sequence)
     if bound is None or sequence.frame_count < 2:

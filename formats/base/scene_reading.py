@@ -254,9 +254,10 @@ def gathered_rows(values: NDArray[Any], rows: NDArray[np.integer]) -> NDArray[An
 
 
 def fields_of_shapes(shapes: Sequence[Shape]) -> tuple[tuple[Field, ...], dict[str, dict[int, ShapeField]]]:
-    """Return the fields of several shapes, and by their names what each shape gives to them, by its index.
+    """Return the fields of several shapes, and for each field name the values of each shape, by the shape's index.
 
-    What has one name but several domains, types or numbers of components becomes several fields, with numbers appended.
+    Fields of one name but several domains, types or numbers of components become several fields, with numbers
+    appended.
     """
     found: dict[Field, dict[int, ShapeField]] = {}
     for index, shape in enumerate(shapes):

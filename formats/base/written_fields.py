@@ -16,7 +16,9 @@ from pdecodec.mesh.sequence import BLOCK_BYTES, MeshObject, MeshSequence
 
 @dataclass(frozen=True)
 class WrittenField:
-    """A field, and the name that its data get: that of the field, without what tells it from one on vertices."""
+    """A field, and the name of its data: the field's name without the suffix that distinguishes it from a field
+    on vertices.
+    """
 
     field: Field
     name: str

@@ -259,7 +259,7 @@ class ExodusSequence(MeshSequence):
         return kinds | {"other arrays": [name for name in self._variables if not _KNOWN.fullmatch(name)]}
 
     def _is_ours(self) -> bool:
-        """Return whether the only record is that of our writer, which tells nothing more."""
+        """Return whether the only record is that of our writer, which need not be kept."""
         records = np.asarray(self._variables["qa_records"][:]) if "qa_records" in self._variables else np.zeros(0)
         return records.ndim == 3 and len(records) == 1 and _text(records[0, 0]) == PROGRAM
 

@@ -42,7 +42,7 @@ def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     numbers = _numbers_of_nodes(sequence)
     with output.whole_file() as partial, new_netcdf(partial) as file:
         first = sequence.read_frames(0, 1)[0].astype(np.float64)
-        rest = np.where(np.isfinite(first), first, 0.0)  # what is no number is left to the displacements
+        rest = np.where(np.isfinite(first), first, 0.0)  # values that are not finite are left to the displacements
         _write_header(file, sequence, [*nodal.names, *elemental.names, *(block.name for block in blocks)])
         _write_nodes(file, rest, numbers)
         _write_blocks(file, blocks)
@@ -136,7 +136,7 @@ def _write_blocks(file: NetcdfWriter, blocks: Sequence[Block]) -> None:
             {"elem_type": np.bytes_(block.kind.encode())},
         )
         file.add_dimension(elements, block.counts.size)
-        if block.kind == "NSIDED":  # as many nodes as all of its polygons have, one after the other
+        if block.kind == "NSIDED":  # the number of nodes of all its polygons together
             file.add_dimension(width, block.nodes.size)
             file.add_variable(f"connect{number}", (width,), np.int32, block.nodes + 1, kind)
             entries = {"entity_type1": np.bytes_(b"NODE"), "entity_type2": np.bytes_(b"ELEM")}

@@ -283,7 +283,7 @@ def _declared_type(item: Element) -> np.dtype[Any]:
 
 
 def _parsed(words: Sequence[str], item: Element) -> NDArray[Any]:
-    """Return numbers of a text: whole ones, to the last digit, where they are declared and the text has no others."""
+    """Return the numbers of a text; exact integers if integers are declared and the text has no others."""
     kind = _KINDS.get(_number_type(item), "f")
     if kind != "f":
         with contextlib.suppress(ValueError, OverflowError):

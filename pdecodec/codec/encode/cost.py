@@ -206,8 +206,8 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compare
 
 
 def _parts(basis: SpaceBasis, most: int) -> Int64Array:
-    """Return, for each element, the highest node of the partition tree above it with at most `most` vertices,
-    or its own.
+    """Return, for each element, the highest node of the partition tree above it with at most `most` vertices;
+    its own node if every node above it has more.
     """
     children, node_of = basis.patches.children, basis.patches.node_of
     sizes = np.zeros(children.size, np.int64)

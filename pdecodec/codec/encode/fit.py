@@ -49,7 +49,7 @@ STEP_SAMPLE = 2**19
 """Number of coefficients from which the mean error of a step is computed."""
 
 ELEMENT_STRIDE = 8
-"""Elements and functions of time of a heavy group per one in the sample (`GroupFitter.is_heavy`)."""
+"""In a heavy group (`GroupFitter.is_heavy`), one in this many elements and functions of time is sampled."""
 
 PRECISION_STRIDE = 4
 """One in this many elements, or frames if there are few elements, tests whether float32 is precise enough."""
@@ -241,13 +241,13 @@ class GroupFitter:
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
     def part_of_found(self, frames: slice) -> GroupFitter:
-        """Return the same, which takes results from those of all frames until these are released."""
+        """Return a fitter like :meth:`part`, which takes results from this fitter until they are released."""
         other = self.part(frames)
         other._part_of = self, frames
         return other
 
     def from_reference(self, reference: Float64Array) -> GroupFitter:
-        """The same with another decoded reference frame, so alike that functions of time will do as they are."""
+        """Return this fitter with another decoded reference frame, similar enough to keep the functions of time."""
         other = self._with(self.points, self.times, reference, self._first)
         other._displacements = {
             "reference": Displacements(
@@ -321,7 +321,7 @@ class GroupFitter:
             allowed = tuning.mean_error + tuning.mean_error_of_dense * math.sqrt(kept / positions)
             return math.sqrt(squares / positions) > allowed * self.unit
 
-        # A step of the mean error leaves less than that, whatever the coefficients.
+        # A step as large as the mean error leaves a smaller error, whatever the coefficients.
         steps = range(grid_index(tuning.mean_error * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
         return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
 
@@ -380,11 +380,11 @@ class GroupFitter:
         """Fit, and measure the bits if requested; the result of a trial cannot be encoded."""
         group = self.quantised(basis, choice)[0]
         if self.is_heavy:
-            self.release()  # comparing with the source takes that memory at once
+            self.release()  # the comparison with the source needs this memory next
         return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
     def at_rest(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
-        """Fit no functions at all: what the reference frame is off by is left to residuals."""
+        """Fit no functions: residuals alone correct the error of the reference frame."""
         step, basis_of_time = grid_step(choice.step), time_basis_of(choice.time)
         entry = GroupEntry(frames=self.frames, functions=0, basis=basis_of_time, single=False, step=step)
         return self.fitted(basis, QuantisedGroup(entry, None, np.zeros((basis.functions, 0), np.int64)))

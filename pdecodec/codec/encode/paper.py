@@ -4,8 +4,9 @@ Whole curves (or pieces), segments of a fixed number of frames, and on each curv
 4 functions of time (Eq. 12) times 8 of space (Eqs. 14 and 16). The functions are a tensor product, and both factors
 are orthonormal here, so that the least squares of Eq. 25 is one projection in time and one in space.
 
-Departs from the paper in fitting the displacement from a reference frame (eight functions cannot carry the shape of a
-long curve), in the parameter u (Eq. 24 needs the answer), and in leaving rotations in (Eqs. 19 to 23), which are data.
+It departs from the paper in three ways. It fits the displacement from a reference frame, because eight functions
+cannot carry the shape of a long curve. It does not compute the parameter u by Eq. 24, which needs the positions that
+are to be decoded. It does not remove rotations (Eqs. 19 to 23), because they would have to be stored.
 """
 
 from __future__ import annotations

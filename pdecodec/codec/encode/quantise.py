@@ -135,7 +135,9 @@ def quantise_on(
 def _blocks(
     basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
 ) -> Iterator[tuple[slice, Int64Array, Int64Array]]:
-    """Do the same in blocks of channels: yield the channels, their coefficients, and their largest magnitudes."""
+    """Project and quantise in blocks of channels: yield the channels, their coefficients, and their largest
+    magnitudes.
+    """
     at_once = max(1, BLOCK_BYTES // (8 * axes * basis.functions))
     for begin in range(0, count, at_once):
         # Include the neighbouring functions, which decide whether a coefficient is alone.

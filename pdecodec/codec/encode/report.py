@@ -105,7 +105,7 @@ def from_json(record: Any) -> tuple[Question, ...]:
 
 @dataclass(frozen=True)
 class FieldReport:
-    """What became of a field.
+    """How a field was encoded.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class FieldReport:
 
     @property
     def bits_per_value(self) -> float:
-        """Of the file."""
+        """Bits of the file for each value."""
         return 8 * self.bytes / max(self.values, 1)
 
 
@@ -243,8 +243,8 @@ class EncodeReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what probably was not intended: no motion, a coarse bound, too much room, positions far from the
-        origin.
+        """Return what probably was not intended: no motion, a coarse bound, a size limit that a lossless file
+        does not reach, positions far from the origin.
 
         A warning about something that a setting changes is a :class:`pdecodec.errors.Notice`.
         """
@@ -281,17 +281,17 @@ class EncodeReport:
 
     @property
     def field_bytes(self) -> int:
-        """Of the fields, with their headers."""
+        """Bytes of the fields, with their headers."""
         return sum(self.sections.get(name, 0) for name in FIELD_SECTIONS)
 
     @property
     def scene_bytes(self) -> int:
-        """Of the scene around the motion."""
+        """Bytes of the scene around the motion."""
         return self.sections.get("SCEN", 0)
 
     @property
     def motion_bytes(self) -> int:
-        """Of the file without fields and scene."""
+        """Bytes of the file without fields and scene."""
         return self.file_bytes - sum(self.sections.get(name, 0) for name in BESIDE_MOTION)
 
 

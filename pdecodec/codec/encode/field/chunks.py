@@ -51,21 +51,21 @@ TRANSFORMS = (FieldCoding(6, 15, 1.0), FieldCoding(6, 15, 0.5), FieldCoding(6, 1
 MAX_FUNCTIONS = 64
 MAX_COEFFICIENT_DIGITS = 22
 MAX_FUNCTION_SHARE = 1 / 6
-"""More functions of time, as a share of the frames or of the values of a frame, are not tried."""
+"""Largest number of functions of time that is tried, as a share of the frames or of the values of a frame."""
 
 GROUP_VALUES = 1 << 20
-"""Values of a group of frames, about: as many as decode in a tenth of a second."""
+"""Approximate number of values in a group of frames: as many as decode in a tenth of a second."""
 
 MAX_GROUP_FRAMES = 512
 TRIAL_VALUES = 1 << 13
-"""Values, about, on which predictions are compared."""
+"""Approximate number of values on which predictions are compared."""
 
 TRIAL_FRAMES = 96
 TRIAL_PARTS = 4
 """Parts of the rows from which the values of a trial are taken."""
 
 TRANSFORM_TRIAL_VALUES = 1 << 15
-"""Values, about, on which transforms are compared: all frames of a group, of some rows."""
+"""Approximate number of values on which transforms are compared: all frames of a group, of some rows."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def exact_values(numbers: Int64Array, dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def group_frames(frames: int, width: int) -> int:
-    """Return how many frames a group should have, of a field of so many frames of `width` values."""
+    """Return how many frames a group should have, for a field of `frames` frames with `width` values each."""
     most = min(max(GROUP_VALUES // max(width, 1), 1), MAX_GROUP_FRAMES)
     return -(-frames // -(-frames // most))
 
@@ -214,7 +214,7 @@ def choose_coding(
 
 
 def some_rows(rows: _core.FieldRows, count: int) -> tuple[_core.FieldRows, Int64Array]:
-    """Return about so many rows, in a few parts spread over all of them, and their numbers."""
+    """Return about `count` rows, in a few blocks spread over all of them, and their numbers."""
     part = max(count // TRIAL_PARTS, 1)
     starts = np.linspace(0, rows.count, TRIAL_PARTS, endpoint=False).astype(np.int64)
     chosen = np.unique(starts[:, None] + np.arange(min(part, -(-rows.count // TRIAL_PARTS))))

@@ -1,7 +1,8 @@
 """Recognise fields that a decoder can compute: from another field, or from the motion.
 
-A look at a few frames of the source finds a candidate. It is kept if what a decoder makes of a trial file is within the
-bound at every frame: of the run without stored fields for what the motion gives, with one for what that field gives.
+A few frames of the source suggest candidates. A candidate is kept if the values that a decoder computes from a trial
+file are within the bound at every frame. For candidates computed from the motion, the trial file has no stored
+fields; for others, it has the field that they are computed from.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Recipe(NamedTuple):
     component: int = 0
 
     def words(self, entries: Sequence[FieldEntry]) -> str:
-        """Describe it."""
+        """Describe the recipe in words."""
         name = entries[self.source].field.name if self.code in FROM_FIELDS else ""
         return computation(self.code, name, self.component)
 
@@ -181,7 +182,7 @@ class FieldComputer:
         return self._motion.animation
 
     def _decoded_source(self, entries: Sequence[FieldEntry], number: int) -> MeshSequence:
-        """Return the decoded run with one of the fields before, and its magnitude if it has one."""
+        """Return the decoded run with field `number` of `entries`, and with its magnitude unless it is exact."""
         if self._source is None or self._source[0] != number:
             if self._source:
                 self._source[1].close()

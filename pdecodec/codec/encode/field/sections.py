@@ -116,7 +116,7 @@ def encode_field(
 ) -> tuple[FieldEntry, FieldReport]:
     """Encode one field as asked (:attr:`EncodeSettings.fields`); its chunks go to `spool`.
 
-    With a computer and the fields `before` it, the field has no chunks if it can be computed.
+    If a `computer` and the fields `before` this one are given, a field that can be computed has no chunks.
     """
     survey = _survey(sequence, field)
     bound = field_bound(asked, survey.largest - survey.smallest)
@@ -212,7 +212,9 @@ def _survey(sequence: MeshSequence, field: Field) -> _Survey:
 
 
 def _divide(changes: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int, int]]:
-    """Yield groups: their first frame, the frames of the chunk, and all frames; frames that repeat its last follow."""
+    """Yield, for each group, its first frame, the number of frames in its chunk, and the number of all its
+    frames. The frames after those of the chunk equal the last one of the chunk.
+    """
     first, count = 0, len(changes)
     while first < count:
         last = min(first + longest, count)
