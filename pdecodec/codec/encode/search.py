@@ -131,8 +131,13 @@ class GroupSearch:
 
     def tune(self, choice: Candidate) -> ChosenGroup:
         """Return a candidate with the cheapest steps nearby, those of the functions of time included."""
-        stride = self._tuning.step_stride
-        choice = self._walk(choice, "step", stride // 2)
+        stride, near = self._tuning.step_stride, self._tuning.step_stride // 2
+        costs = {way: self._found.get(replace(choice, step=choice.step + way * stride)) for way in (1, -1)}
+        if None in costs.values():
+            choice = self._walk(choice, "step", near)
+        else:  # both neighbours cost more: the best step lies on the side of the better one
+            way = min(costs, key=lambda way: costs[way] or 0.0)
+            choice = min(choice, replace(choice, step=choice.step + way * near), key=self.bits)
         if choice.time != "cosines":
             choice = self._walk(choice, "time_step", stride)
         return self.chosen(choice)
