@@ -1,4 +1,4 @@
-"""Clips in users' own Dask graphs (extra ``dask``): tasks that encode, and arrays of decoded positions.
+"""Clips in users' own Dask graphs (extra ``dask``): tasks that encode, and arrays of decoded values.
 
 The command `batch` does everything that a batch needs; this module is for graphs that process clips further::
 
@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.opening import ChangingAnimation, open_animation
 from pdecodec.codec.source import DecodeLimits
 from pdecodec.errors import MissingExtraError, SettingsError
-from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.system.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
@@ -119,6 +119,50 @@ def positions(
     SettingsError
         If the number of vertices changes within the file, or times are not numbers.
     """
+    return _decoded(None, source, times, block, limits)
+
+
+def field(
+    source: str | os.PathLike[str],
+    name: str,
+    times: ArrayLike | None = None,
+    *,
+    block: int | None = None,
+    limits: DecodeLimits | None = None,
+) -> Array:
+    """Return the values of a field as a Dask array; each block reads only the chunks of the field that it needs.
+
+    Parameters
+    ----------
+    source : path or address
+        The file; the workers must see it under the same name.
+    name : str
+        Name of a field, one of :attr:`pdecodec.Animation.fields`.
+    times, block, limits
+        As in :func:`positions`.
+
+    Returns
+    -------
+    (n, rows) or (n, rows, components) dask.array.Array of the field's type
+
+    Raises
+    ------
+    MissingExtraError, CorruptFileError, SettingsError
+        As in :func:`positions`.
+    InputError
+        As in :func:`pdecodec.open`, and if there is no such field.
+    """
+    return _decoded(name, source, times, block, limits)
+
+
+def _decoded(
+    name: str | None,
+    source: str | os.PathLike[str],
+    times: ArrayLike | None,
+    block: int | None,
+    limits: DecodeLimits | None,
+) -> Array:
+    """Return a field, or positions without a name, as a Dask array."""
     try:
         from dask.array import from_array
     except ImportError as error:
@@ -132,18 +176,26 @@ def positions(
         asked = animation.times if times is None else np.asarray(times, np.float64)
         if asked.ndim != 1 or np.isnan(asked).any():
             raise SettingsError("must be a list of numbers", setting="times")
-        vertices, edges = animation.vertex_count, animation.group_edges
+        edges, dtype = animation.group_edges, np.dtype(np.float32)
+        shape: tuple[int, ...] = (animation.vertex_count, 3)
+        if name is not None:
+            found = animation.field_named(name)
+            dtype, shape = found.dtype, found.shape(0, animation.objects)[1:]
         if block is not None or times is not None:
             edges = [*range(0, asked.size, block or max(1, asked.size)), asked.size]
     sizes = tuple(np.diff(edges).tolist()) or (0,)
+    axes = list(range(1, len(shape) + 1))
     return from_array(asked, chunks=(sizes,)).map_blocks(
-        _block, place, _version_of(place), limits, chunks=(sizes, (vertices,), (3,)), new_axis=[1, 2],
-        dtype=np.float32, meta=np.empty((0, 0, 0), np.float32),
+        _block, name, place, _version_of(place), limits, chunks=(sizes, *((size,) for size in shape)), new_axis=axes,
+        dtype=dtype, meta=np.empty((0,) * (1 + len(shape)), dtype),
     )  # fmt: skip
 
 
-def _block(times: Float64Array, place: str, version: str, limits: DecodeLimits | None) -> Float32Array:
-    return _kept_open(place, version, limits).sample(times)
+def _block(
+    times: Float64Array, name: str | None, place: str, version: str, limits: DecodeLimits | None
+) -> NDArray[Any]:
+    animation = _kept_open(place, version, limits)
+    return animation.sample(times) if name is None else animation.field(name, times)
 
 
 @lru_cache(OPEN_AT_ONCE)

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from pdecodec.batch.dask import encode_clips, positions
+from pdecodec.batch.dask import encode_clips, field, positions
 
-__all__ = ["encode_clips", "positions"]
+__all__ = ["encode_clips", "field", "positions"]

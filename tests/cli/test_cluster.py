@@ -154,6 +154,26 @@ def test_tasks_of_ones_own_graph_code_clips_and_keep_those_that_are_done(
         clip_tasks.encode_clips("*.abc", "out")
 
 
+def test_a_field_is_an_array_of_blocks(folder: Path) -> None:
+    random, times = np.random.default_rng(0), [0.5, 0.1, 0.23]
+    fields = {
+        "heat": random.normal(size=(40, 64)).astype(np.float32),
+        "flow": random.normal(size=(40, 64, 2)),
+        "touches": random.integers(0, 2, (40, 64)).astype(bool),
+    }
+    clip = pdecodec.ArraySequence(sheet(0, frames=40).read_frames(0, 40), times=np.arange(40) / 24, fields=fields)
+    pdecodec.encode(clip, "fields.pdeanim", group_frames=10)
+    with dask.config.set(scheduler="threads"), pdecodec.open("fields.pdeanim") as animation:
+        for name, values in fields.items():
+            lazy = clip_tasks.field("fields.pdeanim", name)
+            assert (lazy.shape, lazy.dtype, lazy.chunks[0]) == (values.shape, values.dtype, (10, 10, 10, 10))
+            assert np.array_equal(lazy.compute(), animation.read_field(name, 0, 40))
+            some = clip_tasks.field("fields.pdeanim", name, times, block=2)
+            assert np.array_equal(some.compute(), animation.field(name, times))
+    with pytest.raises(InputError, match="there is no field 'cold'"):
+        clip_tasks.field("fields.pdeanim", "cold")
+
+
 def test_positions_are_an_array_of_blocks_that_read_their_groups_alone(folder: Path) -> None:
     pdecodec.encode(sheet(0, frames=60), "long.pdeanim", group_frames=8)
     with dask.config.set(scheduler="threads"), pdecodec.open("long.pdeanim") as animation:
