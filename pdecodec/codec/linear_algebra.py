@@ -69,12 +69,12 @@ def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
 
 
 def orthonormal(vectors: Float64Array) -> Float64Array:
-    """Return as many orthonormal vectors, in columns, that span the given ones."""
+    """Return orthonormal vectors, in columns, that span the given ones and are as many."""
     return _core.orthonormal_columns(vectors).vectors.T
 
 
 def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
-    """Return the same from the sums of squares (n, n) over all vertices."""
+    """Return principal trajectories, given the sums of squares (n, n) over all vertices."""
     energies, axes = eigen(squares)
     energies = np.maximum(energies, 0.0)
     kept = _count_of_leading(energies, float(np.trace(squares)), least)

@@ -32,11 +32,11 @@ class TieFinder:
         return bool((self._first == np.arange(self._first.size)).all())
 
     def add(self, points: Float32Array) -> None:
-        """Part vertices that are apart in one of some frames, (frames, vertices, 3)."""
+        """Separate vertices whose positions differ in any of these frames, (frames, vertices, 3)."""
         self._part(points, np.empty(0, np.int64))
 
     def _part(self, points: Float32Array, apart: Int64Array) -> None:
-        """Group vertices that are apart from others anew, then all that turn out to be apart."""
+        """Group separated vertices by position, and again those that still differ from the first one of their group."""
         first = self._first
         while True:
             hashed = first[apart].astype(np.uint64)

@@ -13,13 +13,13 @@ Result = TypeVar("Result")
 
 
 class _AtOnce(Executor):
-    """Does what is submitted at once, in the same thread."""
+    """Executor that runs each call at once, in the same thread."""
 
     def submit(self, work: Callable[..., Result], /, *arguments: Any, **named: Any) -> Future[Result]:
         done: Future[Result] = Future()
         try:
             done.set_result(work(*arguments, **named))
-        except Exception as error:  # whoever asks for the result gets it, as from a thread
+        except Exception as error:  # raised when the result is requested, as from a thread
             done.set_exception(error)
         return done
 

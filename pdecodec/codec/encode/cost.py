@@ -24,8 +24,8 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
 
 FRAME_RUN = 8
-"""Length of the runs of frames of which every other one is sampled; runs, because residuals are coded by the
-frame before.
+"""Length of a run of frames; every other run is sampled. Runs are sampled whole, because residuals are coded with
+the frame before as context.
 """
 
 WHOLE_DEPTHS = 8

@@ -220,7 +220,7 @@ class ModelSearch:
         reference, tuning = self._usual_reference, TUNINGS["default"]
         self.references.sections.begin(reference)
         bases = self._bases(reference)
-        if self._is_large:  # the fewer patches, the less describes them
+        if self._is_large:  # fewer patches take fewer bits to describe
             basis = bases.get(tuning.spatial_bases[-1])
         else:
             found = map(bases.get, tuning.spatial_bases + tuning.small_mesh_spatial_bases)

@@ -395,7 +395,7 @@ class AutoEncoder(Encoder):
         if self._settings.why:
             self._questions = self._model.questions
         del search, points
-        # Keep none: the next group takes as much memory again.
+        # Free each fitted group once it is encoded: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()
 

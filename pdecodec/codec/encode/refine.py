@@ -19,7 +19,7 @@ LEAST_PUSH = 2.0**-8
 
 
 class Refinement:
-    """Refinement of a fit: adds what vertices miss to what the coefficients describe, and quantises again.
+    """Refines a fit: adds the remaining errors of vertices to the motion of the coefficients, and quantises again.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Refinement:
         return self
 
     def _pushed(self, some: slice) -> Rows:
-        """Return what coefficients of some functions of time describe next."""
+        """Return the values that coefficients of some functions of time are to describe in the next pass."""
         axes = self._entry.axes
         values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
