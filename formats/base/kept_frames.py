@@ -84,7 +84,7 @@ class KeptData:
             begin, places = self._file.seek(0, 2), {}
             for key, one in values.items():
                 places[key] = begin, one.dtype, one.shape
-                begin += self._file.write(np.ascontiguousarray(one).reshape(-1).view(np.uint8))
+                begin += self._file.write(np.ascontiguousarray(one).reshape(-1).view(np.uint8).data)
             self._file.flush()
             self._places[frame] = places
             return
