@@ -16,7 +16,8 @@ FloatArray = NDArray[np.float32] | NDArray[np.float64]
 AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
 Float32Array = NDArray[np.float32]
 Rows = NDArray[Any]  # float32 or float64
-Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
+# Vertices; sizes and indices of faces, and of lines; shapes, sizes and indices of cells.
+Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array, NDArray[np.uint8], Int32Array, Int32Array]
 State = tuple[Float64Array, Float64Array, Float64Array]
 Scaling = tuple[float, float, float]
 
@@ -59,6 +60,12 @@ def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> byte
     """Return the coded stream of section SEQN: listed times [s], and names of objects."""
 
 def encode_connectivity(parts: Sequence[Part], keep_order: bool) -> CodedConnectivity: ...
+def encode_cells(parts: Sequence[Part]) -> bytes:
+    """Return section SOLD."""
+
+def inner_sides(parts: Sequence[Part]) -> tuple[Int32Array, Int32Array]:
+    """Return sizes and indices of the sides that solids of one object share."""
+
 def coded_orders(parts: Sequence[Part]) -> list[CodedOrder | None]:
     """Return the coded order of each part; None for a part coded as polygons, which keep their order."""
 
@@ -590,13 +597,16 @@ class Model(NamedTuple):
     residual_step: float
     layout: bytes
 
-class FacesAndLines(NamedTuple):
-    """Faces and lines of one object; the arrays are read-only."""
+class MeshCells(NamedTuple):
+    """Faces, lines and cells of one object; the arrays are read-only."""
 
     face_counts: Int32Array
     face_indices: Int32Array
     line_counts: Int32Array
     line_indices: Int32Array
+    cell_shapes: NDArray[np.uint8]
+    cell_counts: Int32Array
+    cell_indices: Int32Array
 
 class DecodedAttribute(NamedTuple):
     """An attribute of an object; `domain` is its number. The arrays are read-only."""
@@ -681,7 +691,7 @@ class Animation:
     @property
     def model(self) -> Model: ...
     def names(self) -> list[str]: ...
-    def connectivity(self) -> list[FacesAndLines]: ...
+    def connectivity(self) -> list[MeshCells]: ...
     def attributes(self) -> list[list[DecodedAttribute]]: ...
     def reference(self) -> Reference: ...
     @property

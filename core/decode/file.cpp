@@ -12,7 +12,7 @@ namespace {
 // the spline. Each run: the places of its sections, and its Python objects.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
-constexpr std::string_view table = "RUNS", data = "RDAT", table_of_fields = "RFLD";
+constexpr std::string_view table = "RUNS", data = "RDAT", table_of_fields = "RFLD", of_cells = "SOLD";
 constexpr std::array<std::string_view, 2> of_fields = {"FLDS", "FDAT"};
 
 constexpr std::array<SectionType, Run::section_count> of_run =
@@ -29,6 +29,7 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
     if (container_.find(table)) {
         read_runs();
         if (container_.find(table_of_fields)) read_fields_of_runs();
+        if (container_.find(of_cells)) read_cells_of_runs();
         return;
     }
     if (sequence_.run_frames.size() != 1) {
@@ -105,6 +106,26 @@ void File::read_fields_of_runs() {
     if (left[0].length + left[1].length > 0) throw CorruptError(Section("RFLD"), "leaves bytes of FLDS or FDAT out");
 }
 
+// Section SOLD of a file of runs: the length of each run's own, or 0 if that is the one before; then these.
+void File::read_cells_of_runs() {
+    const std::vector<u8> bytes = container_.read(of_cells);
+    FieldReader fields(bytes, "SOLD");
+    std::vector<u64> counts;
+    for (std::size_t run = 0; run < runs_.size(); ++run) counts.push_back(static_cast<u64>(fields.count()));
+    u64 left = fields.rest().size();
+    SectionPlace place{.offset = container_.entry(of_cells).offset + bytes.size() - left, .length = 0, .checksum = {}};
+    for (std::size_t run = 0; run < runs_.size(); ++run) {
+        if (counts[run] > 0) {
+            place.offset += place.length;
+            place.length = counts[run] - 1;
+            if (place.length > left) throw CorruptError(Section("SOLD"), "ends before its runs do");
+            left -= place.length;
+        }
+        runs_[run].cells = place;
+    }
+    if (left > 0) throw CorruptError(Section("SOLD"), "has " + std::to_string(left) + " bytes that belong to no run");
+}
+
 std::size_t File::run_of(i64 frame) const {
     const auto after = std::upper_bound(runs_.begin(), runs_.end(), frame,
                                         [](i64 wanted, const Run &run) { return wanted < run.first; });
@@ -126,6 +147,7 @@ Container File::container_of(std::size_t run) const {
     for (std::size_t k = 0; runs_[run].fields[0].length > 0 && k < of_fields.size(); ++k) {
         entries.push_back({runs_[run].fields[k], std::string(of_fields[k]), false});
     }
+    if (runs_[run].cells.length > 0) entries.push_back({runs_[run].cells, std::string(of_cells), true});
     return Container(*source_, std::move(entries));
 }
 

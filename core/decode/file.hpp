@@ -23,6 +23,7 @@ struct Run {
     i64 vertices = -1;          // number of vertices by section RUNS; -1 if the file lacks it
     std::array<SectionPlace, section_count> places{};
     std::array<SectionPlace, 2> fields{};  // the run's parts of FLDS and FDAT
+    SectionPlace cells{};                  // the run's part of SOLD
 };
 
 class File {
@@ -54,6 +55,7 @@ public:
 private:
     void read_runs();
     void read_fields_of_runs();
+    void read_cells_of_runs();
 
     std::unique_ptr<Source> source_;
     Container container_;

@@ -7,15 +7,17 @@
 
 #include "decode/fields.hpp"
 #include "mesh/curves.hpp"
+#include "mesh/solids.hpp"
+#include "sections/connectivity/cells.hpp"
 #include "sections/reference/reference.hpp"
 
 namespace pdeanim {
 
 namespace {
 
-// Peak memory that a file declares: per vertex of a mesh (curves, reference frame, positions between frames), and per
-// corner of its connectivity.
-constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128;
+// Peak memory that a file declares: per vertex of a mesh (curves, reference frame, positions between frames), per corner
+// of its connectivity, and per node of its cells (sides of solids, corners of the inner ones).
+constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128, bytes_per_cell_node = 320;
 
 // Peak memory of an empty group (its row of the table with spare room, the cached group, Python's numbers) and of an
 // empty object (lists, a name and arrays, most of it in Python).
@@ -57,6 +59,12 @@ Polygons polygons_of(std::span<const Connectivity> parts) {
         shift += part.vertices;
     }
     return mesh;
+}
+
+std::vector<ConnectivityView> views_of(std::span<const Connectivity> parts) {
+    std::vector<ConnectivityView> found;
+    for (const Connectivity &part : parts) found.push_back(view_of(part));
+    return found;
 }
 
 // Peak memory per element: its node and its share of the node above, their functions and two-scale matrices, and the
@@ -138,17 +146,23 @@ std::shared_ptr<const std::vector<Connectivity>> RunSections::shared_connectivit
         for (const Connectivity &part : found) {
             memory_.take(bytes_per_corner * (part.face_indices.size() + part.line_indices.size()), "corners of faces");
         }
+        if (const std::vector<u8> cells = container_.read_optional("SOLD"); !cells.empty()) {
+            decode_cells(cells, found, static_cast<i64>(memory_.left() / bytes_per_cell_node));
+            u64 nodes = 0;
+            for (const Connectivity &part : found) nodes += part.cell_indices.size();
+            memory_.take(bytes_per_cell_node * nodes, "nodes of cells");
+            predicted_on_ = with_inner_sides(views_of(found));
+        }
         connectivity_ = std::make_shared<const std::vector<Connectivity>>(std::move(found));
     }
     return connectivity_;
 }
 
-std::vector<ConnectivityView> RunSections::views() {
-    std::vector<ConnectivityView> found;
-    for (const Connectivity &part : connectivity()) {
-        found.push_back({part.vertices, part.face_sizes, part.face_indices, part.line_sizes, part.line_indices});
-    }
-    return found;
+std::vector<ConnectivityView> RunSections::views() { return views_of(connectivity()); }
+
+const std::vector<Connectivity> &RunSections::predicted_on() {
+    const std::vector<Connectivity> &own = connectivity();
+    return predicted_on_ ? *predicted_on_ : own;
 }
 
 const Reference &RunSections::reference() {
@@ -171,7 +185,7 @@ const Reference &RunSections::reference() {
         for (const double coordinate : found.origin)
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError(Section("REST"), "has a quantisation step or an origin out of range");
-        DecodedReference decoded = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        DecodedReference decoded = decode_reference(polygons_of(predicted_on()), predictor, fields.rest());
         found.grid = std::move(decoded.grid);
         found.ties = std::move(decoded.ties);
         found.is_smoothed = predictor & smooths_points;
@@ -249,7 +263,7 @@ struct RunSections::EarlyPatches {
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
     if (threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
-    const auto make = [this, ahead, own = early.get(), parts = views()] {
+    const auto make = [this, ahead, own = early.get(), parts = views_of(predicted_on())] {
         GroupCoefficients *coefficients = nullptr;
         try {
             own->patches = early_patches(parts, model_.form.points);
@@ -279,7 +293,7 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
 // Return the layout of the space basis of patches. Unless vertices coincide, patches follow from connectivity alone:
 // then they are made, and coefficients decoded, while the reference frame is decoded.
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *ahead) {
-    const std::vector<ConnectivityView> parts = views();
+    const std::vector<ConnectivityView> parts = views_of(predicted_on());
     const std::shared_ptr<EarlyPatches> early = begin_early_patches(ahead);
     reference();
     if (early) early->made.wait();
@@ -296,7 +310,7 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *a
 }
 
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_curves() {
-    const std::vector<ConnectivityView> parts = views();
+    const std::vector<ConnectivityView> parts = views_of(predicted_on());
     Curves curves = extract_curves(parts, reference().grid);
     auto pieces = std::make_shared<const Patches>(
         cut_curves(std::move(curves.order), std::move(curves.starts), model_.form.points, reference().ties));

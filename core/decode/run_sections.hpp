@@ -104,6 +104,8 @@ public:
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     std::vector<ConnectivityView> views();  // the connectivity of each object
+    // The same, with the sides that solids share after the faces: what positions are predicted on.
+    const std::vector<Connectivity> &predicted_on();
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const std::vector<u8> &remarks();  // Return the bytes of section META, not interpreted.
@@ -141,6 +143,7 @@ private:
 
     std::optional<std::vector<std::string>> names_;
     std::shared_ptr<const std::vector<Connectivity>> connectivity_;
+    std::optional<std::vector<Connectivity>> predicted_on_;  // if there are cells
     std::optional<Reference> reference_;
     std::shared_ptr<const std::vector<std::vector<Attribute>>> attributes_;
     TakenMemory of_attributes_;

@@ -12,17 +12,26 @@
 
 namespace pdeanim {
 
-// Faces and lines of one object.
+// Faces and lines of one object, and the cells that they show, if solids are kept (`mesh/solids.hpp`).
 struct Connectivity {
     i64 vertices = 0;
     std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
+    std::vector<u8> cell_shapes;
+    std::vector<i32> cell_sizes, cell_indices;
 };
 
-// The same faces and lines, as views of the caller's arrays.
+// The same, as views of the caller's arrays.
 struct ConnectivityView {
-    i64 vertices;
+    i64 vertices = 0;
     std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
+    std::span<const u8> cell_shapes = {};
+    std::span<const i32> cell_sizes = {}, cell_indices = {};
 };
+
+inline ConnectivityView view_of(const Connectivity &part) {
+    return {part.vertices,     part.face_sizes,  part.face_indices, part.line_sizes,
+            part.line_indices, part.cell_shapes, part.cell_sizes,   part.cell_indices};
+}
 
 // Faces of all objects, then lines as pieces of two corners. The vertices of all objects are numbered in one row.
 struct Polygons {

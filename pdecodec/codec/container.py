@@ -47,8 +47,9 @@ class SectionKind:
         Four ASCII letters.
     title : str
         Its content in words.
-    of : {"file", "run", "group", "fields"}
-        What has such a section: a file, a run of frames, each group of frames as a chunk, or the fields of a run.
+    of : {"file", "run", "group", "fields", "cells"}
+        What has such a section: a file, a run of frames, each group of frames as a chunk, the fields of a run, or the
+        cells of a run.
     is_required : bool
         Whether a decoder that does not know the type must refuse the file.
     is_constant : bool
@@ -58,7 +59,7 @@ class SectionKind:
 
     type: str
     title: str
-    of: Literal["file", "run", "group", "fields"]
+    of: Literal["file", "run", "group", "fields", "cells"]
     is_required: bool = True
     is_constant: bool = False
 
@@ -84,6 +85,7 @@ SECTION_KINDS = {
         SectionKind("FDAT", "values of fields", "fields", is_required=False, is_constant=True),
         SectionKind("RFLD", "fields of runs", "file", is_required=False, is_constant=True),
         SectionKind("SCEN", "scene around the motion", "file", is_required=False, is_constant=True),
+        SectionKind("SOLD", "cells", "cells", is_constant=True),
     )
 }
 """Kinds by type, in the order of files, and of section RDAT for each run. A file of one run has the run's

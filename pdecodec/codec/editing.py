@@ -52,7 +52,7 @@ from pdecodec.mesh.times import SHORTEST_TIME_STEP
 from pdecodec.system.reading import open_regular
 from pdecodec.system.whole_output import check_writable
 
-SHARED_SECTIONS = ("CONN", "ORDR", "REST", "MODL", "ATTR")
+SHARED_SECTIONS = ("CONN", "ORDR", "SOLD", "REST", "MODL", "ATTR")
 """Sections that groups of one file share."""
 
 EDIT_SEPARATOR = "; then "
@@ -526,7 +526,7 @@ def _run_sections(
     headers, lost = _write_fields(fields, spools[-1])
     shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
     sections = [
-        *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
+        *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "SOLD", "REST", "MODL") if shared[kind]),
         Section("GRUP", write_group_table(entries)),
         *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools[:-1], strict=True)),
         *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),

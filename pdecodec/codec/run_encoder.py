@@ -69,6 +69,7 @@ def encode_runs(
             Section("RUNS", table.to_bytes()),
             Section("RDAT", table.data),
             *table.field_sections(),
+            *table.cell_sections(),
             *more,
         ]
         data = None
@@ -122,6 +123,7 @@ class RunTable:
         self._writer = FieldWriter()
         self._before: dict[str, bytes] = {}
         self._headers, self._values, self._of_fields = b"", Spool(output), FieldWriter()
+        self._cells: list[bytes] = []
 
     def add(self, sequence: MeshSequence, sections: Sequence[Section]) -> None:
         """Add a run, given the sections that a file of this run alone would have."""
@@ -139,6 +141,21 @@ class RunTable:
             self._of_fields.numbers("I", headers.checksum)
         for piece in values.pieces():
             self._values.append(piece)
+        cells = found.get("SOLD", Section("SOLD", b"")).content
+        assert isinstance(cells, bytes)
+        self._cells.append(cells)
+
+    def cell_sections(self) -> list[Section]:
+        """Return the section of the cells of all runs; none if no run has cells."""
+        if not any(self._cells):
+            return []
+        writer, before = FieldWriter(), b""
+        for cells in self._cells:
+            writer.count(AS_BEFORE if cells and cells == before else len(cells) + 1)
+            before = cells
+        stored = [cells for cells, before in zip(self._cells, [b"", *self._cells], strict=False)
+                  if cells != before]  # fmt: skip
+        return [Section("SOLD", writer.to_bytes() + b"".join(stored))]
 
     def field_sections(self) -> list[Section]:
         """Return the sections of the fields of all runs; none if no run has fields."""

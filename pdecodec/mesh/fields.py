@@ -1,4 +1,4 @@
-"""Fields: values on vertices, faces, corners or objects that change from frame to frame.
+"""Fields: values on vertices, faces, corners, objects or cells that change from frame to frame.
 
 Constant values are an :class:`pdecodec.Attribute` of their object. A field belongs to the sequence, which reads it by
 blocks of frames as it reads positions.
@@ -28,7 +28,7 @@ class MeshObject(Protocol):
     def connectivity(self) -> Any: ...
 
 
-FieldDomain = Literal["vertex", "face", "corner", "object"]
+FieldDomain = Literal["vertex", "face", "corner", "object", "cell"]
 
 FieldArrays = Mapping[str, ArrayLike] | Iterable[tuple["Field", ArrayLike]]
 """Fields that :class:`pdecodec.ArraySequence` takes: arrays by name, or pairs of a :class:`Field` and its array."""
@@ -47,7 +47,7 @@ class Field:
     ----------
     name : str
         Unique within a sequence.
-    domain : {"vertex", "face", "corner", "object"}
+    domain : {"vertex", "face", "corner", "object", "cell"}
     dtype : dtype
         float32, float64, int8 to int64, uint8 to uint64, or bool; default float32.
     components : int
@@ -73,7 +73,7 @@ class Field:
     def __post_init__(self) -> None:
         object.__setattr__(self, "dtype", np.dtype(self.dtype).newbyteorder("="))
         if self.domain not in get_args(FieldDomain):
-            raise self._error(f"has the unknown domain {shown(self.domain)}; use vertex, face, corner or object")
+            raise self._error(f"has the unknown domain {shown(self.domain)}; use vertex, face, corner, object or cell")
         if self.dtype not in DTYPES:
             raise self._error(f"is of type {self.dtype}; there are {', '.join(map(str, DTYPES))}")
         if self.components < 1:
@@ -118,6 +118,7 @@ def rows_of_domain(item: MeshObject, domain: FieldDomain) -> int:
         "face": int(item.connectivity.face_count),
         "corner": int(item.connectivity.face_indices.size),
         "object": 1,
+        "cell": int(item.connectivity.cell_count),
     }[domain]
 
 

@@ -28,7 +28,7 @@ from pdecodec.system.arguments import shown
 Progress = Callable[[int, int, str], None]
 """Called as ``progress(frames done, total frames, current activity)``."""
 
-AttributeDomain = Literal["vertex", "face", "corner", "object"]
+AttributeDomain = Literal["vertex", "face", "corner", "object", "cell"]
 
 BLOCK_BYTES = 64 * 2**20
 """Raw float32 bytes of one block of frames; this bounds memory while frames pass through."""
@@ -50,9 +50,19 @@ def _int32(values: ArrayLike, what: str) -> Int32Array:
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
+CELL_SHAPES = ("polyline", "line", "polygon", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron")
+"""Shapes of cells, by their numbers in the file."""
+
+_FEWEST_NODES = np.array([1, 1, 3, 3, 4, 4, 5, 6, 8], np.int32)
+
+_INDEX_ARRAYS = ("face_counts", "face_indices", "line_counts", "line_indices", "cell_counts", "cell_indices")
+
+
 @dataclass(frozen=True, eq=False)
 class Connectivity:
-    """Faces and lines over `vertex_count` vertices, in the order the source gave them.
+    """Faces and lines over `vertex_count` vertices, in the order the source gave them; with cells if solids are kept.
+
+    Cells are the elements of the source, solids among them. Faces and lines are then what one sees of the cells.
 
     Parameters
     ----------
@@ -66,6 +76,12 @@ class Connectivity:
         Points of each polyline, 1 or more (1 is a point element).
     line_indices : (sum of line_counts,) int32
         Vertex of each polyline point, line after line.
+    cell_shapes : (cells,) uint8
+        Place of each cell's shape in :data:`CELL_SHAPES`.
+    cell_counts : (cells,) int32
+        Nodes of each cell. Shape and number of nodes give its kind: a tetrahedron of 10 nodes is quadratic.
+    cell_indices : (sum of cell_counts,) int32
+        Vertex of each node, cell after cell: corners, then nodes on edges, then others, as VTK orders them.
 
     Raises
     ------
@@ -78,17 +94,27 @@ class Connectivity:
     face_indices: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     line_counts: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     line_indices: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    cell_shapes: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    cell_counts: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    cell_indices: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
-        for name in ("face_counts", "face_indices", "line_counts", "line_indices"):
+        for name in _INDEX_ARRAYS:
             object.__setattr__(self, name, _int32(getattr(self, name), name))
+        shapes = _int32(self.cell_shapes, "cell_shapes")
+        if shapes.size != self.cell_count or (shapes.size and not 0 <= shapes.min() <= shapes.max() < len(CELL_SHAPES)):
+            raise InputError("cells need one shape each, a place in CELL_SHAPES", code="invalid-faces")
+        object.__setattr__(self, "cell_shapes", shapes.astype(np.uint8))
         self._check("face", self.face_counts, self.face_indices, smallest=3)
         self._check("line", self.line_counts, self.line_indices, smallest=1)
+        self._check("cell", self.cell_counts, self.cell_indices, smallest=_FEWEST_NODES[shapes])
 
-    def _check(self, what: str, counts: Int32Array, indices: Int32Array, *, smallest: int) -> None:
-        if counts.size and int(counts.min()) < smallest:
+    def _check(self, what: str, counts: Int32Array, indices: Int32Array, *, smallest: int | Int32Array) -> None:
+        small = np.flatnonzero(counts < smallest)
+        if small.size:
+            needed = np.broadcast_to(smallest, counts.shape)[small[0]]
             raise InputError(
-                f"{what} {int(counts.argmin())} has {int(counts.min())} points, needs {smallest}", code="invalid-faces"
+                f"{what} {int(small[0])} has {int(counts[small[0]])} points, needs {int(needed)}", code="invalid-faces"
             )
         if int(counts.sum(dtype=np.int64)) != indices.size:
             raise InputError(
@@ -147,11 +173,14 @@ class Connectivity:
     def line_count(self) -> int:
         return int(self.line_counts.size)
 
+    @property
+    def cell_count(self) -> int:
+        return int(self.cell_counts.size)
+
     def same_as(self, other: Connectivity) -> bool:
-        """Return whether both have the same vertices, faces and lines in the same order."""
+        """Return whether both have the same vertices, faces, lines and cells in the same order."""
         return self.vertex_count == other.vertex_count and all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            for name in ("face_counts", "face_indices", "line_counts", "line_indices")
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in ("cell_shapes", *_INDEX_ARRAYS)
         )
 
 
@@ -163,7 +192,7 @@ class Attribute:
     ----------
     name : str
         ``"uv"``, ``"color"``, ``"group"``, ``"material"``, or the source's own name.
-    domain : {"vertex", "face", "corner", "object"}
+    domain : {"vertex", "face", "corner", "object", "cell"}
         The elements that `values` (or `indices`, if present) has one row for each.
     values : (n,) or (n, k) array
         float32, float64, int32 or uint8.
@@ -194,7 +223,7 @@ class MeshObject:
     Raises
     ------
     InputError
-        If an attribute does not have one row per vertex, face or corner, or refers to rows that it lacks.
+        If an attribute does not have one row per vertex, face, corner or cell, or refers to rows that it lacks.
     """
 
     name: str
@@ -206,6 +235,7 @@ class MeshObject:
             "vertex": self.connectivity.vertex_count,
             "face": self.connectivity.face_count,
             "corner": int(self.connectivity.face_indices.size),
+            "cell": self.connectivity.cell_count,
         }
         for attribute in self.attributes:
             if attribute.domain != "object":
@@ -474,17 +504,15 @@ class MeshSequence(ABC):
             return self.objects[0].connectivity
         shifts = np.cumsum([0] + [item.vertex_count for item in self.objects])
         parts = [item.connectivity for item in self.objects]
-        return Connectivity(
-            int(shifts[-1]),
-            face_counts=np.concatenate([part.face_counts for part in parts]),
-            face_indices=np.concatenate(
-                [part.face_indices + shift for part, shift in zip(parts, shifts, strict=False)]
-            ),
-            line_counts=np.concatenate([part.line_counts for part in parts]),
-            line_indices=np.concatenate(
-                [part.line_indices + shift for part, shift in zip(parts, shifts, strict=False)]
-            ),
-        )
+        arrays = {
+            name: np.concatenate([
+                getattr(part, name) + (np.int32(shift) if name.endswith("_indices") else np.int32(0))
+                for part, shift in zip(parts, shifts, strict=False)
+            ])
+            for name in _INDEX_ARRAYS
+        }
+        shapes = np.concatenate([part.cell_shapes for part in parts])
+        return Connectivity(int(shifts[-1]), **arrays, cell_shapes=shapes)
 
     @property
     def frames_per_block(self) -> int:

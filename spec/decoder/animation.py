@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from spec.decoder.attributes import read_attributes
+from spec.decoder.cells import divide_cells, predicted_on, read_cells
 from spec.decoder.connectivity import read_faces_and_lines
 from spec.decoder.contexts import PRIMER, ByteModel, Contexts
 from spec.decoder.fields import CorruptFileError, Fields, decompress, read_container, read_runs, require
@@ -87,15 +88,16 @@ def decode_runs(data: bytes) -> list[Animation]:
         return found
     read_names(coded, 0)
     runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
+    cells = divide_cells(sections["SOLD"], len(runs)) if sections["SOLD"] else [b""] * len(runs)
     of_fields = [(b"", b"")] * len(runs)
     if "RFLD" in sections:
         require(sections["FLDS"] and "FDAT" in sections, "RFLD without FLDS and FDAT")
         of_fields = divide_runs(sections["RFLD"], sections["FLDS"], sections["FDAT"], len(runs))
-    for run, count, (headers, chunks) in zip(runs, frames, of_fields, strict=True):
+    for run, count, (headers, chunks), solids in zip(runs, frames, of_fields, cells, strict=True):
         end += count
         names = Contexts(run.sections["NAME"])
         begin, inside = end - count, [jump - (end - count) for jump in jumps if end - count < jump < end]
-        known = run.sections | {"META": sections["META"], "FLDS": headers, "FDAT": chunks}
+        known = run.sections | {"META": sections["META"], "FLDS": headers, "FDAT": chunks, "SOLD": solids}
         own = decode_run(known, fps, times[begin:end], inside, names)
         require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
         found.append(own)
@@ -110,10 +112,12 @@ def decode_run(
     counts, conn = read_vertex_counts(sections["CONN"])
     meshes = [Mesh(name, vertices) for name, vertices in zip(read_names(coded, len(counts)), counts, strict=True)]
     read_faces_and_lines(conn, sections["ORDR"], meshes)
-    reference = read_reference(sections["REST"], meshes)
+    read_cells(sections["SOLD"], meshes)
+    whole = predicted_on(meshes)
+    reference = read_reference(sections["REST"], whole)
     read_attributes(sections["ATTR"], meshes, reference.grid)
     model = read_model(sections["MODL"])
-    patches = build_patches(model, meshes, reference)
+    patches = build_patches(model, whole, reference)
     space = build_space(model, patches, reference.grid)
     groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
     remarks = read_remarks(sections["META"])

@@ -12,7 +12,7 @@ from spec.decoder.fields import require
 from spec.decoder.mesh import LARGEST_INDEX, Attribute, Mesh
 from spec.decoder.wedges import COMPLEMENT, FLOAT, Body, Channel, Elements, Values, Vector, WedgeReader
 
-DOMAINS = ("vertex", "face", "corner", "object")
+DOMAINS = ("vertex", "face", "corner", "object", "cell")
 RAW_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 FLOATS, COLOURS, INTEGERS, FLAGS, FANS, RAW = range(6)
 NOT_INDEXED, BY_VERTEX, LISTED, FIRST_USED = range(4)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
+from spec.decoder.cells import inner_sides, sides_of
 from spec.decoder.contexts import Contexts
 from spec.decoder.fields import bits, clamp, require, sign
 from spec.decoder.mesh import Mesh
@@ -35,8 +36,8 @@ def neighbours_of_rows(domain: str, meshes: list[Mesh]) -> list[list[int]]:
     for mesh in meshes:
         first = len(links)
         links += [set() for _ in range({"vertex": mesh.vertices, "object": 1}.get(domain, 0))]
-        if domain == "face":
-            links += [set() for _ in mesh.faces]
+        if domain in ("face", "cell"):
+            links += [set() for _ in (mesh.faces if domain == "face" else mesh.cells)]
         if domain == "corner":
             links += [set() for face in mesh.faces for _ in face]
         for one, other in links_of(domain, mesh):
@@ -48,7 +49,7 @@ def neighbours_of_rows(domain: str, meshes: list[Mesh]) -> list[list[int]]:
 def links_of(domain: str, mesh: Mesh) -> Iterator[tuple[int, int]]:
     """Yield pairs of rows of an object that are neighbours."""
     if domain == "vertex":
-        for face in mesh.faces:
+        for face in mesh.faces + inner_sides(mesh):
             yield from zip(face, face[1:] + face[:1], strict=True)
         for line in mesh.lines:
             yield from pairwise(line)
@@ -59,6 +60,9 @@ def links_of(domain: str, mesh: Mesh) -> Iterator[tuple[int, int]]:
                 faces[min(one, other), max(one, other)].append(number)
         for around in faces.values():
             yield from pairwise(around)
+    if domain == "cell":
+        for same in sides_of(mesh).values():
+            yield from pairwise(number for number, _ in same)
     if domain == "corner":
         latest: dict[int, int] = {}
         corner = 0

@@ -11,7 +11,7 @@ import zstandard
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 MAJOR_VERSION = 1
 NEEDED = ("SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR")
-OPTIONAL = ("META", "ORDR", "ATTR", "FLDS", "SCEN")
+OPTIONAL = ("META", "ORDR", "SOLD", "ATTR", "FLDS", "SCEN")
 OF_RUN = ("NAME", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR")
 OF_RUNS = ("SEQN", "RUNS", "RDAT")
 OF_GROUPS = ("TIME", "COEF", "CORR")

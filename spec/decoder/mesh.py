@@ -31,6 +31,14 @@ class Attribute:
 
 
 @dataclass
+class Cell:
+    """27: a cell of an object."""
+
+    shape: str
+    nodes: Polygon
+
+
+@dataclass
 class Mesh:
     """One object. Faces and lines are lists of vertices, numbered within the object."""
 
@@ -39,6 +47,7 @@ class Mesh:
     faces: list[Polygon] = field(default_factory=list)
     lines: list[Polygon] = field(default_factory=list)
     attributes: list[Attribute] = field(default_factory=list)
+    cells: list[Cell] = field(default_factory=list)
 
 
 @dataclass(eq=False)

@@ -15,7 +15,7 @@ from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
 from spec.decoder.motion import Motion, weigh_frames
 
-DOMAINS = ("vertex", "face", "corner", "object")
+DOMAINS = ("vertex", "face", "corner", "object", "cell")
 TYPES = "fdbhiqBHIQ?"
 INTEGERS = {"f": "<i", "d": "<q"}
 """Integers of the size of a float."""

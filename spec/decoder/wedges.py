@@ -65,7 +65,7 @@ class Body:
             return Elements(len(self.mesh.faces), {c: self.by_vertex.polygon[c] for c in self.face_corners})
         if domain == "corner":
             return Elements(len(self.face_corners), {c: c for c in self.face_corners})
-        return Elements(count, {})
+        return Elements(len(self.mesh.cells) if domain == "cell" else count, {})
 
 
 def normal_of(polygon: Vector) -> Vector:

@@ -134,8 +134,10 @@ nb::list connectivity(PyAnimation &self) {
     const auto parts = self.with([](Animation &animation) { return animation.sections().shared_connectivity(); });
     const nb::capsule owner = owner_of(parts);
     return list_of(*parts, [&](const Connectivity &part) {
-        return named("FacesAndLines", shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
-                     shared_array(part.line_sizes, owner), shared_array(part.line_indices, owner));
+        return named("MeshCells", shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
+                     shared_array(part.line_sizes, owner), shared_array(part.line_indices, owner),
+                     shared_array(part.cell_shapes, owner), shared_array(part.cell_sizes, owner),
+                     shared_array(part.cell_indices, owner));
     });
 }
 
@@ -376,7 +378,8 @@ void bind_animation(nb::module_ &module) {
     add_tuple(module, "Group", "first frames functions basis step alpha");
     add_tuple(module, "GroupRange", "first end");
     add_tuple(module, "Model", "kind points functions threshold rate is_affine residual_step layout");
-    add_tuple(module, "FacesAndLines", "face_counts face_indices line_counts line_indices");
+    add_tuple(module, "MeshCells",
+              "face_counts face_indices line_counts line_indices cell_shapes cell_counts cell_indices");
     add_tuple(module, "DecodedAttribute", "name domain values indices labels");
     add_tuple(module, "Reference", "grid origin step is_smoothed ties");
     add_tuple(module, "Corrections", "frames vertices offsets");

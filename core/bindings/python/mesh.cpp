@@ -8,7 +8,9 @@
 
 #include "bindings/python/bindings.hpp"
 #include "mesh/curves.hpp"
+#include "mesh/solids.hpp"
 #include "sections/attributes/attribute_mesh.hpp"
+#include "sections/connectivity/cells.hpp"
 #include "sections/description/description.hpp"
 #include "sections/reference/reference.hpp"
 
@@ -35,13 +37,20 @@ std::vector<ConnectivityView> views_of(const nb::list &parts) {
     std::vector<ConnectivityView> views;
     for (const nb::handle part : parts) {
         const nb::tuple fields = nb::cast<nb::tuple>(part);
-        views.push_back({nb::cast<i64>(fields[0]), view(nb::cast<Flat<i32>>(fields[1])),
-                         view(nb::cast<Flat<i32>>(fields[2])), view(nb::cast<Flat<i32>>(fields[3])),
-                         view(nb::cast<Flat<i32>>(fields[4]))});
+        const auto numbers = [&](std::size_t place) { return view(nb::cast<Flat<i32>>(fields[place])); };
+        views.push_back({nb::cast<i64>(fields[0]), numbers(1), numbers(2), numbers(3), numbers(4),
+                         view(nb::cast<Flat<u8>>(fields[5])), numbers(6), numbers(7)});
         const ConnectivityView &own = views.back();
         require(own.vertices >= 0 && fit_together(own.face_sizes, 3, own.face_indices, own.vertices) &&
-                    fit_together(own.line_sizes, 1, own.line_indices, own.vertices),
-                "counts and indices of faces or lines do not fit together");
+                    fit_together(own.line_sizes, 1, own.line_indices, own.vertices) &&
+                    fit_together(own.cell_sizes, 1, own.cell_indices, own.vertices) &&
+                    own.cell_shapes.size() == own.cell_sizes.size(),
+                "counts and indices of faces, lines or cells do not fit together");
+        for (std::size_t cell = 0; cell < own.cell_shapes.size(); ++cell) {
+            const std::size_t shape = own.cell_shapes[cell];
+            require(shape < cell_shapes && own.cell_sizes[cell] >= smallest_cells[shape],
+                    "a cell has an unknown shape, or too few nodes");
+        }
     }
     return views;
 }
@@ -72,6 +81,27 @@ nb::object py_encode_connectivity(const nb::list &parts, bool keep_order) {
         sections = encode_connectivity(views, keep_order);
     }
     return named("CodedConnectivity", to_bytes(sections.first), to_bytes(sections.second));
+}
+
+nb::bytes py_encode_cells(const nb::list &parts) {
+    const std::vector<ConnectivityView> views = views_of(parts);
+    std::vector<u8> data;
+    {
+        nb::gil_scoped_release release;
+        data = encode_cells(views);
+    }
+    return to_bytes(data);
+}
+
+nb::object py_inner_sides(const nb::list &parts) {
+    const std::vector<ConnectivityView> views = views_of(parts);
+    require(views.size() == 1, "inner sides are of one object");
+    Connectivity found;
+    {
+        nb::gil_scoped_release release;
+        found = inner_sides(views[0]);
+    }
+    return nb::make_tuple(to_array(std::move(found.face_sizes)), to_array(std::move(found.face_indices)));
 }
 
 nb::list py_coded_orders(const nb::list &parts) {
@@ -219,6 +249,7 @@ void check_rows(const AttributeView &attribute, const ConnectivityView &part) {
     const std::size_t wanted = attribute.domain == Domain::vertex   ? static_cast<std::size_t>(part.vertices)
                                : attribute.domain == Domain::face   ? part.face_sizes.size()
                                : attribute.domain == Domain::corner ? part.face_indices.size()
+                               : attribute.domain == Domain::cell   ? part.cell_sizes.size()
                                                                     : rows;
     require(rows == wanted, "rows of an attribute do not fit its domain");
 }
@@ -267,6 +298,8 @@ void bind_mesh(nb::module_ &module) {
     add_tuple(module, "Smoothing", "weights points grid error_ratio");
     module.def("encode_description", &py_encode_description, nb::arg("times"), nb::arg("names"));
     module.def("encode_connectivity", &py_encode_connectivity, nb::arg("parts"), nb::arg("keep_order"));
+    module.def("encode_cells", &py_encode_cells, nb::arg("parts"));
+    module.def("inner_sides", &py_inner_sides, nb::arg("parts"));
     module.def("coded_orders", &py_coded_orders, nb::arg("parts"));
     module.def("extract_curves", &py_extract_curves, nb::arg("parts"), nb::arg("reference"));
     module.def("encode_reference", &py_encode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),

@@ -49,7 +49,8 @@ AttributeElements::AttributeElements(std::vector<i32> of_corner_, i64 count)
     }
 }
 
-AttributeMesh::AttributeMesh(const ConnectivityView &part, std::span<const GridPoint> grid) : grid_(grid) {
+AttributeMesh::AttributeMesh(const ConnectivityView &part, std::span<const GridPoint> grid)
+    : cells_(static_cast<i64>(part.cell_sizes.size())), grid_(grid) {
     polygons_.faces = static_cast<i64>(part.face_sizes.size());
     polygons_.vertices = part.vertices;
     for (const i32 size : part.face_sizes) polygons_.starts.push_back(polygons_.starts.back() + size);
@@ -116,6 +117,7 @@ i64 AttributeMesh::count_of(Domain domain) const {
         case Domain::vertex: return polygons_.vertices;
         case Domain::face: return polygons_.faces;
         case Domain::corner: return static_cast<i64>(face_corners().size());
+        case Domain::cell: return cells_;
         default: return 0;
     }
 }

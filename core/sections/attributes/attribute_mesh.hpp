@@ -18,8 +18,8 @@ class WedgeField;
 
 using GridPoint = std::array<i64, 3>;  // grid coordinates of a vertex of the reference frame
 
-enum class Domain : u8 { vertex, face, corner, object };
-constexpr i64 domain_count = 4;
+enum class Domain : u8 { vertex, face, corner, object, cell };
+constexpr i64 domain_count = 5;
 
 // The elements that have values, and the corners of each. An element is a corner, a vertex, a face, or a row that is
 // listed separately.
@@ -69,6 +69,7 @@ public:
     std::unique_ptr<WedgeField> measured;
 
 private:
+    i64 cells_;
     Polygons polygons_;
     std::span<const GridPoint> grid_;
     std::optional<CornerTable> by_vertex_, by_point_;

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "mesh/graph.hpp"
+#include "mesh/solids.hpp"
 
 namespace pdeanim {
 
@@ -22,6 +23,17 @@ struct Links : std::vector<Link> {
 
 void link_vertices(const ConnectivityView &object, i64 first, Links &links) {
     for (const Edge &edge : edges_of({&object, 1})) links.add(first + edge.tail, first + edge.head);
+    if (object.cell_sizes.empty()) return;
+    const Connectivity inner = inner_sides(object);
+    link_vertices(view_of(inner), first, links);
+}
+
+// Of several solids on a side, each is a neighbour of the one before.
+void link_cells(const ConnectivityView &object, i64 first, Links &links) {
+    const std::vector<CellSide> sides = sides_of_solids(object);
+    for (std::size_t i = 1; i < sides.size(); ++i) {
+        if (sides[i].corners == sides[i - 1].corners) links.add(first + sides[i].cell, first + sides[i - 1].cell);
+    }
 }
 
 // Link faces that share an edge. Of several faces on one edge, each is a neighbour of the one before.
@@ -73,6 +85,7 @@ i64 row_count(FieldDomain domain, const ConnectivityView &object) {
         case FieldDomain::face: return static_cast<i64>(object.face_sizes.size());
         case FieldDomain::corner: return static_cast<i64>(object.face_indices.size());
         case FieldDomain::object: return 1;
+        case FieldDomain::cell: return static_cast<i64>(object.cell_sizes.size());
     }
     return 0;
 }
@@ -89,6 +102,8 @@ u64 FieldRows::building_bytes(FieldDomain domain, std::span<const ConnectivityVi
     for (const ConnectivityView &object : objects) {
         const u64 corners = object.face_indices.size() + object.line_indices.size();
         bytes += bytes_per_row * static_cast<u64>(row_count(domain, object)) + bytes_per_corner * corners;
+        // Sides of solids and borders of the inner ones, both of which grow: fewer than nodes of solids.
+        if (domain == FieldDomain::vertex || domain == FieldDomain::cell) bytes += 192 * object.cell_indices.size();
         if (domain == FieldDomain::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
     }
     return bytes;
@@ -103,6 +118,7 @@ FieldRows::FieldRows(FieldDomain domain, std::span<const ConnectivityView> objec
             case FieldDomain::face: link_faces(object, rows, links); break;
             case FieldDomain::corner: link_corners(object, rows, links); break;
             case FieldDomain::object: break;
+            case FieldDomain::cell: link_cells(object, rows, links); break;
         }
         rows += row_count(domain, object);
     }

@@ -1,4 +1,4 @@
-// The rows of a field (vertices, faces, corners or objects), their order, and which rows help to predict others.
+// The rows of a field (vertices, faces, corners, objects or cells), their order, and which rows help to predict others.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@
 namespace pdeanim {
 
 // The kind of element that the rows of a field belong to.
-enum class FieldDomain : u8 { vertex, face, corner, object };
-constexpr int field_domains = 4;
+enum class FieldDomain : u8 { vertex, face, corner, object, cell };
+constexpr int field_domains = 5;
 
 // Return the number of rows of an object.
 i64 row_count(FieldDomain domain, const ConnectivityView &object);
@@ -20,9 +20,9 @@ i64 row_count(FieldDomain domain, const ConnectivityView &object);
 struct FieldRows {
     static constexpr int most_neighbours = 4;
 
-    // Number the rows of objects, one object after the other. Vertices have neighbours along edges, and faces across
-    // edges. The neighbours of a corner are another corner of its vertex and the other corners of its face. Objects
-    // have none.
+    // Number the rows of objects, one object after the other. Vertices have neighbours along edges, also inside solids;
+    // faces across edges; cells across the sides of solids. The neighbours of a corner are another corner of its vertex
+    // and the other corners of its face. Objects have none.
     FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects);
 
     // Return the peak memory of the constructor.

@@ -37,7 +37,7 @@ from pdecodec.codec.encode.search import GroupSearch, divide, encode_by_rule, is
 from pdecodec.codec.encode.tuning import TUNINGS, Tuning
 from pdecodec.codec.encoding_memory import memory_plan
 from pdecodec.codec.sections.attributes import encode_attributes
-from pdecodec.codec.sections.connectivity import encode_connectivity
+from pdecodec.codec.sections.connectivity import encode_cells, encode_connectivity
 from pdecodec.codec.sections.description import encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.groups import GroupEntry, write_group_table
@@ -110,11 +110,11 @@ class Encoder(ABC):
     def encoded(self, path: Path | None) -> Iterator[list[Section]]:
         """Encode all groups and yield the sections of a run; some are unnamed files that last as long as the block."""
         spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
-        parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
+        keep = self._settings.order == "keep"
         ahead = thread_ahead(self._size)
         try:
             # The result is needed only at the end.
-            self._connectivity = ahead.submit(encode_connectivity, parts, keep_order=keep)
+            self._connectivity = ahead.submit(encode_connectivity, self._parts, keep_order=keep)
             frames = 0
             with threads_for(self._size):
                 for encoded in self._groups():
@@ -142,6 +142,10 @@ class Encoder(ABC):
     @abstractmethod
     def _space(self) -> SpaceBasis:
         """Return the spatial basis."""
+
+    @property
+    def _parts(self) -> list[Connectivity]:
+        return [item.connectivity for item in self._sequence.objects]
 
     @property
     def _recorded_settings(self) -> EncodeSettings:
@@ -214,6 +218,7 @@ class Encoder(ABC):
         return [
             Section("CONN", connectivity),
             *([Section("ORDR", order)] if order else []),
+            *([Section("SOLD", cells)] if (cells := encode_cells(self._parts)) else []),
             Section("REST", self._reference_bytes),
             Section("MODL", encode_model(self._space, self._residual_step)),
             Section("GRUP", write_group_table(self._entries)),

@@ -20,7 +20,7 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, MeshObject
 
-DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
+DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object", "cell")
 
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 

@@ -1,4 +1,4 @@
-"""Sections CONN and ORDR: faces and lines of every object, and the original order of surfaces.
+"""Sections CONN, ORDR and SOLD: faces, lines and cells of every object, and the original order of surfaces.
 
 The faces of an object are coded in one of two ways, whichever costs less. As a *surface*, they are grown across the
 sides of known faces, and the order of faces and vertices is coded separately. As *polygons*, they keep their order,
@@ -9,11 +9,14 @@ which is better if a program numbered them row by row. Lines are coded as polygo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.errors import InputError
-from pdecodec.mesh.sequence import Connectivity
+from pdecodec.mesh.sequence import Connectivity, MeshObject
 
 MAX_CORNERS = 2**31 - 1
 """Largest number of face corners of an object, and of points of its lines: they are numbered by int32."""
@@ -63,8 +66,34 @@ def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
     can number.
     """
     for part in parts:
-        if max(part.face_indices.size, part.line_indices.size) > MAX_CORNERS:
+        if max(part.face_indices.size, part.line_indices.size, part.cell_indices.size) > MAX_CORNERS:
             raise InputError(f"an object has more than {MAX_CORNERS} face corners; split it", code="too-large")
     return [
-        (part.vertex_count, part.face_counts, part.face_indices, part.line_counts, part.line_indices) for part in parts
-    ]
+        (part.vertex_count, part.face_counts, part.face_indices, part.line_counts, part.line_indices,
+         part.cell_shapes, part.cell_counts, part.cell_indices)
+        for part in parts
+    ]  # fmt: skip
+
+
+def encode_cells(parts: Sequence[Connectivity]) -> bytes:
+    """Return section SOLD: the cells of every object; empty if there are none."""
+    return _core.encode_cells(core_parts(parts))
+
+
+def predicted_on(objects: Sequence[MeshObject]) -> list[Connectivity]:
+    """Return the connectivity that positions are predicted on: inner sides of solids follow an object's own faces."""
+    return [_with_inner_sides(item.connectivity) for item in objects]
+
+
+@lru_cache(maxsize=16)
+def _with_inner_sides(part: Connectivity) -> Connectivity:
+    if not part.cell_count:
+        return part
+    counts, indices = _core.inner_sides(core_parts([part]))
+    return Connectivity(
+        part.vertex_count,
+        np.concatenate([part.face_counts, counts]),
+        np.concatenate([part.face_indices, indices]),
+        part.line_counts,
+        part.line_indices,
+    )

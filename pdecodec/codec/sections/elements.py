@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec import _core
-from pdecodec.codec.sections.connectivity import core_parts
+from pdecodec.codec.sections.connectivity import core_parts, predicted_on
 from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.ties import NO_TIES
@@ -25,7 +25,7 @@ def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
     """Return the patches that follow from connectivity, before the reference frame is decoded; None if a vertex
     has no neighbour.
     """
-    return _core.early_patches(core_parts([item.connectivity for item in objects]), points)
+    return _core.early_patches(core_parts(predicted_on(objects)), points)
 
 
 class EarlyPatches:
@@ -62,7 +62,7 @@ def build_patches(
     ties : (vertices,) int32, optional
         As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
     """
-    return _core.build_patches(core_parts([item.connectivity for item in objects]), reference, points, ties, early)
+    return _core.build_patches(core_parts(predicted_on(objects)), reference, points, ties, early)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,5 +98,5 @@ def extract_curves(objects: Sequence[MeshObject], reference: Int64Array) -> Curv
     reference : (vertices, 3) int64
         Reference frame in quantisation steps, in the mesh's vertex order.
     """
-    parts = core_parts([item.connectivity for item in objects])
+    parts = core_parts(predicted_on(objects))
     return Curves(*_core.extract_curves(parts, np.ascontiguousarray(reference, np.int64)))

@@ -17,6 +17,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldWriter, section_fault
+from pdecodec.codec.sections.connectivity import predicted_on
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.ties import NO_TIES
@@ -212,7 +213,7 @@ class Polygons(NamedTuple):
 
 
 def polygons_of(objects: Sequence[MeshObject]) -> Polygons:
-    """Return the polygons of all objects.
+    """Return the polygons of all objects; inner sides of solids follow the faces of their object.
 
     Parameters
     ----------
@@ -220,15 +221,14 @@ def polygons_of(objects: Sequence[MeshObject]) -> Polygons:
     """
     counts, corners, pieces = [], [], []
     shift = 0
-    for item in objects:
-        connectivity = item.connectivity
+    for connectivity in predicted_on(objects):
         counts.append(connectivity.face_counts)
         corners.append(connectivity.face_indices + np.int32(shift))
         lines = connectivity.line_indices + np.int32(shift)
         goes_on = np.ones(max(lines.size - 1, 0), dtype=bool)
         goes_on[np.cumsum(connectivity.line_counts, dtype=np.int64)[:-1] - 1] = False
         pieces.append(np.stack([lines[:-1][goes_on], lines[1:][goes_on]], axis=1).ravel())
-        shift += item.vertex_count
+        shift += connectivity.vertex_count
     faces = sum(count.size for count in counts)
     in_pieces = np.concatenate(pieces)
     sizes = np.concatenate([*counts, np.full(in_pieces.size // 2, 2, np.int32)])

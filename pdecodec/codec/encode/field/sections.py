@@ -28,6 +28,7 @@ from pdecodec.codec.encode.field.chunks import (
 )
 from pdecodec.codec.encode.field.computed import FieldComputer, Recipe
 from pdecodec.codec.encode.report import FieldReport
+from pdecodec.codec.sections.connectivity import core_parts
 from pdecodec.codec.sections.fields import (
     DOMAINS,
     EXACT,
@@ -92,18 +93,8 @@ def check_field_names(settings: EncodeSettings, runs: Sequence[MeshSequence]) ->
 
 def rows_of(field: Field, objects: Sequence[MeshObject]) -> _core.FieldRows:
     """Return the rows of a field and their neighbours."""
-    parts = [
-        (
-            item.vertex_count,
-            item.connectivity.face_counts,
-            item.connectivity.face_indices,
-            item.connectivity.line_counts,
-            item.connectivity.line_indices,
-        )
-        for index, item in enumerate(objects)
-        if field.objects is None or index in field.objects
-    ]
-    return _core.FieldRows(DOMAINS.index(field.domain), parts)
+    owners = [item for index, item in enumerate(objects) if field.objects is None or index in field.objects]
+    return _core.FieldRows(DOMAINS.index(field.domain), core_parts([item.connectivity for item in owners]))
 
 
 def encode_field(

@@ -1,0 +1,40 @@
+// Cells of finite elements, and the sides that solids share.
+//
+// Where an object has cells, its faces and lines are what one sees of them: faces that are cells themselves, and sides
+// that belong to a single solid. Vertices inside solids get their neighbours from the other sides, the inner ones.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "base/arithmetic.hpp"
+#include "mesh/corner_table.hpp"
+
+namespace pdeanim {
+
+// Shapes by their number in the file. Nodes of a cell are its corners, one node on each edge, then others, as in VTK.
+enum class CellShape : u8 { polyline, line, polygon, triangle, quad, tetrahedron, pyramid, wedge, hexahedron };
+constexpr int cell_shapes = 9;
+
+// Fewest nodes of a cell of each shape.
+constexpr std::array<i32, cell_shapes> smallest_cells = {1, 1, 3, 3, 4, 4, 5, 6, 8};
+
+// A side of a solid.
+struct CellSide {
+    std::array<i32, 4> corners;  // ascending; the first is -1 if there are three
+    i32 cell, number;            // number of the side in the cell's shape
+    auto operator<=>(const CellSide &) const = default;
+};
+
+// Return the sides of all solids of an object, sorted: sides of equal corners follow one another.
+std::vector<CellSide> sides_of_solids(const ConnectivityView &object);
+
+// Return the sides that several solids have, in the order of the first of these solids, as faces of an object without
+// lines. A node on each edge is part of the border.
+Connectivity inner_sides(const ConnectivityView &object);
+
+// Return the objects with inner sides after their own faces: what positions are predicted on (27.3 of the specification).
+std::vector<Connectivity> with_inner_sides(std::span<const ConnectivityView> objects);
+
+}  // namespace pdeanim
