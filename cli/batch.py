@@ -45,8 +45,8 @@ SAID_EVERY = 30.0
 _OF_CLIPS = (
     "preset", "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r",
     "group_frames", "uv_tolerance", "field_tolerance", "fields", "order", "scene", "effort", "frames", "objects",
-    "fps", "mesh", "clip", "displacement", "transforms", "skip_unsupported", "isolate", "asset_folders", "up_axis",
-    "scale", "unit",
+    "fps", "mesh", "clip", "displacement", "solids", "transforms", "skip_unsupported", "isolate", "asset_folders",
+    "up_axis", "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that apply to every clip whose manifest does not set them."""
 

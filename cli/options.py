@@ -189,6 +189,12 @@ read_options = option_group(
         help="Vectors of IN to add to its geometry (VTK, XDMF, Exodus).  [default: those that the format defines]",
     ),
     click.option(
+        "--solids",
+        type=click.Choice(["surface", "keep"]),
+        help="Solid elements of IN (VTK, XDMF, Exodus). surface: read their surface alone. keep: keep all elements as "
+        "cells, with their data, and all nodes.  [default: surface]",
+    ),
+    click.option(
         "--transforms",
         type=click.Choice(["bake", "keep"]),
         default="bake",

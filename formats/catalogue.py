@@ -165,12 +165,14 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk.xdmf:XdmfSequence",
         companions="pdecodec.formats.vtk.file_lists:named_by_xdmf",
         written_beside="pdecodec.formats.vtk.writer:data_file",
-        options=("displacement",),
+        options=("displacement", "solids"),
         writer="pdecodec.formats.vtk.xdmf_writer:write_xdmf",
         holds_fields=True,
-        keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids, normals of smooth "
-        "meshes (written), attributes of nodes, cells and grids (fields; those of temporal collections of the same "
-        "meshes and times together); motion is the geometry of each step, or the vectors that a setting names",
+        holds_cells=True,
+        keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids or all elements as "
+        "cells, normals of smooth meshes (written), attributes of nodes, cells and grids (fields; those of temporal "
+        "collections of the same meshes and times together); motion is the geometry of each step, or the vectors that a "
+        "setting names",
         loses="names of objects (written), attributes of faces and edges of cells, of inner cells and of collections, "
         "degrees of freedom, sets (all named), fields on corners, other attributes, up axis and unit; changing "
         "connectivity",
@@ -182,12 +184,13 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk.files:open_pvd",
         companions="pdecodec.formats.vtk.file_lists:named_files",
         written_beside="pdecodec.formats.vtk.writer:listed_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         writer="pdecodec.formats.vtk.writer:write_pvd",
         holds_fields=True,
+        holds_cells=True,
         holds_runs=True,
         keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), data of "
-        "points and cells (fields), the surface of solids; parts are joined; motion is the points of each "
+        "points and cells (fields), the surface of solids or all cells; parts are joined; motion is the points of each "
         "step, or the vectors that a setting names",
         loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects, data "
         "that only some frames or parts have unless they are floats, up axis and unit",
@@ -197,13 +200,14 @@ BUILT_IN = (
         title="VTK unstructured grid, one file per frame",
         extensions=(".vtu",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         writer="pdecodec.formats.vtk.writer:write_vtu",
         holds_fields=True,
+        holds_cells=True,
         holds_runs=True,
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids, "
-        "data of points and cells (fields), times (field data TimeValue, where every file has it); VTK reads "
+        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids or "
+        "all cells, data of points and cells (fields), times (field data TimeValue, where every file has it); VTK reads "
         "what pdecodec itself cannot (pip install 'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects",
     ),
@@ -212,7 +216,7 @@ BUILT_IN = (
         title="VTK polygonal data, one file per frame",
         extensions=(".vtp",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
         keeps="faces, lines, points, data of points and cells (fields), times (field data TimeValue); VTK "
@@ -224,10 +228,10 @@ BUILT_IN = (
         title="VTK legacy file, one per frame",
         extensions=(".vtk",),
         reader="pdecodec.formats.vtk.files:open_frame_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, the surface of solids, data of points and cells (fields); VTK reads what "
+        keeps="faces, lines, the surface of solids or all cells, data of points and cells (fields); VTK reads what "
         "pdecodec itself cannot (pip install 'pdecodec[vtk]')",
         loses="text, data of files that VTK reads (named), times (frames are numbered)",
     ),
@@ -237,7 +241,7 @@ BUILT_IN = (
         extensions=(".pvtu", ".pvtp", ".vtm"),
         reader="pdecodec.formats.vtk.files:open_frame_files",
         companions="pdecodec.formats.vtk.file_lists:named_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
         keeps="what their parts keep; parts are joined, ghost cells left out",
@@ -249,7 +253,7 @@ BUILT_IN = (
         extensions=(".series",),
         reader="pdecodec.formats.vtk.files:open_series",
         companions="pdecodec.formats.vtk.file_lists:named_files",
-        options=("displacement",),
+        options=("displacement", "solids"),
         write_with="a .pvd file",
         keeps="what its files keep, times",
         loses="data of lines and vertices, text, data of files that VTK reads (named)",
@@ -260,10 +264,10 @@ BUILT_IN = (
         extensions=(".e", ".exo", ".ex2"),
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.vtk.exodus:ExodusSequence",
-        options=("displacement",),
+        options=("displacement", "solids"),
         writer="pdecodec.formats.vtk.exodus_writer:write_exodus",
         holds_fields=True,
-        keeps="shells, polygons, bars, points, the surface of solids of every order, nodes' numbers (attribute node), "
+        keeps="shells, polygons, bars, points, the surface of solids of every order or all elements as cells, nodes' numbers (attribute node), "
         "names of blocks (groups of faces), times, displacements (nodal variables of every axis that begin with disp, "
         "or those that a setting names), other nodal variables and element variables on faces (fields; components are "
         "gathered to vectors, tensors and numbered ones); whole numbers stay what they are",

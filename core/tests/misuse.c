@@ -94,6 +94,7 @@ int main(int count, char **arguments) {
     const pdeanim_correction *corrections;
     pdeanim_object object;
     pdeanim_attribute attribute;
+    pdeanim_cells cells;
     pdeanim_group group;
     pdeanim_field field;
     pdeanim_section section;
@@ -169,6 +170,12 @@ int main(int count, char **arguments) {
     REFUSES(pdeanim_get_object, animation, -1, &object);
     REFUSES(pdeanim_get_object, animation, INT64_MAX, &object);
     REFUSES(pdeanim_get_object, runs, 0, &object);
+
+    REFUSES(pdeanim_get_cells, NULL, 0, &cells);
+    REFUSES(pdeanim_get_cells, closed, 0, &cells);
+    REFUSES(pdeanim_get_cells, animation, 0, NULL);
+    REFUSES(pdeanim_get_cells, animation, INT64_MAX, &cells);
+    REFUSES(pdeanim_get_cells, runs, 0, &cells);
 
     REFUSES(pdeanim_attribute_count, NULL, 0, &number);
     REFUSES(pdeanim_attribute_count, closed, 0, &number);

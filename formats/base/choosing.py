@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class InputOptions:
 
     Attributes
     ----------
-    fps, mesh, clip, displacement, transforms, skip_unsupported, isolate, asset_folders
+    fps, mesh, clip, displacement, solids, transforms, skip_unsupported, isolate, asset_folders
         See :func:`pdecodec.open_sequence`.
     frames : str or None
         Frames to take, see :func:`select_frames`.
@@ -45,6 +45,7 @@ class InputOptions:
     mesh: str | None = None
     clip: str | None = None
     displacement: str | None = None
+    solids: Literal["surface", "keep"] | None = None
     transforms: Transforms = "bake"
     skip_unsupported: bool = False
     isolate: bool = False
@@ -90,6 +91,7 @@ def open_whole(source: str | os.PathLike[str], options: InputOptions) -> MeshSeq
         mesh=options.mesh,
         clip=options.clip,
         displacement=options.displacement,
+        solids=options.solids,
         transforms=options.transforms,
         skip_unsupported=options.skip_unsupported,
         isolate=options.isolate,

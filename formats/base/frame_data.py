@@ -16,13 +16,15 @@ from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
 DataKey = tuple[FieldDomain, str]
 """Domain and name of data."""
 
-ON_FACES = "{} (faces)"
-"""Name of a field on faces if one on vertices has its name."""
+
+def on_elements(name: str, domain: FieldDomain) -> str:
+    """Return the name of a field on faces or cells if one on vertices has its name."""
+    return f"{name} ({domain}s)"
 
 
 @dataclass(frozen=True)
 class StoredData:
-    """Values on the vertices or faces of one file.
+    """Values on the vertices, faces or cells of one file.
 
     Attributes
     ----------
@@ -107,7 +109,7 @@ def fields_of_frames(
     for (domain, name), found in sorted(kinds.items(), key=lambda one: one[0][0] != "vertex"):
         dtype = np.result_type(*(kind for kind, _ in found))
         widths = {width for _, width in found}
-        own = ON_FACES.format(name) if name in fields else name
+        own = on_elements(name, domain) if name in fields else name
         is_whole = counts[domain, name] == total
         if dtype not in DTYPES or len(widths) > 1 or own in fields or not (is_whole or dtype.kind == "f"):
             lost.append(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,14 @@ from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field, rows_of_domain
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import (
+    Attribute,
+    Connectivity,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+    joined_connectivity,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class MeshFile:
     data: Mapping[DataKey, StoredData] = field(default_factory=dict, compare=False)
 
     def continues(self, other: MeshFile) -> bool:
-        """Return whether another mesh has the same faces and lines, and the same vertices if they have ids."""
+        """Return whether another mesh has the same faces, lines and cells, and the same vertices if they have ids."""
         mine, theirs = (next((one.values for one in mesh.attributes if one.name == ID), None) for mesh in (self, other))
         if (mine is None) != (theirs is None):
             return False
@@ -51,15 +58,9 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
     """Join several meshes, their points one after the other; attributes, which belong to single parts, are dropped."""
     if len(parts) == 1:
         return parts[0]
-    firsts = np.cumsum([0, *(len(part.points) for part in parts)])
-    shared = [part.connectivity for part in parts]
-    connectivity = Connectivity(
-        int(firsts[-1]),
-        np.concatenate([one.face_counts for one in shared]),
-        np.concatenate([one.face_indices + first for one, first in zip(shared, firsts, strict=False)]),
-        np.concatenate([one.line_counts for one in shared]),
-        np.concatenate([one.line_indices + first for one, first in zip(shared, firsts, strict=False)]),
-    )
+    if any(part.connectivity.cell_count for part in parts):
+        parts = [_with_cells(part) for part in parts]
+    connectivity = joined_connectivity([part.connectivity for part in parts])
     names = dict.fromkeys(one.name for part in parts for one in part.attributes)
     notices = dict.fromkeys(notice for part in parts for notice in part.notices)
     lost = (f"not kept, because the file has several parts: {', '.join(names)}",) if names else ()
@@ -68,6 +69,19 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
         [(part.data, {"vertex": len(part.points), "face": part.connectivity.face_count}) for part in parts]
     )
     return MeshFile(points, connectivity, (), (*notices, *lost), data)
+
+
+def _with_cells(part: MeshFile) -> MeshFile:
+    """Return a mesh whose faces and lines are cells, since another part of the file has cells."""
+    shown = part.connectivity
+    if shown.cell_count:
+        return part
+    data: dict[DataKey, StoredData] = {
+        ("cell" if domain == "face" else domain, name): one
+        for (domain, name), one in part.data.items()
+        if domain != "face" or not shown.line_count  # lines have no data here
+    }
+    return replace(part, connectivity=shown.with_own_cells(), data=data)
 
 
 class FrameMeshes:

@@ -28,6 +28,7 @@ from pdecodec.formats.base.registry import (
     unknown_format,
 )
 from pdecodec.formats.base.scene_space import bake_transforms
+from pdecodec.formats.base.surface import cells_left_out, surface_of
 from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence, Progress
@@ -36,7 +37,7 @@ from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
 
-_FORMAT_OPTIONS = ("mesh", "clip", "displacement")
+_FORMAT_OPTIONS = ("mesh", "clip", "displacement", "solids")
 """Options of :func:`open_sequence` that are refused for formats that do not use them."""
 
 
@@ -53,6 +54,7 @@ def open_sequence(
     mesh: str | os.PathLike[str] | None = None,
     clip: str | None = None,
     displacement: str | None = None,
+    solids: Literal["surface", "keep"] | None = None,
     transforms: Transforms = "bake",
     skip_unsupported: bool = False,
     isolate: bool = False,
@@ -78,6 +80,9 @@ def open_sequence(
     displacement : str, optional
         Name of the vectors on nodes that are added to the geometry of a simulation (VTK, XDMF, Exodus); ``none`` adds
         none. Default: those that the format itself defines as displacements; a notice lists the others.
+    solids : {"surface", "keep"}, optional
+        What becomes of solid elements of a simulation (VTK, XDMF, Exodus). keep: objects with solids have all elements
+        of the file as cells, with their data, and all nodes. Default: their surface alone.
     transforms : {"bake", "keep"}
         For formats with transforms above objects: apply them to the positions, or keep them as the attribute
         ``transform`` (:mod:`pdecodec.formats.base.scene_space`). Other formats have none.
@@ -100,7 +105,7 @@ def open_sequence(
     InputError
         If the file does not exist, has no known format, is damaged, is no regular file, or refers to a file elsewhere.
     SettingsError
-        If `mesh`, `clip` or `displacement` is given for a format that does not use it.
+        If `mesh`, `clip`, `displacement` or `solids` is given for a format that does not use it.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -109,6 +114,7 @@ def open_sequence(
         "mesh": mesh,
         "clip": clip,
         "displacement": displacement,
+        "solids": solids,
         "transforms": transforms,
         "skip_unsupported": skip_unsupported,
     }
@@ -315,7 +321,8 @@ def write_sequence(
             setting="frames",
             purpose="to choose frames that have one",
         )
-    placed = sequence if entry.holds_transforms else changed(sequence, bake_transforms)
+    whole = sequence if entry.holds_cells else surface_of(sequence)
+    placed = whole if entry.holds_transforms else changed(whole, bake_transforms)
     rate = sequence.fps if fps is None else fps
     asked["looks_of"] = sequence if looks_of is None else looks_of
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
@@ -326,8 +333,9 @@ def write_sequence(
         if entry.times != "exact":
             start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
             rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
-        lost = (*unwritten, *rounded, *writer(placed, output))
-    if not entry.holds_fields and (names := output.fields_met | {one.name for one in sequence.runs[0].fields}):
+        left = () if entry.holds_cells else cells_left_out(sequence)
+        lost = (*unwritten, *rounded, *writer(placed, output), *left)
+    if not entry.holds_fields and (names := output.fields_met | {one.name for one in whole.runs[0].fields}):
         lost = (*lost, f"fields not kept: {', '.join(sorted(names))}")
     return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
 

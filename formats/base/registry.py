@@ -157,9 +157,10 @@ class Format:
     from_address : bool
         Whether the reader also takes a :class:`pdecodec.system.storage.RemoteFile` and reads only the parts it needs; a
         remote file of another format is fetched whole.
-    holds_transforms, holds_velocities, holds_nothing, holds_runs, holds_fields : bool
+    holds_transforms, holds_velocities, holds_nothing, holds_runs, holds_fields, holds_cells : bool
         Whether the writer can store transforms above objects, store velocities, keep objects without vertices,
-        write a sequence whose connectivity changes, and store fields; one that stores some fields lists the others.
+        write a sequence whose connectivity changes, store fields (one that stores some fields lists the others), and
+        store cells; other writers get faces and lines alone.
     finds_rigid_parts : bool
         Whether the writer always looks for parts of a decoded animation that move rigidly within its bound.
     starts_at_zero : bool
@@ -192,6 +193,7 @@ class Format:
     holds_nothing: bool = False
     holds_runs: bool = False
     holds_fields: bool = False
+    holds_cells: bool = False
     finds_rigid_parts: bool = False
     starts_at_zero: bool = False
     times: Literal["exact", "float32", "microseconds", "both"] = "exact"

@@ -26,7 +26,7 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.runs import changed
-from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -288,9 +288,7 @@ def turned_around(item: MeshObject) -> MeshObject:
     """Return an object with its faces reversed, and the data of their corners with them."""
     old = item.connectivity
     order = reversed_corners(old.face_counts)
-    connectivity = Connectivity(
-        old.vertex_count, old.face_counts, old.face_indices[order], old.line_counts, old.line_indices
-    )
+    connectivity = dataclasses.replace(old, face_indices=old.face_indices[order])
     attributes = (_reordered(one, order) if one.domain == "corner" else one for one in item.attributes)
     return MeshObject(item.name, connectivity, tuple(attributes))
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.frame_data import ON_FACES
+from pdecodec.formats.base.frame_data import on_elements
 from pdecodec.mesh.fields import Field, FieldDomain
-from pdecodec.mesh.sequence import BLOCK_BYTES, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import BLOCK_BYTES, MeshSequence, joined_connectivity
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,15 @@ class WrittenFields:
     ----------
     sequence : MeshSequence
     domains : sequence of str
-        Those that the format has a place for; "object" only counts if there is one object.
+        Those that the format has a place for; "object" only counts if there is one object. "face" are the faces of
+        sequences without cells, "cell" the cells of others.
     but : collection of str
         Names of fields that the format stores in a way of its own.
 
     Attributes
     ----------
+    cells : Connectivity
+        The cells to write: those of the sequence, or its faces and lines.
     fields : tuple of WrittenField
     lost : list of str
         Names of other fields: those of other domains, and whole numbers that not all objects have.
@@ -49,6 +52,11 @@ class WrittenFields:
 
     def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain], but: Collection[str] = ()) -> None:
         self._sequence = sequence
+        parts = [item.connectivity for item in sequence.objects]
+        self._has_cells = any(part.cell_count for part in parts)
+        self._written = [part if part.cell_count else part.with_own_cells() for part in parts]
+        self.cells = joined_connectivity(self._written)
+        no_place = "face" if self._has_cells else "cell"
         on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
         found, self.lost = list[WrittenField](), list[str]()
         for one in sequence.fields:
@@ -56,23 +64,36 @@ class WrittenFields:
                 continue
             is_joined = one.domain == "object" and len(sequence.objects) > 1
             is_uneven = one.objects is not None and one.dtype.kind != "f"
-            if one.domain not in domains or is_joined or is_uneven:
+            if one.domain not in domains or one.domain == no_place or is_joined or is_uneven:
                 self.lost.append(one.name)
                 continue
-            plain = one.name.removesuffix(ON_FACES.format(""))
-            is_twin = one.domain == "face" and plain != one.name and plain in on_vertices
+            plain = one.name.removesuffix(on_elements("", one.domain))
+            is_twin = one.domain in ("face", "cell") and plain != one.name and plain in on_vertices
             found.append(WrittenField(one, plain if is_twin else one.name))
         self.fields = tuple(found)
         size = sum(one.field.frame_bytes(sequence.objects) for one in found)
         self._at_a_time = max(1, BLOCK_BYTES // max(size, 1))
         self._start, self._block = 0, dict[str, NDArray[Any]]()
         self._owned = {
-            one.field.name: _owned_rows(one.field, sequence.objects) for one in found if one.field.objects is not None
+            one.field.name: self._owned_rows(one.field)
+            for one in found
+            if one.field.objects is not None or one.field.domain == "cell"
         }
 
     def names(self, domain: FieldDomain) -> list[str]:
         """Return the names of the data of a domain."""
         return [one.name for one in self.fields if one.field.domain == domain]
+
+    def _owned_rows(self, field: Field) -> NDArray[np.bool_]:
+        """Return for each row of a domain of all objects whether its object has the field."""
+        objects = self._sequence.objects
+        counts = replace(field, objects=None).row_counts(objects)
+        owners = np.zeros(len(counts), bool)
+        owners[slice(None) if field.objects is None else list(field.objects)] = True
+        if field.domain == "cell":
+            owners &= np.array(counts) > 0
+            counts = [part.cell_count for part in self._written]
+        return np.repeat(owners, counts)
 
     def read(self, one: WrittenField, start: int, stop: int) -> NDArray[Any]:
         """Return values (frames, rows[, components]) for all objects: NaN or 0 for those without the field."""
@@ -103,11 +124,3 @@ class WrittenFields:
 
 def _missing(values: NDArray[Any]) -> float:
     return np.nan if values.dtype.kind == "f" else 0
-
-
-def _owned_rows(field: Field, objects: Sequence[MeshObject]) -> NDArray[np.bool_]:
-    """Return for each row of a domain of all objects whether its object has the field."""
-    counts = replace(field, objects=None).row_counts(objects)
-    owners = np.zeros(len(counts), bool)
-    owners[list(field.objects or ())] = True
-    return np.repeat(owners, counts)

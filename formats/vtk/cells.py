@@ -1,5 +1,7 @@
 """Turn finite elements into faces and lines: solids into their surface, curved elements into borders with edge nodes.
 
+If solids are kept, all elements are kept besides, as cells, and so are all nodes (:class:`pdecodec.Connectivity`).
+
 Nodes keep their order. Nodes that are neither on the surface nor on a line are left out, and the attribute ``node``
 holds the numbers of the others.
 
@@ -10,9 +12,10 @@ have a negative volume, all of them are reversed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +23,10 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_meshes import join_cells
 from pdecodec.mesh.arrays import Int64Array
-from pdecodec.mesh.sequence import Attribute, Connectivity
+from pdecodec.mesh.sequence import CELL_SHAPES, FEWEST_NODES, Attribute, Connectivity
+
+Solids = Literal["surface", "keep"]
+"""What becomes of solids."""
 
 NODE = "node"
 """Vertex attribute, int32: number of the node that each vertex was in the file."""
@@ -73,6 +79,16 @@ _FLAT: Mapping[tuple[str, int], tuple[int, ...]] = {
 """Nodes along the border of cells that are not solid, by kind and number of nodes."""
 
 
+EXODUS_PLACES: Mapping[tuple[str, int], Int64Array] = {
+    ("wedge", 15): np.array([*range(9), 12, 13, 14, 9, 10, 11]),
+    ("wedge", 18): np.array([*range(9), 12, 13, 14, 9, 10, 11, 15, 16, 17]),
+    ("hexahedron", 20): np.array([*range(12), 16, 17, 18, 19, 12, 13, 14, 15]),
+    ("hexahedron", 24): np.array([*range(12), 16, 17, 18, 19, 12, 13, 14, 15, *range(20, 24)]),
+    ("hexahedron", 27): np.array([*range(12), 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22, 20]),
+}
+"""Places that the nodes of VTK's cells have in cells of Exodus, where they differ."""
+
+
 class Cells:
     """Cells of a mesh, added block by block.
 
@@ -80,17 +96,23 @@ class Cells:
     ----------
     vtk : bool
         Whether edges of solids are numbered as in VTK.
+    solids : {"surface", "keep"}
+        Whether :meth:`connectivity` returns the surface of solids alone, or the cells too.
 
     Attributes
     ----------
+    has_cells : bool
+        Whether :meth:`connectivity` returns cells: there are solids to keep, or it was set to True.
     owners : (faces,) int64
         Cell of each face that :meth:`connectivity` returned last, counted in the order of adding.
     count : int
         Number of cells.
     """
 
-    def __init__(self, *, vtk: bool = False) -> None:
-        self._vtk = vtk
+    def __init__(self, *, vtk: bool = False, solids: Solids = "surface") -> None:
+        self._vtk, self._keep = vtk, solids == "keep"
+        self.has_cells = False
+        self._added: list[tuple[str, Int64Array]] = []
         self._faces: list[tuple[Int64Array, Int64Array]] = []
         self._lines: list[Int64Array] = []
         self._solids: list[tuple[str, Int64Array, Int64Array]] = []
@@ -112,8 +134,10 @@ class Cells:
         nodes = np.asarray(rows, np.int64)
         numbers = np.arange(self.count, self.count + len(nodes))
         self.count += len(nodes)
+        self._added.append((kind, nodes))
         if kind in _SOLIDS and nodes.shape[1] >= _SOLIDS[kind].corners:
             self._solids.append((kind, nodes, numbers))
+            self.has_cells = self.has_cells or self._keep
             return
         if kind not in ("polygon", "polyline"):
             if (kind, nodes.shape[1]) not in _FLAT:
@@ -149,7 +173,7 @@ class Cells:
         """Return a notice that counts the `cells` without faces, whose `data` have no place; call it after
         :meth:`connectivity`.
         """
-        inner = self.count - np.unique(self.owners).size
+        inner = 0 if self.has_cells else self.count - np.unique(self.owners).size
         if not inner:
             return ()
         return (f"{inner} of {self.count} {cells} have no face on the surface: their {data} are not kept",)
@@ -159,12 +183,15 @@ class Cells:
     ) -> tuple[Connectivity, Int64Array | None]:
         """Return faces and lines of the cells at points (nodes, 3), and the nodes that are vertices: None for all.
 
-        If there are solids or curved cells, or `only_used` is true, nodes without faces and lines are left out.
+        If there are solids or curved cells, or `only_used` is true, nodes without faces and lines are left out, unless
+        cells are kept.
         """
         nodes = len(points)
         faces = [*self._faces, *self._surface(points)]
         whole = join_cells(nodes, [rows for rows, _ in faces], self._lines)
         self.owners = np.concatenate([np.zeros(0, np.int64), *(numbers for _, numbers in faces)])
+        if self.has_cells:
+            return self._with_cells(whole), None
         if not (self._solids or self._is_curved or only_used):
             return whole, None
         used = np.zeros(nodes, bool)
@@ -175,6 +202,29 @@ class Cells:
         numbers = np.cumsum(used) - 1
         corners, ends = numbers[whole.face_indices], numbers[whole.line_indices]
         return Connectivity(int(used.sum()), whole.face_counts, corners, whole.line_counts, ends), np.flatnonzero(used)
+
+    def _with_cells(self, whole: Connectivity) -> Connectivity:
+        rows = [
+            nodes if self._vtk or (kind, nodes.shape[1]) not in EXODUS_PLACES
+            else nodes[:, EXODUS_PLACES[kind, nodes.shape[1]]]
+            for kind, nodes in self._added
+        ]  # fmt: skip
+        shapes = [CELL_SHAPES.index(kind) for kind, _ in self._added]
+        sizes, widths = [len(one) for one in rows], [one.shape[1] for one in rows]
+        return replace(
+            whole,
+            cell_shapes=np.repeat(np.array(shapes, np.uint8), sizes),
+            cell_counts=np.repeat(np.array(widths, np.int32), sizes),
+            cell_indices=np.concatenate([one.reshape(-1) for one in rows]),
+        )
+
+    def left_out_notices(self, gather: Int64Array | None, nodes: int) -> tuple[str, ...]:
+        """Return notices that count what is left out: insides of solids, and nodes; call it after
+        :meth:`connectivity`, which returned `gather`.
+        """
+        solids = 0 if self.has_cells else sum(len(rows) for _, rows, _ in self._solids)
+        told = (f"only the surface of {solids} solids is read; set solids=keep to keep their cells",) if solids else ()
+        return (*told, *left_out_notice(gather, nodes))
 
     def _surface(self, points: NDArray[np.floating]) -> list[tuple[Int64Array, Int64Array]]:
         """Return faces that belong to a single solid, (faces, nodes) of one size or (nodes,) each, and their cells."""
@@ -240,6 +290,30 @@ def _volume(points: NDArray[np.floating], rows: Int64Array, faces: tuple[tuple[i
                 normal = np.cross(corners[:, a], corners[:, b])
                 total += float(np.einsum("ij,ij->", corners[:, face[0]], normal))
     return total
+
+
+def is_kind(cells: Connectivity, shape: str, nodes: int) -> NDArray[np.bool_]:
+    """Return which cells have a shape and a number of nodes."""
+    found: NDArray[np.bool_] = (cells.cell_shapes == CELL_SHAPES.index(shape)) & (cells.cell_counts == nodes)
+    return found
+
+
+def only_known_cells(
+    cells: Connectivity, title: str, known: Collection[tuple[str, int]]
+) -> tuple[Connectivity, tuple[str, ...]]:
+    """Return cells of which those of unknown kinds keep their corners alone, and a line about them; polylines and
+    polygons have any number of nodes.
+    """
+    is_known = np.isin(cells.cell_shapes, [CELL_SHAPES.index(shape) for shape in ("polyline", "polygon")])
+    for kind in known:
+        is_known |= is_kind(cells, *kind)
+    if is_known.all():
+        return cells, ()
+    counts = np.where(is_known, cells.cell_counts, FEWEST_NODES[cells.cell_shapes]).astype(np.int32)
+    starts = np.repeat(np.cumsum(cells.cell_counts, dtype=np.int64) - cells.cell_counts, cells.cell_counts)
+    kept = np.arange(cells.cell_indices.size) - starts < np.repeat(counts, cells.cell_counts)
+    told = f"{title} lacks the kinds of {int((~is_known).sum())} cells: they keep their corners alone"
+    return replace(cells, cell_counts=counts, cell_indices=cells.cell_indices[kept]), (told,)
 
 
 def node_attribute(numbers: NDArray[np.integer]) -> Attribute:

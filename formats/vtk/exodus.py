@@ -19,7 +19,7 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
-from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.vtk.cells import Cells, Solids, node_attribute
 from pdecodec.formats.vtk.exodus_variables import (
     AXES,
     Part,
@@ -92,7 +92,8 @@ class ExodusSequence(MeshSequence):
     """Shells, surfaces of solids, bars and points of an Exodus II file, moved by their displacements.
 
     `displacement` names the nodal vector that is added to coordinates; by default the one that Exodus' programs use
-    by convention.
+    by convention. `solids` says what becomes of solids; cells are kept with the names of their blocks, as the attribute
+    ``block``.
 
     Raises
     ------
@@ -101,8 +102,10 @@ class ExodusSequence(MeshSequence):
         `displacement`.
     """
 
-    def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
-        self._path, self._asked = path, displacement
+    def __init__(
+        self, path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
+    ) -> None:
+        self._path, self._asked, self._solids = path, displacement, solids or "surface"
         self._variables: Any = None
         try:
             self._variables = _Variables(path)
@@ -145,8 +148,10 @@ class ExodusSequence(MeshSequence):
         is_plain = self._gather is None and np.array_equal(numbers, np.arange(1, numbers.size + 1))
         attributes = () if is_plain else (node_attribute(numbers),)
         blocks = self._block_names(spans, cells.owners)
+        if cells.has_cells:
+            blocks = (*blocks, self._blocks_of_cells(spans))
         self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
-        kept = self._find_fields(times, len(coordinates), used, spans, cells.owners)
+        kept = self._find_fields(times, len(coordinates), used, spans, None if cells.has_cells else cells.owners)
         if times.size and (self._moving or self._stored):
             self.times, self.fps, notices = timing_of_stored(times, fps)
             lacking = [letter for axis, letter in enumerate(AXES[: len(coordinates)]) if axis not in self._moving]
@@ -166,18 +171,19 @@ class ExodusSequence(MeshSequence):
             *notices,
             *self.notices,
             *not_kept_data(lost),
-            *left_out_notice(self._gather, len(self._rest)),
+            *cells.left_out_notices(self._gather, len(self._rest)),
             *(cells.inner_notice("elements", "element variables") if kept["element variables"] else ()),
         )
         self.metadata = {}
 
     def _find_fields(
-        self, times: Float64Array, axes: int, used: Sequence[str], spans: Mapping[int, slice], owners: Int64Array
+        self, times: Float64Array, axes: int, used: Sequence[str], spans: Mapping[int, slice], owners: Int64Array | None
     ) -> dict[str, list[str]]:
         """Keep the variables on nodes and faces as fields, and return the names of all that are kept, by kind.
 
-        An element variable belongs to the faces of its elements; faces of blocks that lack it are NaN. Those that
-        move the mesh are in `used`, and are no fields.
+        An element variable belongs to the faces of its elements, whose numbers are `owners`, or to its elements if
+        these are kept as cells; those of blocks that lack it are NaN. Variables that move the mesh are in `used`, and
+        are no fields.
         """
         self._stored: dict[str, StoredField] = {}
         kept = {"nodal variables": list(used), "element variables": list[str]()}
@@ -186,18 +192,21 @@ class ExodusSequence(MeshSequence):
         whole = slice(None)
         nodes = Part(whole if self._gather is None else self._gather, whole, "vals_nod_var{}", len(self._rest))
         faces = []
+        cells = np.arange(max((span.stop for span in spans.values()), default=0)) if owners is None else owners
         for number, span in spans.items():
-            own = np.flatnonzero((owners >= span.start) & (owners < span.stop))
+            own = np.flatnonzero((cells >= span.start) & (cells < span.stop))
             if own.size:
                 size = span.stop - span.start
-                faces.append(Part(owners[own] - span.start, own, f"vals_elem_var{{}}eb{number}", size))
+                faces.append(Part(cells[own] - span.start, own, f"vals_elem_var{{}}eb{number}", size))
 
         def find(name: str, part: Part) -> Any:
             return self._variables[name] if self._has_values(name, times.size, part) else None
 
         others = ["" if name in used else name for name in self._names("name_nod_var")]
         kept["nodal variables"] += store_fields(self._stored, "vertex", others, axes, [nodes], find)
-        kept["element variables"] += store_fields(self._stored, "face", self._names("name_elem_var"), axes, faces, find)
+        kept["element variables"] += store_fields(
+            self._stored, "cell" if owners is None else "face", self._names("name_elem_var"), axes, faces, find
+        )
         self.fields = tuple(one.field for one in self._stored.values())
         return kept
 
@@ -234,6 +243,17 @@ class ExodusSequence(MeshSequence):
         rows = np.full(max(there) + 1, -1, np.int32)
         rows[list(labels)] = np.arange(len(labels))
         return (Attribute(GROUP, "face", rows[block_of_face], labels=tuple(labels.values())),)
+
+    def _blocks_of_cells(self, spans: Mapping[int, slice]) -> Attribute:
+        """Return the block of each cell; blocks without names are called by their numbers."""
+        names = self._names("eb_names")
+        ids = np.asarray(self._variables["eb_prop1"][:]).tolist() if "eb_prop1" in self._variables else []
+        labels = [
+            (names[block - 1] if block <= len(names) else "") or str(ids[block - 1] if block <= len(ids) else block)
+            for block in spans
+        ]
+        sizes = [span.stop - span.start for span in spans.values()]
+        return Attribute("block", "cell", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes), labels=tuple(labels))
 
     def _dropped(self, kept: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
         """Return names of data that are not in `kept`, by kind: variables, blocks and sets.
@@ -292,7 +312,7 @@ class ExodusSequence(MeshSequence):
 
     def _cells(self) -> tuple[Cells, dict[int, slice]]:
         """Return the elements, and which of them each block has."""
-        cells, spans = Cells(), dict[int, slice]()
+        cells, spans = Cells(solids=self._solids), dict[int, slice]()
         # A block without elements has no such variable, but the next one may.
         numbers = sorted(int(key[7:]) for key in self._variables if re.fullmatch(r"connect\d+", key))
         for number in numbers:

@@ -11,6 +11,7 @@ import contextlib
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_meshes import sequence_of_files
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers, timing_of_stored
-from pdecodec.formats.vtk.cells import Cells
+from pdecodec.formats.vtk.cells import Cells, Solids
 from pdecodec.formats.vtk.file_lists import PARTS, listed_parts, read_pvd, read_series
 from pdecodec.formats.vtk.grid_files import TIME, GridFile, GridReader, grid_of_cells, joined_grids
 from pdecodec.formats.vtk.library import with_vtk_fallback
@@ -41,10 +42,12 @@ _MAX_LIST_DEPTH = 8
 """Largest depth of lists of parts that list each other."""
 
 
-def open_frame_files(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
+def open_frame_files(
+    path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
+) -> MeshSequence:
     """Open files of VTK, one per frame: grids, polygonal data, legacy files, or lists of parts.
 
-    `displacement` names vectors on points that are added to them.
+    `displacement` names vectors on points that are added to them; `solids` says what becomes of solids.
 
     Raises
     ------
@@ -66,10 +69,12 @@ def open_frame_files(path: Path, *, fps: float | None, displacement: str | None 
         # A single file has a time but no frame rate.
         return numbered if times is None else np.array(times), rate, (*notices, *reader.time_notices(files))
 
-    return _sequence(files, timing, displacement, FileScope(found.paths[0]))
+    return _sequence(files, timing, displacement, solids, FileScope(found.paths[0]))
 
 
-def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
+def open_pvd(
+    path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
+) -> MeshSequence:
     """Open a list of files with times; `fps` is the nominal rate. Files with the same time are joined in order.
 
     Raises
@@ -80,29 +85,35 @@ def open_pvd(path: Path, *, fps: float | None, displacement: str | None = None) 
     scope = FileScope(path)
     times, files = read_pvd(path, scope)
     timing = timing_of_stored(np.array(times), fps)
-    return _sequence(files, lambda reader: timing, displacement, scope)
+    return _sequence(files, lambda reader: timing, displacement, solids, scope)
 
 
-def open_series(path: Path, *, fps: float | None, displacement: str | None = None) -> MeshSequence:
+def open_series(
+    path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
+) -> MeshSequence:
     """Open a ParaView file series; without times, frames are counted at `fps`. Raises as :func:`open_pvd`."""
     scope = FileScope(path)
     times, files = read_series(path, scope)
     timing = timing_of_numbers(range(len(files)), fps) if times is None else timing_of_stored(np.array(times), fps)
-    return _sequence(files, lambda reader: timing, displacement, scope)
+    return _sequence(files, lambda reader: timing, displacement, solids, scope)
 
 
 def _sequence(
-    files: Sequence[Sequence[Path]], timing: Callable[[GridReader], Timing], displacement: str | None, scope: FileScope
+    files: Sequence[Sequence[Path]],
+    timing: Callable[[GridReader], Timing],
+    displacement: str | None,
+    solids: Solids | None,
+    scope: FileScope,
 ) -> MeshSequence:
     """Return the sequence of files of frames; `timing` is called after all files were read."""
-    reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope), displacement)
+    reader = GridReader(lambda path, wanted: read_grid(path, wanted, scope, solids or "surface"), displacement)
     sequence = sequence_of_files(files, lambda: timing(reader), reader)
     sequence.notices = (*sequence.notices, *reader.notices(files))
     sequence.list_contents = lambda: reader.contents(files, sequence.runs[0].objects, sequence.notices)
     return sequence
 
 
-def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) -> GridFile:
+def read_grid(path: Path, wanted: str | None, scope: FileScope, solids: Solids = "surface", depth: int = 0) -> GridFile:
     """Return the grid of a VTK file of any kind, with the vectors named `wanted` if it has them.
 
     Raises
@@ -116,7 +127,7 @@ def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) 
             raise InputError(
                 f"is one of more than {_MAX_LIST_DEPTH} lists that list each other", code="too-large", path=path
             )
-        return joined_grids([read_grid(part, wanted, scope, depth + 1) for part in listed_parts(path, scope)])
+        return joined_grids([read_grid(part, wanted, scope, solids, depth + 1) for part in listed_parts(path, scope)])
     if suffix not in _READERS:
         known = ", ".join((*_READERS, *PARTS))
         raise InputError(
@@ -126,24 +137,24 @@ def read_grid(path: Path, wanted: str | None, scope: FileScope, depth: int = 0) 
         )
     with read_errors(path), open_regular(path):  # VTK and meshio would wait for a pipe
         pass
-    return with_vtk_fallback(_READERS[suffix])(path, wanted)
+    return with_vtk_fallback(partial(_READERS[suffix], solids=solids))(path, wanted)
 
 
-def _read_vtu(path: Path, wanted: str | None) -> GridFile:
+def _read_vtu(path: Path, wanted: str | None, *, solids: Solids) -> GridFile:
     try:
-        return XmlFile(path, wanted).grid
+        return XmlFile(path, wanted, solids).grid
     except (*XML_DAMAGE, InputError):
-        return _read_with_meshio(path, wanted)
+        return _read_with_meshio(path, wanted, solids=solids)
 
 
-def _read_vtp(path: Path, wanted: str | None) -> GridFile:
+def _read_vtp(path: Path, wanted: str | None, *, solids: Solids) -> GridFile:
     try:
-        return XmlFile(path, wanted).grid
+        return XmlFile(path, wanted, solids).grid
     except XML_DAMAGE as error:
         raise damaged(f"is no VTP file, or a damaged one ({error}); export it again", path=path) from error
 
 
-def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
+def _read_with_meshio(path: Path, wanted: str | None, *, solids: Solids) -> GridFile:
     """Return one file's grid; InputError if meshio cannot read it, or a kind of cell is not supported."""
     import meshio
 
@@ -153,7 +164,7 @@ def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
             mesh = meshio.read(path)
             if _MESHIO_WARNING in said.getvalue():
                 raise ValueError
-            return _grid_of(mesh, path, wanted)
+            return _grid_of(mesh, path, wanted, solids)
     except InputError:
         raise
     except (Exception, SystemExit) as error:  # meshio's parsers raise anything
@@ -161,10 +172,10 @@ def _read_with_meshio(path: Path, wanted: str | None) -> GridFile:
         raise damaged(f"meshio cannot read it ({reason}); check or export it again", path=path) from error
 
 
-def _grid_of(mesh: Any, path: Path, wanted: str | None) -> GridFile:
+def _grid_of(mesh: Any, path: Path, wanted: str | None, solids: Solids) -> GridFile:
     points = np.zeros((len(mesh.points), 3), np.result_type(mesh.points, np.float32))
     points[:, : mesh.points.shape[1]] = mesh.points
-    cells = Cells(vtk=True)
+    cells = Cells(vtk=True, solids=solids)
     for block in mesh.cells:
         kind = block.type.rstrip("0123456789")
         if kind == "polygon":

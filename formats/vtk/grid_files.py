@@ -16,7 +16,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_changes import NotKept
 from pdecodec.formats.base.frame_data import DataKey, StoredData
 from pdecodec.formats.base.frame_meshes import MeshFile, joined_meshes
-from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.vtk.cells import Cells, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import DTYPES
@@ -82,10 +82,14 @@ def grid_of_cells(
     """
     connectivity, gather = cells.connectivity(points, only_used=only_used)
     rows = {"vertex": gather, "face": cells.owners}
-    data = {key: one if rows[key[0]] is None else one.gathered(rows[key[0]]) for key, one in stored.items()}
+    data: dict[DataKey, StoredData] = {
+        key: one if rows[key[0]] is None else one.gathered(rows[key[0]]) for key, one in stored.items()
+    }
+    if cells.has_cells:
+        data = {("cell" if domain == "face" else domain, name): one for (domain, name), one in stored.items()}
     vectors = tuple(name for name, values in point_data.items() if is_vectors(values))
     added = point_data[wanted] if wanted in vectors and wanted is not None else None
-    notices = left_out_notice(gather, len(points))
+    notices = cells.left_out_notices(gather, len(points))
     if any(domain == "face" for domain, _ in stored):
         notices += cells.inner_notice("cells", "cell data")
     if gather is None:
@@ -157,12 +161,13 @@ class GridReader:
         self._times[path] = grid.time
         has_faces = grid.mesh.connectivity.face_count > 0
         data = {key: one for key, one in grid.mesh.data.items() if key != ("vertex", self._chosen)
-                if (key[0] == "vertex" or has_faces) and one.dtype in DTYPES and one.components}  # fmt: skip
+                if (key[0] != "face" or has_faces) and one.dtype in DTYPES and one.components}  # fmt: skip
         grid = replace(grid, mesh=replace(grid.mesh, data=data))
         for domain, names in (("vertex", grid.point_data), ("face", grid.cell_data)):
             for name in names:
                 if domain == "face" or name != self._chosen:
-                    (self._fields if (domain, name) in data else self._others)[domain][name] = None
+                    is_kept = (domain, name) in data or (domain == "face" and ("cell", name) in data)
+                    (self._fields if is_kept else self._others)[domain][name] = None
         self._field_data.update(dict.fromkeys(grid.field_data))
         if self._chosen is None or not len(grid.mesh.points):
             return grid.mesh

@@ -18,13 +18,22 @@ from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
+from pdecodec.formats.vtk.cells import is_kind, only_known_cells
 from pdecodec.formats.vtk.xml_files import TYPES
 from pdecodec.mesh.arrays import Float32Array
-from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import CELL_SHAPES, Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
-VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
-"""VTK's numbers of the cell types that are written."""
+_TYPES_OF = {
+    **{("polyline", 1): 1, ("line", 1): 1, ("line", 2): 3, ("line", 3): 21, ("line", 4): 35},
+    **{("triangle", 3): 5, ("triangle", 6): 22, ("triangle", 7): 34, ("quad", 4): 9, ("quad", 8): 23, ("quad", 9): 28},
+    **{("tetra", 4): 10, ("tetra", 10): 24, ("pyramid", 5): 14, ("pyramid", 13): 27, ("pyramid", 19): 37},
+    **{("wedge", 6): 13, ("wedge", 12): 31, ("wedge", 15): 26, ("wedge", 18): 32},
+    **{("hexahedron", 8): 12, ("hexahedron", 20): 25, ("hexahedron", 24): 33, ("hexahedron", 27): 29},
+}
+"""VTK's numbers of cell types, by shape and number of nodes."""
+
+_TYPES_OF_ANY_SIZE = {"polyline": 4, "polygon": 7}
 
 _OBJECT, _COLOR, _NORMALS = "object", "color", "Normals"
 """Names of point data for the numbers of objects, colours and normals."""
@@ -74,12 +83,14 @@ class _Grid:
     """The parts of VTU files that are the same in every frame of a run."""
 
     def __init__(self, sequence: MeshSequence) -> None:
-        whole = sequence.connectivity
         self._times = sequence.times
-        counts = np.concatenate([whole.face_counts, whole.line_counts])
-        faces = np.select([whole.face_counts == 3, whole.face_counts == 4], [TRIANGLE, QUAD], POLYGON)
-        kinds = np.concatenate([faces, np.where(whole.line_counts == 1, VERTEX, POLY_LINE)]).astype(np.uint8)
-        self._fields = WrittenFields(sequence, ("vertex", "face"))
+        self._fields = WrittenFields(sequence, ("vertex", "face", "cell"))
+        whole, corners_alone = only_known_cells(self._fields.cells, "VTU", _TYPES_OF)
+        kinds = np.zeros(whole.cell_count, np.uint8)
+        for (shape, nodes), number in _TYPES_OF.items():
+            kinds[is_kind(whole, shape, nodes)] = number
+        for shape, number in _TYPES_OF_ANY_SIZE.items():
+            kinds[(whole.cell_shapes == CELL_SHAPES.index(shape)) & (kinds == 0)] = number
         colors, self._normals = joined_colors(sequence.objects), VertexNormals(sequence)
         constant = {_OBJECT: len(sequence.objects) > 1, _COLOR: colors is not None, _NORMALS: self._normals.held}
         there = [name for name, is_there in constant.items() if is_there]
@@ -94,14 +105,14 @@ class _Grid:
             point_data += _array(_COLOR, written_colors)
         self._has_normals = self._normals.held and _NORMALS not in replaced
         kind = ' Normals="Normals"' if self._has_normals else ""
-        piece = f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
+        piece = f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{whole.cell_count}">\n'
         self._pieces = (
             f"{piece}      <PointData{kind}>".encode() + point_data,
             b"</PointData>\n      <CellData>",
             b"</CellData>\n      <Points>",
             b"</Points>\n      <Cells>"
-            + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
-            + _array("offsets", np.cumsum(counts, dtype=np.int32))
+            + _array("connectivity", whole.cell_indices)
+            + _array("offsets", np.cumsum(whole.cell_counts, dtype=np.int32))
             + _array("types", kinds)
             + b"</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
@@ -112,7 +123,7 @@ class _Grid:
 
         self.notices = lost_by_joining(sequence, "VTU", f"grid{numbers}", written_colors, is_told_or_held)
         self.notices += not_kept(replaced, "not kept, because fields have their names: {}")
-        self.notices += not_kept(self._fields.lost, "fields not kept: {}")
+        self.notices += (*not_kept(self._fields.lost, "fields not kept: {}"), *corners_alone)
 
     def of_frame(self, points: Float32Array, frame: int) -> list[bytes]:
         head = (
@@ -122,12 +133,12 @@ class _Grid:
             + b"</FieldData>\n"
         )
         normals = _array(_NORMALS, self._normals.at(points)) if self._has_normals else b""
-        data: dict[str, list[bytes]] = {"vertex": [], "face": []}
+        point_data, cell_data = list[bytes](), list[bytes]()
         for one, values in self._fields.at(frame):
-            data[one.field.domain].append(_array(one.name, values))
+            (point_data if one.field.domain == "vertex" else cell_data).append(_array(one.name, values))
         before, cells, between, after = self._pieces
         points_of = _array("Points", points)
-        return [head, before, normals, *data["vertex"], cells, *data["face"], between, points_of, after]
+        return [head, before, normals, *point_data, cells, *cell_data, between, points_of, after]
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> bytes:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged, naming_file
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
-from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
+from pdecodec.formats.vtk.cells import Solids, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.formats.vtk.xdmf_attributes import (
     CENTERS,
@@ -46,7 +46,7 @@ class XdmfSequence(MeshSequence):
     """Steps of an XDMF file, with an object per part; its HDF5 files stay open until :meth:`close`.
 
     `fps` is the nominal rate if steps have times; otherwise frames are counted at it. `displacement` names the
-    vectors on nodes that are added to the geometry.
+    vectors on nodes that are added to the geometry; `solids` says what becomes of solids.
 
     Raises
     ------
@@ -55,8 +55,10 @@ class XdmfSequence(MeshSequence):
         no vectors have the name `displacement`.
     """
 
-    def __init__(self, path: Path, *, fps: float | None, displacement: str | None = None) -> None:
-        self._path = path
+    def __init__(
+        self, path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
+    ) -> None:
+        self._path, self._solids = path, solids or "surface"
         document = Document(path)
         self._items = Items(document)
         try:
@@ -81,21 +83,25 @@ class XdmfSequence(MeshSequence):
         self._nodes: list[int] = []
         left_out: dict[str, None] = {}
         rows: list[Mapping[FieldDomain, Rows]] = []
-        for name, part in zip(names, first, strict=True):
+        cells_of_parts = [cells_of(part.topology, self._items, self._path, self._solids) for part in first]
+        # If a part has solids to keep, data of cells belong to cells in all parts.
+        self._has_cells = any(cells.has_cells for cells in cells_of_parts)
+        for name, part, cells in zip(names, first, cells_of_parts, strict=True):
             points = self._geometry(part)
-            cells = cells_of(part.topology, self._items, self._path)
+            cells.has_cells = self._has_cells
             connectivity, gather = cells.connectivity(points)
             vertices = slice(None) if gather is None else gather
             rows.append({
                 "vertex": Rows(len(points), vertices, connectivity.vertex_count),
                 "face": Rows(cells.count, cells.owners, connectivity.face_count),
                 "object": Rows(1, slice(None), 1),
+                **({"cell": Rows(cells.count, slice(None), cells.count)} if self._has_cells else {}),
             })  # fmt: skip
             attributes = () if gather is None else (node_attribute(gather),)
             objects.append(MeshObject(name, connectivity, attributes))
             self._gathers.append(gather)
             self._nodes.append(len(points))
-            told = left_out_notice(gather, len(points))
+            told = cells.left_out_notices(gather, len(points))
             if any(center_of(one) == "cell" for one in part.attributes):
                 told += cells.inner_notice("cells", "cell data")
             left_out.update(dict.fromkeys(told))
@@ -177,7 +183,9 @@ class XdmfSequence(MeshSequence):
         return moved(points, vectors.reshape(len(vectors), -1), self._moving, self._path)
 
     def _connectivity(self, part: Part, points: NDArray[np.floating]) -> tuple[Connectivity, Int64Array | None]:
-        return cells_of(part.topology, self._items, self._path).connectivity(points)
+        cells = cells_of(part.topology, self._items, self._path, self._solids)
+        cells.has_cells = self._has_cells
+        return cells.connectivity(points)
 
     def _geometry_moves(self, vectors: Sequence[str]) -> bool:
         """Return whether the geometry changes; three of the steps that refer to other data are compared."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.attribute_roles import unique_name
-from pdecodec.formats.base.frame_data import ON_FACES, DataKey
+from pdecodec.formats.base.frame_data import DataKey, on_elements
 from pdecodec.formats.vtk.xdmf_document import Element
 from pdecodec.formats.vtk.xdmf_grids import Part, Step
 from pdecodec.formats.vtk.xdmf_items import Items
@@ -27,7 +27,7 @@ CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge
 """Names of an attribute's data in notices, by its Center."""
 
 _DOMAINS: Mapping[str, FieldDomain] = {"node": "vertex", "cell": "face", "grid": "object"}
-"""Domains of fields, by Center; fields have no place for values on the faces and edges of cells."""
+"""Domains of fields, by Center, unless cells are kept; fields have no place for values on faces and edges of cells."""
 
 MAX_COMPONENTS = 4096
 """Largest number of components of a field: Dimensions that declare more are damaged, or not of these rows."""
@@ -78,15 +78,18 @@ class AttributeFields:
     ) -> None:
         self._steps, self._rows, self._items, self._moving = steps, rows, items, moving
         self._keys: dict[str, DataKey] = {}
+        self._domains = _DOMAINS
+        if any("cell" in one for one in rows):
+            self._domains = {**_DOMAINS, "cell": "cell"}
         self.fields = self._find()
-        names = {domain: center for center, domain in _DOMAINS.items()}
+        names = {domain: center for center, domain in self._domains.items()}
         self.kept = dict.fromkeys((names[domain], name) for domain, name in self._keys.values())
 
     def _of_part(self, number: int, part: Part) -> dict[DataKey, Element]:
         """Return the attributes of a part that have a domain with rows; of the same name, the first."""
         found: dict[DataKey, Element] = {}
         for one in part.attributes:
-            domain, name = _DOMAINS.get(center_of(one)), str(one.get("Name"))
+            domain, name = self._domains.get(center_of(one)), str(one.get("Name"))
             if domain is None or are_degrees_of_freedom(one) or (domain, name) == ("vertex", self._moving):
                 continue
             if self._rows[number][domain].count:
@@ -107,7 +110,7 @@ class AttributeFields:
                         odd.add(key)
         taken, fields = set[str](), []
         for key in sorted(
-            kinds.keys() - odd, key=lambda one: (list(_DOMAINS.values()).index(one[0]), list(kinds).index(one))
+            kinds.keys() - odd, key=lambda one: (list(self._domains.values()).index(one[0]), list(kinds).index(one))
         ):
             dtype, widths = np.result_type(*(dtype for dtype, _ in kinds[key])), {width for _, width in kinds[key]}
             is_whole = all(count == len(self._steps) for count in counts[key].values())
@@ -116,7 +119,7 @@ class AttributeFields:
             domain, name = key
             owners = tuple(sorted(counts[key]))
             able = [number for number, rows in enumerate(self._rows) if rows[domain].count]
-            label = unique_name(ON_FACES.format(name) if domain == "face" and name in taken else name, taken, " ")
+            label = unique_name(on_elements(name, domain) if domain != "vertex" and name in taken else name, taken, " ")
             self._keys[label] = key
             fields.append(Field(label, domain, dtype, widths.pop(), "", None if list(owners) == able else owners))
         return tuple(fields)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.vtk.cells import Cells
+from pdecodec.formats.vtk.cells import Cells, Solids
 from pdecodec.formats.vtk.xdmf_document import Element
 from pdecodec.formats.vtk.xdmf_items import Items
 from pdecodec.mesh.arrays import Int64Array
@@ -68,7 +68,7 @@ _MIXED_COUNTED = {1: "polyline", 2: "polyline", 3: "polygon"}
 """Kinds of points, lines and polygons in mixed topologies, by number; their count of nodes follows it."""
 
 
-def cells_of(topology: Element, items: Items, path: Path) -> Cells:
+def cells_of(topology: Element, items: Items, path: Path, solids: Solids = "surface") -> Cells:
     """Return the cells of a topology.
 
     Raises
@@ -76,7 +76,7 @@ def cells_of(topology: Element, items: Items, path: Path) -> Cells:
     InputError
         If its kind is not supported, or its data are not what it declares.
     """
-    cells = Cells()
+    cells = Cells(solids=solids)
     kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
     if "Order" in topology.attrib:
         raise InputError(

@@ -14,9 +14,9 @@ from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
+from pdecodec.formats.vtk.cells import EXODUS_PLACES, only_known_cells
 from pdecodec.formats.vtk.xdmf_cells import MIXED_KINDS
-from pdecodec.mesh.arrays import Int32Array
-from pdecodec.mesh.sequence import Connectivity, MeshSequence
+from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshSequence
 from pdecodec.system.whole_output import check_writable, partial_folder, publish, write_errors
 
 
@@ -26,12 +26,14 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     data_path = path.with_suffix(".h5")
     for place in (path, data_path):
         check_writable(place, overwrite=output.overwrite)
-    normals, fields = VertexNormals(sequence), WrittenFields(sequence, ("vertex", "face", "object"))
+    normals, fields = VertexNormals(sequence), WrittenFields(sequence, ("vertex", "face", "object", "cell"))
     is_replaced = _NORMALS in fields.names("vertex")
     has_normals = normals.held and not is_replaced
+    known = [kind for kind in MIXED_KINDS.values() if kind[0] != "line"]
+    whole, corners_alone = only_known_cells(fields.cells, "XDMF", [*known, ("line", 1), ("line", 2), ("line", 3)])
     with partial_folder(path) as folder, write_errors(path):
         with new_hdf5(folder / data_path.name) as (file, check):
-            topology = _write_topology(file, sequence.connectivity, data_path.name)
+            topology = _write_topology(file, whole, data_path.name)
 
             def stored(name: str, values: NDArray[Any]) -> str:
                 check()
@@ -57,13 +59,14 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         *lost_by_joining(sequence, "XDMF", "grid", held=normals.holds),
         *not_kept([_NORMALS] * (normals.held and is_replaced), "not kept, because fields have their names: {}"),
         *not_kept(fields.lost, "fields not kept: {}"),
+        *corners_alone,
     )
 
 
 _NORMALS = "Normals"
 """Name of the attribute of normals."""
 
-_CENTERS = {"vertex": "Node", "face": "Cell", "object": "Grid"}
+_CENTERS = {"vertex": "Node", "face": "Cell", "cell": "Cell", "object": "Grid"}
 
 _TYPES = {1: "Scalar", 9: "Tensor"}
 """Types of attributes by the number of components; others are vectors: VTK changes the order of a Tensor6."""
@@ -76,32 +79,38 @@ _TAIL = "    </Grid>\n  </Domain>\n</Xdmf>\n"
 
 
 def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
-    """Write the topology's dataset and return its XML: faces of one kind directly, anything else as mixed."""
-    sizes = set(whole.face_counts.tolist())
-    if not whole.face_count and not whole.line_count:
+    """Write the topology's dataset and return its XML: cells of one kind directly, anything else as mixed."""
+    if not whole.cell_count:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
-    if not whole.line_count and len(sizes) == 1 and sizes <= {3, 4}:
-        kind = "Triangle" if sizes == {3} else "Quadrilateral"
-        numbers, count = whole.face_indices.reshape(whole.face_count, -1), whole.face_count
+    heads: dict[tuple[int, int], tuple[int, ...]] = {}
+    orders: dict[tuple[int, int], Any] = {}
+    keys = list(zip(whole.cell_shapes.tolist(), whole.cell_counts.tolist(), strict=True))
+    for key in dict.fromkeys(keys):
+        kind = CELL_SHAPES[key[0]], key[1]
+        orders[key] = np.argsort(EXODUS_PLACES[kind]) if kind in EXODUS_PLACES else slice(None)
+        counted = 3 if kind[0] == "polygon" else 1 if key[1] == 1 else 2, key[1]
+        heads[key] = next(((number,) for number, known in MIXED_KINDS.items() if known == kind), counted)
+    name = _TOPOLOGIES.get(heads[keys[0]][0], "Mixed") if len(heads) == 1 else "Mixed"
+    if name != "Mixed":
+        numbers = whole.cell_indices.reshape(len(keys), -1)[:, orders[keys[0]]]
     else:
-        kind, count = "Mixed", whole.face_count + whole.line_count
-        cells: list[Int32Array] = []
-        for counts, indices, line in (
-            (whole.face_counts, whole.face_indices, False),
-            (whole.line_counts, whole.line_indices, True),
-        ):
-            ends = np.cumsum(counts, dtype=np.int64)
-            for size, end in zip(counts.tolist(), ends.tolist(), strict=True):
-                number = (1 if size == 1 else 2) if line else {3: 4, 4: 5}.get(size, 3)
-                head = [number] if number in MIXED_KINDS else [number, size]
-                cells += [np.array(head, np.int32), indices[end - size : end]]
-        numbers = np.concatenate(cells)
+        cells = np.split(whole.cell_indices, np.cumsum(whole.cell_counts, dtype=np.int64)[:-1])
+        parts = ((heads[key], nodes[orders[key]]) for key, nodes in zip(keys, cells, strict=True))
+        numbers = np.concatenate([np.asarray(part, np.int32) for both in parts for part in both])
     data = np.ascontiguousarray(numbers, "<i4")
     file.create_dataset("topology", data=data, track_times=False)
     return (
-        f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
+        f'        <Topology TopologyType="{name}" NumberOfElements="{len(keys)}">\n'
         f"{_item_text(data_name, 'topology', data)}        </Topology>\n"
     )
+
+
+_TOPOLOGIES = {
+    **{4: "Triangle", 5: "Quadrilateral", 6: "Tetrahedron", 7: "Pyramid", 8: "Wedge", 9: "Hexahedron"},
+    **{35: "Quadrilateral_9", 36: "Triangle_6", 37: "Quadrilateral_8", 38: "Tetrahedron_10", 39: "Pyramid_13"},
+    **{40: "Wedge_15", 41: "Wedge_18", 48: "Hexahedron_20", 49: "Hexahedron_24", 50: "Hexahedron_27"},
+}
+"""Topologies of one kind of cells, by its number in mixed topologies."""
 
 
 def _item_text(data_name: str, place: str, data: NDArray[Any]) -> str:

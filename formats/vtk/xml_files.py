@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_data import DataKey, StoredData
 from pdecodec.formats.base.frame_meshes import MeshFile
-from pdecodec.formats.vtk.cells import Cells
+from pdecodec.formats.vtk.cells import Cells, Solids
 from pdecodec.formats.vtk.grid_files import TIME, GridFile, grid_of_cells, is_vectors, joined_grids
 from pdecodec.mesh.fields import FieldDomain
 from pdecodec.mesh.sequence import Connectivity
@@ -24,7 +24,8 @@ from pdecodec.mesh.sequence import Connectivity
 _CELLS = {
     **{1: "polyline", 3: "line", 4: "polyline", 5: "triangle", 7: "polygon", 9: "quad"},
     **{10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 21: "line", 22: "triangle", 23: "quad", 24: "tetra"},
-    **{25: "hexahedron", 26: "wedge", 27: "pyramid", 28: "quad", 29: "hexahedron", 34: "triangle"},
+    **{25: "hexahedron", 26: "wedge", 27: "pyramid", 28: "quad", 29: "hexahedron", 31: "wedge", 32: "wedge"},
+    **{33: "hexahedron", 34: "triangle", 35: "line", 37: "pyramid"},
 }
 """Kinds of cells by VTK's numbers of cell types."""
 
@@ -54,6 +55,7 @@ class XmlFile:
     path : pathlib.Path
     wanted : str or None
         Name of the vectors on points to read.
+    solids : {"surface", "keep"}
 
     Attributes
     ----------
@@ -67,7 +69,8 @@ class XmlFile:
         If it is damaged (:data:`XML_DAMAGE`).
     """
 
-    def __init__(self, path: Path, wanted: str | None) -> None:
+    def __init__(self, path: Path, wanted: str | None, solids: Solids = "surface") -> None:
+        self._solids = solids
         text = path.read_bytes()
         self._appended, self._is_raw = b"", False
         begin = text.find(_RAW_BEGIN)
@@ -168,7 +171,7 @@ class XmlFile:
 
     def _grid_cells(self, element: ElementTree.Element | None, hidden: NDArray[np.bool_] | None) -> Cells:
         """Return the cells of a grid except hidden ones; consecutive cells of one type and size form a block."""
-        cells, (counts, indices) = Cells(vtk=True), self._cells(element)
+        cells, (counts, indices) = Cells(vtk=True, solids=self._solids), self._cells(element)
         if element is None or not counts.size:
             return cells
         arrays = {one.get("Name"): one for one in element.findall("DataArray")}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
 from types import TracebackType
@@ -53,7 +53,8 @@ def _int32(values: ArrayLike, what: str) -> Int32Array:
 CELL_SHAPES = ("polyline", "line", "polygon", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron")
 """Shapes of cells, by their numbers in the file."""
 
-_FEWEST_NODES = np.array([1, 1, 3, 3, 4, 4, 5, 6, 8], np.int32)
+FEWEST_NODES = np.array([1, 1, 3, 3, 4, 4, 5, 6, 8], np.int32)
+"""Fewest nodes of a cell of each shape."""
 
 _INDEX_ARRAYS = ("face_counts", "face_indices", "line_counts", "line_indices", "cell_counts", "cell_indices")
 
@@ -107,7 +108,7 @@ class Connectivity:
         object.__setattr__(self, "cell_shapes", shapes.astype(np.uint8))
         self._check("face", self.face_counts, self.face_indices, smallest=3)
         self._check("line", self.line_counts, self.line_indices, smallest=1)
-        self._check("cell", self.cell_counts, self.cell_indices, smallest=_FEWEST_NODES[shapes])
+        self._check("cell", self.cell_counts, self.cell_indices, smallest=FEWEST_NODES[shapes])
 
     def _check(self, what: str, counts: Int32Array, indices: Int32Array, *, smallest: int | Int32Array) -> None:
         small = np.flatnonzero(counts < smallest)
@@ -177,11 +178,40 @@ class Connectivity:
     def cell_count(self) -> int:
         return int(self.cell_counts.size)
 
+    def without_cells(self) -> Connectivity:
+        """Return the faces and lines alone."""
+        return Connectivity(self.vertex_count, self.face_counts, self.face_indices, self.line_counts, self.line_indices)
+
+    def with_own_cells(self) -> Connectivity:
+        """Return the same with its faces and lines, in this order, as cells."""
+        faces = np.select([self.face_counts == 3, self.face_counts == 4], [3, 4], 2)
+        return replace(
+            self,
+            cell_shapes=np.append(faces, np.zeros(self.line_count)).astype(np.uint8),
+            cell_counts=np.concatenate([self.face_counts, self.line_counts]),
+            cell_indices=np.concatenate([self.face_indices, self.line_indices]),
+        )
+
     def same_as(self, other: Connectivity) -> bool:
         """Return whether both have the same vertices, faces, lines and cells in the same order."""
         return self.vertex_count == other.vertex_count and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in ("cell_shapes", *_INDEX_ARRAYS)
         )
+
+
+def joined_connectivity(parts: Sequence[Connectivity]) -> Connectivity:
+    """Return several parts as one, with indices shifted by the vertices before each part."""
+    if len(parts) == 1:
+        return parts[0]
+    shifts = np.cumsum([0, *(part.vertex_count for part in parts)])
+    arrays = {
+        name: np.concatenate([
+            getattr(part, name) + (np.int32(shift) if name.endswith("_indices") else np.int32(0))
+            for part, shift in zip(parts, shifts, strict=False)
+        ])
+        for name in _INDEX_ARRAYS
+    }  # fmt: skip
+    return Connectivity(int(shifts[-1]), **arrays, cell_shapes=np.concatenate([part.cell_shapes for part in parts]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,19 +530,7 @@ class MeshSequence(ABC):
     @cached_property
     def connectivity(self) -> Connectivity:
         """All objects as one connectivity, with indices shifted by the vertices before each object."""
-        if len(self.objects) == 1:
-            return self.objects[0].connectivity
-        shifts = np.cumsum([0] + [item.vertex_count for item in self.objects])
-        parts = [item.connectivity for item in self.objects]
-        arrays = {
-            name: np.concatenate([
-                getattr(part, name) + (np.int32(shift) if name.endswith("_indices") else np.int32(0))
-                for part, shift in zip(parts, shifts, strict=False)
-            ])
-            for name in _INDEX_ARRAYS
-        }
-        shapes = np.concatenate([part.cell_shapes for part in parts])
-        return Connectivity(int(shifts[-1]), **arrays, cell_shapes=shapes)
+        return joined_connectivity([item.connectivity for item in self.objects])
 
     @property
     def frames_per_block(self) -> int:

@@ -394,7 +394,8 @@ def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clip
         "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "field_tolerance": 0.01,
         "fields": {"heat": "exact", "a b": "0.5 units"}, "why": True, "segment_frames": 4, "scene": "drop",
         "piece_points": 4, "alpha": 1.5, "r": 2.0, "frames": "0:3", "objects": ["a", "b"], "fps": 25.0, "mesh": "m.obj",
-        "clip": "walk", "displacement": "u", "transforms": "keep", "skip_unsupported": True, "isolate": True,
+        "clip": "walk", "displacement": "u", "solids": "keep", "transforms": "keep",
+        "skip_unsupported": True, "isolate": True,
         "up_axis": "Z", "scale": 2.0, "unit": "cm", "asset_folders": ["a", "b"],
     }  # fmt: skip
     read = {"objects": ("a", "b"), "mesh": os.path.join("clips", "m.obj"), "asset_folders": ("clips/a", "clips/b")}

@@ -116,6 +116,20 @@ pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdea
     });
 }
 
+pdeanim_status pdeanim_get_cells(pdeanim_animation *handle, int64_t index, pdeanim_cells *cells, pdeanim_error *error) {
+    return guarded(error, [&] {
+        Animation &animation = opened(handle).only();
+        check_given(cells, "cells");
+        check_index(index, animation.sections().objects(), "object");
+        const Connectivity &part = animation.sections().connectivity()[index];
+        *cells = {.cell_count = static_cast<int64_t>(part.cell_sizes.size()),
+                  .node_count = static_cast<int64_t>(part.cell_indices.size()),
+                  .shapes = part.cell_shapes.data(),
+                  .sizes = part.cell_sizes.data(),
+                  .indices = part.cell_indices.data()};
+    });
+}
+
 pdeanim_status pdeanim_attribute_count(pdeanim_animation *handle, int64_t object, int64_t *count,
                                        pdeanim_error *error) {
     return guarded(error, [&] {

@@ -22,7 +22,7 @@ template <class T> nb::object to_block(std::vector<T> &&values, i64 frames, i64 
 }
 
 void make_rows(FieldRows *rows, int domain, const nb::list &parts) {
-    require(domain >= 0 && domain < field_domains, "a domain is 0 to 3: vertex, face, corner or object");
+    require(domain >= 0 && domain < field_domains, "a domain is 0 to 4: vertex, face, corner, object or cell");
     const std::vector<ConnectivityView> views = views_of(parts);
     nb::gil_scoped_release release;
     new (rows) FieldRows(FieldDomain{static_cast<u8>(domain)}, views);

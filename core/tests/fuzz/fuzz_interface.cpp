@@ -98,9 +98,11 @@ void look_at_group(pdeanim_animation *animation, const Call &call) {
 void look_at_object(pdeanim_animation *animation, const Call &call) {
     pdeanim_error error;
     pdeanim_object object;
+    pdeanim_cells cells;
     pdeanim_attribute attribute;
     std::int64_t count = 0;
     check(pdeanim_get_object(animation, call.number, &object, &error));
+    check(pdeanim_get_cells(animation, call.number, &cells, &error));
     check(pdeanim_attribute_count(animation, call.number, &count, &error));
     check(pdeanim_get_attribute(animation, call.number, call.quantity, &attribute, &error));
     check(pdeanim_get_attribute(animation, call.quantity % 4, call.number, &attribute, &error));

@@ -54,7 +54,7 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.jumps import JumpFinder
 from pdecodec.mesh.metrics import frame_scale, median_edge
-from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 from pdecodec.mesh.ties import NO_TIES, TieFinder
 from pdecodec.system.ahead import thread_ahead
 from pdecodec.system.shares import side_by_side, threads_for

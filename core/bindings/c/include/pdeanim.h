@@ -172,12 +172,39 @@ typedef struct pdeanim_object {
 PDEANIM_API pdeanim_status pdeanim_get_object(pdeanim_animation *animation, int64_t index, pdeanim_object *object,
                                               pdeanim_error *error);
 
+typedef enum pdeanim_shape {
+    PDEANIM_POLYLINE = 0,
+    PDEANIM_LINE = 1,
+    PDEANIM_POLYGON = 2,
+    PDEANIM_TRIANGLE = 3,
+    PDEANIM_QUAD = 4,
+    PDEANIM_TETRAHEDRON = 5,
+    PDEANIM_PYRAMID = 6,
+    PDEANIM_WEDGE = 7,
+    PDEANIM_HEXAHEDRON = 8
+} pdeanim_shape;
+
+/* The elements of a file that keeps solids, in the order of their source. The object's faces and lines are then what
+ * one sees of them. */
+typedef struct pdeanim_cells {
+    int64_t cell_count, node_count; /* number of cells, and of nodes of all cells; 0 if the file keeps no solids */
+    const uint8_t *shapes;          /* a pdeanim_shape for each cell */
+    /* Number of nodes of each cell; then the vertex of each node, cell after cell, in the order of VTK: corners, then
+     * nodes on edges, then others. Shape and number of nodes give the kind: a tetrahedron of 10 is quadratic. */
+    const int32_t *sizes, *indices;
+} pdeanim_cells;
+
+/* Get the cells of an object. */
+PDEANIM_API pdeanim_status pdeanim_get_cells(pdeanim_animation *animation, int64_t index, pdeanim_cells *cells,
+                                             pdeanim_error *error);
+
 /* The elements of an object that an attribute has values for. */
 typedef enum pdeanim_domain {
     PDEANIM_OF_VERTICES = 0,
     PDEANIM_OF_FACES = 1,
     PDEANIM_OF_CORNERS = 2,
-    PDEANIM_OF_OBJECT = 3
+    PDEANIM_OF_OBJECT = 3,
+    PDEANIM_OF_CELLS = 4
 } pdeanim_domain;
 
 typedef enum pdeanim_type {
@@ -236,7 +263,7 @@ typedef enum pdeanim_field_type {
     PDEANIM_FIELD_BOOLEAN = 10
 } pdeanim_field_type;
 
-/* Values on vertices, faces, corners or objects that change in time, such as stresses. */
+/* Values on vertices, faces, corners, objects or cells that change in time, such as stresses. */
 typedef struct pdeanim_field {
     const char *name, *unit; /* UTF-8; an empty unit means that it is unknown */
     pdeanim_domain domain;
