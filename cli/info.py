@@ -166,6 +166,7 @@ def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
         "vertices": sequence.most_vertices,
         "faces": sum(item.connectivity.face_count for item in objects),
         "lines": sum(item.connectivity.line_count for item in objects),
+        **_cells(objects),
         "raw_bytes": 12 * sequence.position_count,
         **runs,
         **_first_frame(sequence, is_read=is_decoded),
@@ -176,6 +177,14 @@ def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
     if isinstance(sequence, Animation):
         facts.update(_animation_facts(sequence.info()))
     return facts
+
+
+def _cells(objects: Sequence[MeshObject]) -> dict[str, dict[str, int]]:
+    """Return how many cells of each shape there are; nothing without cells."""
+    from pdecodec.mesh.sequence import CELL_SHAPES
+
+    shapes = [CELL_SHAPES[shape] for item in objects for shape in item.connectivity.cell_shapes.tolist()]
+    return {"cells": dict(Counter(shapes))} if shapes else {}
 
 
 def _first_frame(sequence: MeshSequence, *, is_read: bool) -> dict[str, Any]:

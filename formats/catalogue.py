@@ -171,8 +171,8 @@ BUILT_IN = (
         holds_cells=True,
         keeps="faces, lines, times, parts of spatial collections as objects, the surface of solids or all elements as "
         "cells, normals of smooth meshes (written), attributes of nodes, cells and grids (fields; those of temporal "
-        "collections of the same meshes and times together); motion is the geometry of each step, or the vectors that a "
-        "setting names",
+        "collections of the same meshes and times together); motion is the geometry of each step, or the vectors that "
+        "a setting names",
         loses="names of objects (written), attributes of faces and edges of cells, of inner cells and of collections, "
         "degrees of freedom, sets (all named), fields on corners, other attributes, up axis and unit; changing "
         "connectivity",
@@ -207,8 +207,8 @@ BUILT_IN = (
         holds_runs=True,
         frame_per_file=True,
         keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids or "
-        "all cells, data of points and cells (fields), times (field data TimeValue, where every file has it); VTK reads "
-        "what pdecodec itself cannot (pip install 'pdecodec[vtk]')",
+        "all cells, data of points and cells (fields), times (field data TimeValue, where every file has it); VTK "
+        "reads what pdecodec itself cannot (pip install 'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes, fields on corners and objects",
     ),
     Format(
@@ -267,10 +267,12 @@ BUILT_IN = (
         options=("displacement", "solids"),
         writer="pdecodec.formats.vtk.exodus_writer:write_exodus",
         holds_fields=True,
-        keeps="shells, polygons, bars, points, the surface of solids of every order or all elements as cells, nodes' numbers (attribute node), "
-        "names of blocks (groups of faces), times, displacements (nodal variables of every axis that begin with disp, "
-        "or those that a setting names), other nodal variables and element variables on faces (fields; components are "
-        "gathered to vectors, tensors and numbered ones); whole numbers stay what they are",
+        holds_cells=True,
+        keeps="shells, polygons, bars, points, the surface of solids of every order or all elements as cells, nodes' "
+        "numbers (attribute node), names of blocks (groups of faces, or the attribute block of cells), times, "
+        "displacements (nodal variables of every axis that begin with disp, or those that a setting names), other "
+        "nodal variables and element variables on faces or cells (fields; components are gathered to vectors, tensors "
+        "and numbered ones); whole numbers stay what they are",
         loses="names of objects (blocks have them), element variables of inner elements and bars, other variables, "
         "names of sets and of blocks of lines (all named), nodes that are not on the surface, elements of splines, "
         "fields on corners and objects, other attributes, up axis and unit; changing connectivity; written lines are "

@@ -365,7 +365,7 @@ def _script(base: Base, kind: str, bits: str, says: str = "") -> list[Part]:
 def _attributes(base: Base) -> Iterator[Refused]:
     unknown, floats = "an attribute of an unknown kind", text(b"u") + numbers(1, 0, 0, 0, 0, 128)
     for name, bits, says, reason in (
-        ("attribute_domain", text(b"a") + numbers(4, 0), unknown, "domain 4 (17.1)"),
+        ("attribute_domain", text(b"a") + numbers(5, 0), unknown, "domain 5 (17.1)"),
         ("attribute_kind", text(b"a") + numbers(0, 10), unknown, "kind 10 (17.1)"),
         ("attribute_rule", text(b"a") + numbers(0, 2, 0, 9), unknown, "rule 9 (17.1)"),
         ("attribute_by_vertex_of_faces", text(b"a") + numbers(1, 2, 0, 1), unknown, "faces by vertex (17.1)"),

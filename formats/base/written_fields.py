@@ -45,6 +45,8 @@ class WrittenFields:
     ----------
     cells : Connectivity
         The cells to write: those of the sequence, or its faces and lines.
+    has_cells : bool
+        Whether the sequence has cells.
     fields : tuple of WrittenField
     lost : list of str
         Names of other fields: those of other domains, and whole numbers that not all objects have.
@@ -53,10 +55,10 @@ class WrittenFields:
     def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain], but: Collection[str] = ()) -> None:
         self._sequence = sequence
         parts = [item.connectivity for item in sequence.objects]
-        self._has_cells = any(part.cell_count for part in parts)
+        self.has_cells = any(part.cell_count for part in parts)
         self._written = [part if part.cell_count else part.with_own_cells() for part in parts]
         self.cells = joined_connectivity(self._written)
-        no_place = "face" if self._has_cells else "cell"
+        no_place = "face" if self.has_cells else "cell"
         on_vertices = {one.name for one in sequence.fields if one.domain == "vertex"}
         found, self.lost = list[WrittenField](), list[str]()
         for one in sequence.fields:

@@ -28,6 +28,9 @@ from pdecodec.mesh.sequence import CELL_SHAPES, FEWEST_NODES, Attribute, Connect
 Solids = Literal["surface", "keep"]
 """What becomes of solids."""
 
+BLOCK = "block"
+"""Attribute of cells: the block of elements that each belongs to, by name."""
+
 NODE = "node"
 """Vertex attribute, int32: number of the node that each vertex was in the file."""
 

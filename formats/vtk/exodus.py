@@ -19,7 +19,7 @@ from pdecodec.errors import InputError, damaged
 from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
-from pdecodec.formats.vtk.cells import Cells, Solids, node_attribute
+from pdecodec.formats.vtk.cells import BLOCK, Cells, Solids, node_attribute
 from pdecodec.formats.vtk.exodus_variables import (
     AXES,
     Part,
@@ -253,7 +253,7 @@ class ExodusSequence(MeshSequence):
             for block in spans
         ]
         sizes = [span.stop - span.start for span in spans.values()]
-        return Attribute("block", "cell", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes), labels=tuple(labels))
+        return Attribute(BLOCK, "cell", np.repeat(np.arange(len(sizes), dtype=np.int32), sizes), labels=tuple(labels))
 
     def _dropped(self, kept: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
         """Return names of data that are not in `kept`, by kind: variables, blocks and sets.

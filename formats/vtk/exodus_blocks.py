@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import GROUP, expanded, unique_name
-from pdecodec.mesh.arrays import Int32Array
-from pdecodec.mesh.sequence import MeshObject, MeshSequence
+from pdecodec.formats.vtk.cells import BLOCK, EXODUS_PLACES
+from pdecodec.mesh.arrays import Int32Array, Int64Array
+from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshObject, MeshSequence
 
 MAX_RUNS = 1024
 """Largest number of blocks that groups of faces are divided into only to keep the order of faces."""
@@ -22,7 +23,7 @@ MAX_NAME_BYTES = 255
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive cells of one kind: faces, or lines.
+    """Cells of one kind: consecutive faces, or lines, or cells of a sequence that has some.
 
     Attributes
     ----------
@@ -36,8 +37,8 @@ class Block:
         From 0.
     owner : int
         Index of the object that it belongs to.
-    faces : slice or None
-        Of all faces of the sequence, those that it has; None for lines.
+    faces : slice, array of int or None
+        Of all faces (or cells) of the sequence, those that it has; None for lines.
     """
 
     name: str
@@ -45,7 +46,7 @@ class Block:
     counts: Int32Array
     nodes: Int32Array
     owner: int
-    faces: slice | None
+    faces: slice | Int64Array | None
 
 
 def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...], bool]:
@@ -93,6 +94,60 @@ def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...]
     if changed := [f"{name!r} as {given!r}" for name, given in wanted if name != given]:
         notices.append(f"names of blocks that had to change: {', '.join(changed)}")
     return [*faces, *lines], tuple(notices), is_group_kept
+
+
+_KINDS = {
+    **{"polyline": "BAR", "line": "BAR", "polygon": "NSIDED", "triangle": "TRI", "quad": "QUAD", "tetra": "TETRA"},
+    **{"pyramid": "PYRAMID", "wedge": "WEDGE", "hexahedron": "HEX"},
+}
+"""Exodus' names of elements, without numbers of nodes, by shapes of cells."""
+
+
+def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block], tuple[str, ...]]:
+    """Return the blocks of the cells of a sequence, and notices about what they lose.
+
+    Cells that follow each other are a block if they have one kind and one name (attribute ``block``); if these blocks
+    were too many, all cells of one kind and name.
+    """
+    names: dict[str, int] = {}
+    of_cells = [_block_names(item, names) for item in sequence.objects]
+    labels, texts = np.concatenate(of_cells), list(names)
+    sizes = np.where(cells.cell_shapes == CELL_SHAPES.index("polygon"), 0, cells.cell_counts)
+    keys = np.stack([labels, cells.cell_shapes, sizes], axis=1).astype(np.int64)
+    cuts = np.flatnonzero((np.diff(keys, axis=0) != 0).any(axis=1)) + 1
+    runs = np.split(np.arange(len(keys)), cuts)
+    if len(runs) > MAX_RUNS:
+        _, number = np.unique(keys, axis=0, return_inverse=True)
+        number = number.reshape(-1)
+        runs = np.split(np.argsort(number, kind="stable"), np.flatnonzero(np.diff(np.sort(number))) + 1)
+    starts = np.append(0, np.cumsum(cells.cell_counts, dtype=np.int64))
+    owners = np.repeat(np.arange(len(of_cells)), [one.size for one in of_cells])
+    blocks, long, taken = [], 0, set[str]()
+    for run in runs:
+        shape, counts = CELL_SHAPES[cells.cell_shapes[run[0]]], cells.cell_counts[run]
+        if shape in ("polyline", "line") and counts[0] > 3:
+            long += run.size
+            continue
+        nodes = np.concatenate([cells.cell_indices[starts[one] : starts[one + 1]] for one in run.tolist()])
+        if (shape, int(counts[0])) in EXODUS_PLACES:
+            nodes = nodes.reshape(run.size, -1)[:, np.argsort(EXODUS_PLACES[shape, int(counts[0])])].reshape(-1)
+        kind = "SPHERE" if counts[0] == 1 else _KINDS[shape] + (str(counts[0]) if shape != "polygon" else "")
+        label = labels[run[0]]
+        name = unique_name(fitting(texts[label]), taken, " ") if label >= 0 else ""
+        blocks.append(Block(name, kind, counts, nodes, int(owners[run[0]]), run))
+    told = (f"{long} cells that are lines of more than 3 nodes are not kept",) if long else ()
+    return blocks, told
+
+
+def _block_names(item: MeshObject, names: dict[str, int]) -> NDArray[np.int64]:
+    """Return for each written cell of an object the number of its block's name, -1 for none; adds to `names`."""
+    whole = item.connectivity
+    count = whole.cell_count or whole.face_count + whole.line_count
+    found = next((one for one in item.attributes if (one.name, one.domain) == (BLOCK, "cell") and one.labels), None)
+    if found is None:
+        return np.full(count, -1)
+    numbers = np.array([*(names.setdefault(label, len(names)) for label in found.labels), -1])
+    return numbers[expanded(found).reshape(-1)]
 
 
 def _groups(item: MeshObject) -> tuple[NDArray[np.integer], tuple[str, ...]]:

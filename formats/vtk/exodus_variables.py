@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import unique_name
-from pdecodec.formats.base.frame_data import ON_FACES
+from pdecodec.formats.base.frame_data import on_elements
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import Field, FieldDomain
 
@@ -199,7 +199,7 @@ def store_fields(
         for numbers in [[number] for number in group] if alone else [group]:
             label = names[numbers[0] - 1] if alone else name
             label = unique_name(
-                ON_FACES.format(label) if domain == "face" and label in stored else label, set(stored), " "
+                on_elements(label, domain) if domain != "vertex" and label in stored else label, set(stored), " "
             )
             columns = zip(*([array for _, array in arrays[number]] for number in numbers), strict=True)
             whole = list(zip((part for part, _ in arrays[numbers[0]]), columns, strict=True))

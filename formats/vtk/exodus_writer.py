@@ -17,12 +17,12 @@ from pdecodec.formats.base.attribute_roles import GROUP, left_out, unique_name
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenField, WrittenFields
-from pdecodec.formats.vtk.cells import NODE
+from pdecodec.formats.vtk.cells import BLOCK, NODE
 from pdecodec.formats.vtk.exodus import PROGRAM
-from pdecodec.formats.vtk.exodus_blocks import Block, element_blocks, fitting
+from pdecodec.formats.vtk.exodus_blocks import Block, cell_blocks, element_blocks, fitting
 from pdecodec.formats.vtk.exodus_variables import AXES, component_names, displacements, vectors_of
 from pdecodec.formats.vtk.netcdf_file import NetcdfWriter, new_netcdf
-from pdecodec.mesh.arrays import Int32Array
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 _NAME_BYTES, _STRING_BYTES, _LINE_BYTES = 32, 32, 80
@@ -35,10 +35,13 @@ _INFO = ("Nodes move by displ_x, displ_y, displ_z from their coordinates,", "whi
 
 def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write one netCDF-4 file; objects and groups of faces become blocks of elements, fields become variables."""
-    blocks, notices, is_group_kept = element_blocks(sequence)
-    fields = WrittenFields(sequence, ("vertex", "face"))
+    fields = WrittenFields(sequence, ("vertex", "face", "cell"))
+    if fields.has_cells:
+        (blocks, notices), is_group_kept = cell_blocks(sequence, fields.cells), True
+    else:
+        blocks, notices, is_group_kept = element_blocks(sequence)
     nodal = _Variables([one for one in fields.fields if one.field.domain == "vertex"], _DISPLACEMENTS)
-    elemental = _Variables([one for one in fields.fields if one.field.domain == "face"])
+    elemental = _Variables([one for one in fields.fields if one.field.domain != "vertex"])
     numbers = _numbers_of_nodes(sequence)
     with output.whole_file() as partial, new_netcdf(partial) as file:
         first = sequence.read_frames(0, 1)[0].astype(np.float64)
@@ -71,6 +74,8 @@ def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     def is_held(item: MeshObject, attribute: Attribute) -> bool:
         if attribute.name == NODE:
             return numbers is not None
+        if attribute.domain == "cell":
+            return attribute.name == BLOCK
         return attribute.name == GROUP and attribute.domain == "face" and is_group_kept
 
     return (
@@ -202,9 +207,9 @@ class _Variables:
 
 def _add_element_variables(
     file: NetcdfWriter, variables: _Variables, blocks: Sequence[Block]
-) -> dict[tuple[str, int], list[tuple[slice, Any]]]:
+) -> dict[tuple[str, int], list[tuple[slice | Int64Array, Any]]]:
     """Return new arrays by field and component, each with the faces that it has, and write which blocks have which."""
-    found: dict[tuple[str, int], list[tuple[slice, Any]]] = {}
+    found: dict[tuple[str, int], list[tuple[slice | Int64Array, Any]]] = {}
     if not variables.names:
         return found
     keys = [(one.field.name, component) for one in variables.fields for component in range(one.field.components)]

@@ -61,9 +61,6 @@ MIXED_KINDS = {
 }
 """Kind and number of nodes of the cells of a mixed topology, by the number that precedes them."""
 
-_MIXED_SOLIDS = frozenset({6, 7, 8, 9, *range(38, 51)})
-"""Numbers of solids in mixed topologies: they are added together, since there may be many."""
-
 _MIXED_COUNTED = {1: "polyline", 2: "polyline", 3: "polygon"}
 """Kinds of points, lines and polygons in mixed topologies, by number; their count of nodes follows it."""
 
@@ -131,23 +128,26 @@ def _nodes_of_each(topology: Element, indices: Int64Array, kind: str, path: Path
 def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> None:
     """Add the cells of a mixed topology: each is a kind, for some kinds a count of nodes, and the nodes."""
     at = 0
-    solids: dict[str, list[Int64Array]] = {}
+    rows: list[Int64Array] = []
+    before: tuple[str, int] | None = None
     while at < numbers.size:
         number = int(numbers[at])
         if number in MIXED_KINDS:
-            (kind, size), at = MIXED_KINDS[number], at + 1
+            key, at = MIXED_KINDS[number], at + 1
         elif number in _MIXED_COUNTED and at + 1 < numbers.size:
-            kind, size, at = _MIXED_COUNTED[number], int(numbers[at + 1]), at + 2
+            key, at = (_MIXED_COUNTED[number], int(numbers[at + 1])), at + 2
         else:
             raise InputError(
                 f"cells of number {number} in a mixed topology are not read", code="unsupported-feature", path=path
             )
+        size = key[1]
         if size < 1 or at + size > numbers.size:
             raise damaged("its mixed topology ends inside a cell", path=path)
-        if number in _MIXED_SOLIDS:
-            solids.setdefault(f"{kind}{size}", []).append(numbers[at : at + size] - first)
-        else:
-            cells.add(kind, numbers[None, at : at + size] - first)
+        if before is not None and before != key:
+            cells.add(before[0], np.stack(rows))
+            rows = []
+        before = key
+        rows.append(numbers[at : at + size] - first)
         at += size
-    for name, rows in solids.items():
-        cells.add(name.rstrip("0123456789"), np.stack(rows))
+    if before is not None:
+        cells.add(before[0], np.stack(rows))

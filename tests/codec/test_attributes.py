@@ -510,7 +510,7 @@ def head(domain: int = 0, kind: int = 0, columns: int = 3, rule: int = 0) -> lis
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        (head(domain=4), "unknown kind"),
+        (head(domain=5), "unknown kind"),
         (head(kind=10), "unknown kind"),
         (head(rule=9), "unknown kind"),
         (head(rule=1), "unknown kind"),
