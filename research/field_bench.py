@@ -44,7 +44,8 @@ def part_of(clip: dict[str, NDArray[Any]]) -> tuple[Any, ...]:
     for column in range(1, 3):
         corners[:, column] = np.where(corners[:, column] < 0, corners[:, column - 1], corners[:, column])
     sizes = (corners >= 0).sum(axis=1).astype(np.int32)
-    return clip["points"].shape[1], sizes, corners[corners >= 0].astype(np.int32), none, none
+    flat = corners[corners >= 0].astype(np.int32)
+    return clip["points"].shape[1], sizes, flat, none, none, none.astype(np.uint8), none, none
 
 
 def measure(rows: _core.FieldRows, values: NDArray[Any], tolerance: str) -> Measured:

@@ -19,6 +19,7 @@ from pdecodec import (
     ChangingSequence,
     Connectivity,
     EncodeSettings,
+    Field,
     MeshObject,
     PaperSettings,
     encode,
@@ -107,6 +108,34 @@ def noise(*shape: int, seed: int = 0) -> Points:
 def clip(points: Points, part: Connectivity | None = None, **options: Any) -> ArraySequence:
     objects = [MeshObject("mesh", part)] if part else None
     return ArraySequence(points, objects=objects, **options)
+
+
+def solids(frames: int = 3) -> ArraySequence:
+    """Two hexahedra, a pyramid on them, two tetrahedra of which one is quadratic, a wedge, and a line; heat in each."""
+    cells = [
+        (8, [0, 1, 4, 3, 6, 7, 10, 9]),
+        (8, [1, 2, 5, 4, 7, 8, 11, 10]),
+        (6, [6, 7, 10, 9, 12]),
+        (5, [7, 8, 10, 12]),
+        (5, [8, 11, 10, 12, 13, 14, 15, 16, 17, 18]),
+        (7, [0, 3, 9, 1, 4, 10]),
+        (0, [12, 0]),
+    ]
+    part = Connectivity(
+        19,
+        np.full(2, 4, np.int32),
+        np.array([0, 3, 4, 1, 1, 4, 5, 2], np.int32),
+        np.array([2], np.int32),
+        np.array([12, 0], np.int32),
+        np.array([shape for shape, _ in cells], np.uint8),
+        np.array([len(nodes) for _, nodes in cells], np.int32),
+        np.concatenate([nodes for _, nodes in cells]).astype(np.int32),
+    )
+    block = Attribute("block", "cell", np.array([0, 0, 1, 1, 1, 0, 2], np.int32), labels=("a", "b", "c"))
+    objects = [MeshObject("solid", part, (block,)), MeshObject("flat", grid(2, 2))]
+    heat = np.round(noise(frames, 7), 1).astype(np.float32)
+    points = noise(1, 23, 3) + 0.1 * noise(frames, 1, 3, seed=1)
+    return ArraySequence(points, objects=objects, fields=[(Field("heat", "cell"), heat)])
 
 
 def with_attributes() -> ArraySequence:
@@ -345,6 +374,7 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "tied": (lambda: soup(9, 5, 6), Choices(space=("patch", 16), settings={"tolerance": 1e-3})),
     "tied_in_part": (partly_tied, Choices(space=("patch", 8))),
     "closed_form_of_ties": (partly_tied, paper(tolerance=0.01)),
+    "solids": (solids, Choices()),
     "one_frame": (lambda: sheet(1, times=[1.5]), Choices()),
     "two_frames": (lambda: sheet(2), Choices()),
     "static": (lambda: clip(np.repeat(wave(1, 5, 7), 5, axis=0), grid(5, 7)), Choices()),

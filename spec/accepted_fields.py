@@ -14,6 +14,7 @@ import numpy as np
 from pdecodec import ArraySequence, ChangingSequence, Connectivity, Field, MeshObject, MeshSequence, _core
 from pdecodec.codec.encode.field import sections as field_sections
 from pdecodec.codec.encode.field.chunks import FieldCoding, exact_numbers
+from pdecodec.codec.sections.connectivity import core_parts
 from pdecodec.codec.sections.fields import COPY, EXACT, QUANTISED
 from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, wave
 from spec.decoder.storedfields import DOMAINS
@@ -182,8 +183,7 @@ def chunk_of(
     coding: tuple[int, int] = (0, 1),
 ) -> bytes:
     """Encode numbers, (frames, rows, components), as a predicted chunk."""
-    arrays = ((p.vertex_count, p.face_counts, p.face_indices, p.line_counts, p.line_indices) for p in parts)
-    rows = _core.FieldRows(DOMAINS.index(domain), list(arrays))
+    rows = _core.FieldRows(DOMAINS.index(domain), core_parts(parts))
     own_kinds = None if kinds is None else np.array(kinds, np.uint8)
     return _core.encode_field_chunk(rows, np.array(values, np.int64), own_kinds, *coding)
 

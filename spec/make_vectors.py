@@ -22,6 +22,8 @@ import numpy as np
 from spec.accepted import accepted
 from spec.accepted_fields import accepted_with_fields
 from spec.decoder.animation import Animation, decode_runs, run_at
+from spec.decoder.cells import SHAPES
+from spec.decoder.mesh import Mesh
 from spec.refused import Refused, refused
 from spec.refused_fields import refused_with_fields
 from spec.sealing import take_apart
@@ -91,11 +93,16 @@ def describe_field(run: Animation, index: int) -> dict[str, Any]:
     }
 
 
+def cells_of(mesh: Mesh) -> list[list[int]]:
+    """Return the number of the shape and the nodes of each cell."""
+    return [[SHAPES.index(cell.shape), *cell.nodes] for cell in mesh.cells]
+
+
 def hash_integers(runs: list[Animation]) -> dict[str, str]:
     """Return SHA-256 of the integers that every decoder must find, each as `i64`, run by run."""
     groups = [run.motion.group(index) for run in runs for index in range(len(run.motion.groups))]
     meshes = [mesh for run in runs for mesh in run.meshes]
-    polygons = (polygon for mesh in meshes for kind in (mesh.faces, mesh.lines) for polygon in kind)
+    polygons = (polygon for mesh in meshes for kind in (mesh.faces, mesh.lines, cells_of(mesh)) for polygon in kind)
     frames = (frame for group in groups for frame in group.residuals)
     return {
         "polygons": digest(number for polygon in polygons for number in (len(polygon), *polygon)),

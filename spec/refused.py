@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdecodec import ArraySequence, Attribute, MeshObject
-from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, runs_of_one_frame, soup, wave
+from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, runs_of_one_frame, solids, soup, wave
 from spec.sealing import (
     CHUNKS,
     Part,
@@ -85,6 +85,7 @@ def refused() -> Iterator[Refused]:
     for damage in (_attributes, _remarks, _sizes, _scenes):
         yield from damage(base)
     yield from _runs(base)
+    yield from _cells(base)
 
 
 def _real(value: float) -> bytes:
@@ -387,6 +388,21 @@ def _attributes(base: Base) -> Iterator[Refused]:
 
 
 ROWS, FLAG, UNIT = "an index out of range", "an integer out of range", "a unit out of range"
+
+
+def _cells(base: Base) -> Iterator[Refused]:
+    with_cells, one = [*base.parts, Part("SOLD", b"")], counted(2)
+    for name, bits, says, reason in (
+        ("cell_like_none", one + "1", "a cell like one before the first", "the first cell as the one before (27.1)"),
+        ("cell_shape", one + "0" + counted(10), "a cell of an unknown shape", "shape 9 (27.1)"),
+        ("cell_node", one + "0" + 2 * counted(1) + "000" + counted(6), "a missing vertex", "vertex 6 of 6 (27.1)"),
+    ):
+        yield Refused(name, seal(scripted(with_cells, "SOLD", bits, says=says)), reason)
+    huge = scripted(with_cells, "SOLD", one + "0" + counted(1) + counted(2**28))
+    yield Refused("limit_cells", seal(huge), "2^28 nodes of a cell (20)", "limit")
+    parts = [part for part in take_apart(encoded(solids(), Choices())) if part.kind != "META"]
+    longer = with_section(parts, "SOLD", content(parts, "SOLD") + b"\0")
+    yield Refused("cells_followed", seal(longer), "a byte too many (3.7)")
 
 
 def _remarks(base: Base) -> Iterator[Refused]:

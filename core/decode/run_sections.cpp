@@ -7,8 +7,8 @@
 
 #include "decode/fields.hpp"
 #include "mesh/curves.hpp"
-#include "mesh/solids.hpp"
 #include "sections/connectivity/cells.hpp"
+#include "sections/connectivity/solids.hpp"
 #include "sections/reference/reference.hpp"
 
 namespace pdeanim {
@@ -151,7 +151,7 @@ std::shared_ptr<const std::vector<Connectivity>> RunSections::shared_connectivit
             u64 nodes = 0;
             for (const Connectivity &part : found) nodes += part.cell_indices.size();
             memory_.take(bytes_per_cell_node * nodes, "nodes of cells");
-            predicted_on_ = with_inner_sides(views_of(found));
+            predicted_on_ = with_inner_sides(found);
         }
         connectivity_ = std::make_shared<const std::vector<Connectivity>>(std::move(found));
     }

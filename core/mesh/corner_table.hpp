@@ -12,7 +12,7 @@
 
 namespace pdeanim {
 
-// Faces and lines of one object, and the cells that they show, if solids are kept (`mesh/solids.hpp`).
+// Faces and lines of one object, and the cells that they show, if solids are kept (`sections/connectivity/solids.hpp`).
 struct Connectivity {
     i64 vertices = 0;
     std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;

@@ -222,7 +222,7 @@ class Cells:
         )
 
     def left_out_notices(self, gather: Int64Array | None, nodes: int) -> tuple[str, ...]:
-        """Return notices that count what is left out: insides of solids, and nodes; call it after
+        """Return notices that count solids read as surfaces, and nodes that are left out; call it after
         :meth:`connectivity`, which returned `gather`.
         """
         solids = 0 if self.has_cells else sum(len(rows) for _, rows, _ in self._solids)

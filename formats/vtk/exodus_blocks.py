@@ -147,7 +147,8 @@ def _block_names(item: MeshObject, names: dict[str, int]) -> NDArray[np.int64]:
     if found is None:
         return np.full(count, -1)
     numbers = np.array([*(names.setdefault(label, len(names)) for label in found.labels), -1])
-    return numbers[expanded(found).reshape(-1)]
+    chosen: NDArray[np.int64] = numbers[expanded(found).reshape(-1)]
+    return chosen
 
 
 def _groups(item: MeshObject) -> tuple[NDArray[np.integer], tuple[str, ...]]:

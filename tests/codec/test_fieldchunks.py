@@ -17,7 +17,7 @@ from spec.decoder.fields import CorruptFileError as PlainError
 from spec.decoder.mesh import Mesh
 
 DOMAINS = {"vertex": 0, "face": 1, "corner": 2, "object": 3}
-NONE = np.zeros(0, np.int32)
+NONE, NO_SHAPES = np.zeros(0, np.int32), np.zeros(0, np.uint8)
 
 
 def grid(columns: int, rows: int) -> tuple[Any, ...]:
@@ -26,12 +26,12 @@ def grid(columns: int, rows: int) -> tuple[Any, ...]:
     quads = np.stack([first[:-1, :-1], first[:-1, 1:], first[1:, 1:], first[1:, :-1]], axis=-1).reshape(-1, 4)
     sizes = np.full(len(quads), 4, np.int32)
     line = first[0, :2].copy()
-    return (columns * rows + 1, sizes, quads.ravel(), np.array([line.size], np.int32), line)
+    return (columns * rows + 1, sizes, quads.ravel(), np.array([line.size], np.int32), line, NO_SHAPES, NONE, NONE)
 
 
 def mesh_of(part: tuple[Any, ...]) -> Mesh:
     vertices, *numbers = part
-    sizes, faces, line_sizes, lines = (one.tolist() for one in numbers)
+    sizes, faces, line_sizes, lines = (one.tolist() for one in numbers[:4])
     return Mesh(
         "",
         vertices,

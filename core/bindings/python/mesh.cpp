@@ -8,9 +8,9 @@
 
 #include "bindings/python/bindings.hpp"
 #include "mesh/curves.hpp"
-#include "mesh/solids.hpp"
 #include "sections/attributes/attribute_mesh.hpp"
 #include "sections/connectivity/cells.hpp"
+#include "sections/connectivity/solids.hpp"
 #include "sections/description/description.hpp"
 #include "sections/reference/reference.hpp"
 
@@ -37,6 +37,7 @@ std::vector<ConnectivityView> views_of(const nb::list &parts) {
     std::vector<ConnectivityView> views;
     for (const nb::handle part : parts) {
         const nb::tuple fields = nb::cast<nb::tuple>(part);
+        require(fields.size() == 8, "an object has vertices, faces, lines and cells");
         const auto numbers = [&](std::size_t place) { return view(nb::cast<Flat<i32>>(fields[place])); };
         views.push_back({nb::cast<i64>(fields[0]), numbers(1), numbers(2), numbers(3), numbers(4),
                          view(nb::cast<Flat<u8>>(fields[5])), numbers(6), numbers(7)});

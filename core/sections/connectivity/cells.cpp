@@ -5,7 +5,7 @@
 
 #include "base/errors.hpp"
 #include "entropy/numbers.hpp"
-#include "mesh/solids.hpp"
+#include "sections/connectivity/solids.hpp"
 
 namespace pdeanim {
 
@@ -153,8 +153,12 @@ private:
                 }
             }
         }
-        std::stable_sort(candidates_.begin(), candidates_.end(),
-                         [](const Candidate &a, const Candidate &b) { return a.score > b.score; });
+        // There are few: insert each where it belongs, after those of equal score.
+        for (std::size_t end = 1; end < candidates_.size(); ++end) {
+            for (std::size_t at = end; at > 0 && candidates_[at].score > candidates_[at - 1].score; --at) {
+                std::swap(candidates_[at], candidates_[at - 1]);
+            }
+        }
     }
 
     NumberModel count_, shapes_, sizes_;

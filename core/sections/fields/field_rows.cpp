@@ -4,7 +4,7 @@
 #include <numeric>
 
 #include "mesh/graph.hpp"
-#include "mesh/solids.hpp"
+#include "sections/connectivity/solids.hpp"
 
 namespace pdeanim {
 
@@ -30,9 +30,12 @@ void link_vertices(const ConnectivityView &object, i64 first, Links &links) {
 
 // Of several solids on a side, each is a neighbour of the one before.
 void link_cells(const ConnectivityView &object, i64 first, Links &links) {
-    const std::vector<CellSide> sides = sides_of_solids(object);
-    for (std::size_t i = 1; i < sides.size(); ++i) {
-        if (sides[i].corners == sides[i - 1].corners) links.add(first + sides[i].cell, first + sides[i - 1].cell);
+    const CellSides sides = sides_of_solids(object);
+    std::vector<i32> before(sides.corners.first.size(), -1);  // the latest cell on a side
+    for (std::size_t side = 0; side < sides.cell.size(); ++side) {
+        i32 &latest = before[sides.corners.of[side]];
+        if (latest >= 0) links.add(first + sides.cell[side], first + latest);
+        latest = sides.cell[side];
     }
 }
 

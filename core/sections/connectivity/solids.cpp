@@ -1,6 +1,6 @@
-#include "mesh/solids.hpp"
+#include "sections/connectivity/solids.hpp"
 
-#include <algorithm>
+#include <utility>
 
 namespace pdeanim {
 
@@ -68,52 +68,50 @@ void add_border(const Solid &solid, i32 number, std::span<const i32> nodes, Conn
 
 }  // namespace
 
-std::vector<CellSide> sides_of_solids(const ConnectivityView &object) {
-    std::vector<CellSide> found;
+CellSides sides_of_solids(const ConnectivityView &object) {
+    CellSides found;
+    std::vector<i32> corners;  // four of each side, in ascending order
     for_each_solid(object, [&](i32 cell, const Solid &solid, std::span<const i32> nodes) {
-        for (i32 number = 0; number < solid.side_count; ++number) {
-            CellSide side{.corners = {none, none, none, none}, .cell = cell, .number = number};
-            for (std::size_t k = 0; k < 4; ++k) {
-                if (const i32 corner = solid.sides[number][k]; corner != none) side.corners[k] = nodes[corner];
+        for (i32 place = 0; place < solid.side_count; ++place) {
+            found.cell.push_back(cell);
+            found.place.push_back(place);
+            for (const i32 corner : solid.sides[place]) {
+                corners.push_back(corner == none ? none : nodes[corner]);
+                for (std::size_t at = corners.size() - 1; at % 4 > 0 && corners[at - 1] > corners[at]; --at) {
+                    std::swap(corners[at - 1], corners[at]);
+                }
             }
-            std::sort(side.corners.begin(), side.corners.end());
-            found.push_back(side);
         }
     });
-    std::sort(found.begin(), found.end());
+    found.corners = number_rows(corners, 4);
     return found;
 }
 
 Connectivity inner_sides(const ConnectivityView &object) {
-    const std::vector<CellSide> sides = sides_of_solids(object);
-    std::vector<std::array<i32, 2>> firsts;  // cell and number of the first of several equal sides
-    for (std::size_t begin = 0, end = 0; begin < sides.size(); begin = end) {
-        while (end < sides.size() && sides[end].corners == sides[begin].corners) ++end;
-        if (end > begin + 1) firsts.push_back({sides[begin].cell, sides[begin].number});
+    const CellSides sides = sides_of_solids(object);
+    const std::vector<i32> &of = sides.corners.of, &first = sides.corners.first;
+    std::vector<bool> is_inner(first.size());
+    for (std::size_t side = 0; side < of.size(); ++side) {
+        if (first[of[side]] != static_cast<i32>(side)) is_inner[of[side]] = true;
     }
-    std::sort(firsts.begin(), firsts.end());
     Connectivity found;
     found.vertices = object.vertices;
-    auto first = firsts.begin();
-    for_each_solid(object, [&](i32 cell, const Solid &solid, std::span<const i32> nodes) {
-        for (; first != firsts.end() && (*first)[0] == cell; ++first) add_border(solid, (*first)[1], nodes, found);
+    std::size_t side = 0;
+    for_each_solid(object, [&](i32, const Solid &solid, std::span<const i32> nodes) {
+        for (i32 place = 0; place < solid.side_count; ++place, ++side) {
+            const i32 number = of[side];
+            if (is_inner[number] && first[number] == static_cast<i32>(side)) add_border(solid, place, nodes, found);
+        }
     });
     return found;
 }
 
-std::vector<Connectivity> with_inner_sides(std::span<const ConnectivityView> objects) {
-    std::vector<Connectivity> found;
-    for (const ConnectivityView &object : objects) {
-        Connectivity own;
-        own.vertices = object.vertices;
-        own.face_sizes.assign(object.face_sizes.begin(), object.face_sizes.end());
-        own.face_indices.assign(object.face_indices.begin(), object.face_indices.end());
-        own.line_sizes.assign(object.line_sizes.begin(), object.line_sizes.end());
-        own.line_indices.assign(object.line_indices.begin(), object.line_indices.end());
-        const Connectivity inner = inner_sides(object);
-        own.face_sizes.insert(own.face_sizes.end(), inner.face_sizes.begin(), inner.face_sizes.end());
-        own.face_indices.insert(own.face_indices.end(), inner.face_indices.begin(), inner.face_indices.end());
-        found.push_back(std::move(own));
+std::vector<Connectivity> with_inner_sides(std::span<const Connectivity> objects) {
+    std::vector<Connectivity> found(objects.begin(), objects.end());
+    for (Connectivity &own : found) {
+        const Connectivity inner = inner_sides(view_of(own));
+        for (const i32 size : inner.face_sizes) own.face_sizes.push_back(size);
+        for (const i32 index : inner.face_indices) own.face_indices.push_back(index);
     }
     return found;
 }

@@ -10,6 +10,7 @@
 
 #include "base/arithmetic.hpp"
 #include "mesh/corner_table.hpp"
+#include "sections/attributes/attribute_mesh.hpp"
 
 namespace pdeanim {
 
@@ -20,21 +21,19 @@ constexpr int cell_shapes = 9;
 // Fewest nodes of a cell of each shape.
 constexpr std::array<i32, cell_shapes> smallest_cells = {1, 1, 3, 3, 4, 4, 5, 6, 8};
 
-// A side of a solid.
-struct CellSide {
-    std::array<i32, 4> corners;  // ascending; the first is -1 if there are three
-    i32 cell, number;            // number of the side in the cell's shape
-    auto operator<=>(const CellSide &) const = default;
+// Sides of all solids of an object, in the order of cells.
+struct CellSides {
+    std::vector<i32> cell, place;  // of each side: its cell, and its number in the cell's shape
+    Numbered corners;              // equal for sides of equal corners
 };
 
-// Return the sides of all solids of an object, sorted: sides of equal corners follow one another.
-std::vector<CellSide> sides_of_solids(const ConnectivityView &object);
+CellSides sides_of_solids(const ConnectivityView &object);
 
 // Return the sides that several solids have, in the order of the first of these solids, as faces of an object without
 // lines. A node on each edge is part of the border.
 Connectivity inner_sides(const ConnectivityView &object);
 
 // Return the objects with inner sides after their own faces: what positions are predicted on (27.3 of the specification).
-std::vector<Connectivity> with_inner_sides(std::span<const ConnectivityView> objects);
+std::vector<Connectivity> with_inner_sides(std::span<const Connectivity> objects);
 
 }  // namespace pdeanim
