@@ -252,7 +252,8 @@ def test_vectors_with_fields_have_what_they_are_named_for() -> None:
     runs = {name: independent.decode_runs(data) for name, data in accepted_vectors().items() if "field" in name}
     every = runs["fields"][0].fields
     assert {one.type for one in every} == set(TYPES)
-    assert {one.domain for one in every} == set(DOMAINS)
+    (solids,) = independent.decode_runs(accepted_vectors()["solids"])
+    assert {one.domain for one in (*every, *solids.fields)} == set(DOMAINS)
     assert {tuple(one.objects) for one in every} == {(), (0,), (1,)}
     codes = [{group.code for group in one.computed} for one in runs["fields_computed"][0].fields]
     assert codes == [set(), {MAGNITUDE}, {COPY}, {VELOCITY}, {MAGNITUDE}, {DISPLACEMENT}]
