@@ -156,7 +156,8 @@ class Amalgamation:
         for path, text in texts.items():
             for name in sorted(own_names(text)):
                 if files[name] > 1:
-                    text = re.sub(rf"(?<![.:\w])(?<!->){name}\b", f"{name}_in_{path.parent.name}_{path.stem}", text)
+                    own = rf"(?<![.:/\w])(?<!->){name}\b(?!\.hpp)"
+                    text = re.sub(own, f"{name}_in_{path.parent.name}_{path.stem}", text)
             self._add(path.relative_to(CORE).as_posix(), text)
 
     def _add(self, name: str, text: str) -> None:
