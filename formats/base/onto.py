@@ -69,6 +69,7 @@ def write_onto(
     straight: bool = False,
     asset_folders: Iterable[str | os.PathLike[str]] = (),
     is_filled: bool = False,
+    rigid: float | None = None,
 ) -> tuple[str, ...]:
     """Write a file with everything that another of its format has, and a sequence's motion instead of its own.
 
@@ -90,6 +91,8 @@ def write_onto(
         See :func:`pdecodec.open_sequence`; packages may refer only to files inside them.
     is_filled : bool
         The original's positions and normals hold nothing, as in a scene that a `.pdeanim` file carried.
+    rigid : float, optional
+        glTF, if `is_filled`: see :func:`pdecodec.formats.write_sequence`.
 
     Returns
     -------
@@ -146,6 +149,7 @@ def write_onto(
         progress=progress,
         layer=layer,
         is_filled=is_filled,
+        rigid=rigid,
         **asked,
     )
     with (

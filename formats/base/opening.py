@@ -301,7 +301,7 @@ def write_sequence(
     elif is_carried:
         write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
         options = {"fps": fps, "velocities": velocities, "progress": progress}
-        options |= {name: asked[name] for name in ("meshopt", "straight")}
+        options |= {name: asked[name] for name in ("meshopt", "straight", "rigid")}
         with _scene_errors():
             found = write_scene(sequence, sequence.carried, entry, where, overwrite=overwrite, **options)
         if not isinstance(found, InputError):

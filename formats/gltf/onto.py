@@ -34,9 +34,10 @@ from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.primitives import PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import rigid_keys
+from pdecodec.formats.gltf.rigid_objects import place_of
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
-from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
 _MIRROR = np.array([-1, 1, 1], np.float32)
@@ -119,28 +120,44 @@ class _Onto(GltfScene):
             ]
 
     def write(self) -> list[str]:
+        """Write the moved meshes; return notices.
+
+        Of a scene that was carried, objects of rigid parts become moving nodes and skins, as without a scene.
+        """
         builder, nodes = self._builder, self._builder.root["nodes"]
         every = np.ones(self._sequence.vertex_count, bool)
         frames, known = self._read(every), self._thirds()
         between = None if known is None else known.read_frames(0, known.frame_count)
         meshes = {one.index: nodes[self._original.shapes[one.index].node]["mesh"] for one in self._fits}
         moved: dict[str, None] = {}
-        for one in self._fits:
+        rigid = self._rigid_objects() if self._output.is_filled else {}
+        for number, one in enumerate(self._fits):
             part, item = self._original.shapes[one.index], one.item
             points, thirds = frames[:, one.own], None if between is None else between[:, one.own]
             where = partial(_worlds, self._original.nodes, part.node)
             placed = ShapePlacement(where, self._sequence.times, item.name)
-            turns = rigid_keys(points, _blocks(thirds)) if item.connectivity.face_count else None
+            first = placed.matrices[:1] if part.instance is None else part.instance @ placed.matrices[:1]
+            is_mirrored = part.skin is None and mirrors(first)
+            parts = rigid.get(number)
+            if parts is not None and len(parts.movers) > 1 and is_mirrored:
+                parts = None  # no scale of its node would turn the faces of a skin
+            turns, joints = None, None
+            if parts is None:
+                turns = rigid_keys(points, _blocks(thirds)) if item.connectivity.face_count else None
+            else:
+                points, thirds = parts.rest[None], None
+                keys = [self._movers[one].keys for one in parts.movers]
+                joints = parts.joints if len(keys) > 1 else None
+                turns = keys[0] if len(keys) == 1 and keys[0].keys else None
             entry, place = nodes[part.node], {}
-            stays = turns is None and part.instance is None and placed.is_constant
+            stays = joints is None and turns is None and part.instance is None and placed.is_constant
             if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTENING_CONDITION:
                 points, thirds = placed.points(points, 0), None if thirds is None else placed.points(thirds, 0)
             else:
                 stays = False
-                first = placed.matrices[:1] if part.instance is None else part.instance @ placed.matrices[:1]
                 if turns is not None:
-                    points, thirds, place = points[:1] - turns.centre, None, {"translation": turns.centre.tolist()}
-                if part.skin is None and mirrors(first):
+                    points, thirds, place = points[:1] - turns.centre, None, place_of(turns)
+                if is_mirrored:
                     points, thirds = points * _MIRROR, None if thirds is None else thirds * _MIRROR
                     place["scale"] = _MIRROR.tolist()
             kept = {} if stays else {key: copy.deepcopy(entry[key]) for key in ("extras",) if key in entry}
@@ -151,19 +168,22 @@ class _Onto(GltfScene):
                 del entry["extensions"]
             if part.hidden and not stays:
                 kept["extensions"] = {VISIBILITY: {"visible": False}}
-            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], item, points, thirds)
+            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], item, points, thirds, joints)
             if stays:
-                number = part.node
+                node = part.node
                 entry["mesh"] = mesh
             else:
                 moved[item.name] = None
-                number = self._node(item.name, {"mesh": mesh, **kept, **place})
-            self._animate(number, motion, turns)
+                if joints is not None and parts is not None:
+                    node = self._skinned(item.name, {"mesh": mesh, **kept}, parts, np.eye(4))
+                else:
+                    node = self._node(item.name, {"mesh": mesh, **kept, **place})
+            self._animate(node, motion, turns)
         self._animations[:] = [one for one in self._animations if one["channels"]]
         if not self._animations:
             del builder.root["animations"]
         self._settle_extensions()
-        notices = self._motion_notices()
+        notices = [*self._motion_notices(), *self._rigid_notices(rigid)]
         if self._start < self._original.start:
             notices.append(f"its animations start at 0 s, in place of {self._start:g} s, where the motion starts")
         if self._dropped:
@@ -189,7 +209,13 @@ class _Onto(GltfScene):
                     del root[kind]
 
     def _write_mesh(
-        self, mesh: GltfMesh, number: int, item: MeshObject, points: Float32Array, thirds: Float32Array | None
+        self,
+        mesh: GltfMesh,
+        number: int,
+        item: MeshObject,
+        points: Float32Array,
+        thirds: Float32Array | None,
+        joints: Int64Array | None,
     ) -> tuple[int, Motion]:
         """Write a copy of a mesh with other positions; return its index and its motion."""
         entry = copy.deepcopy(self._original.file.listed("meshes")[number])
@@ -204,14 +230,21 @@ class _Onto(GltfScene):
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
             if start not in whole:
-                whole[start] = self._write_rows(motion, slice(start, start + count))
+                own = slice(start, start + count)
+                whole[start] = self._write_rows(motion, own)
+                if joints is not None:
+                    whole[start][0].update(self._builder.influences(joints[sources[own]]))
             geometry, targets = whole[start]
             if DRACO in primitive.get("extensions", {}):
                 self._unpack(primitive, old, count)
             names = primitive["attributes"]
             self._dropped |= dict.fromkeys("tangents" for name in names if name == "TANGENT")
             kept = {name: index for name, index in names.items() if not name.startswith(_MOTION_ATTRIBUTE_PREFIXES)}
-            primitive["attributes"] = kept | {name: index for name, index in geometry.items() if name in names}
+            primitive["attributes"] = kept | {
+                name: index
+                for name, index in geometry.items()
+                if name in names or name.startswith(_MOTION_ATTRIBUTE_PREFIXES)
+            }
             primitive["targets"] = [
                 {name: index for name, index in target.items() if name in names} for target in targets
             ]

@@ -39,7 +39,7 @@ from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_no
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
-from pdecodec.mesh.arrays import BoolArray, Float32Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
 FILAMENT_MAX_TARGETS = 256
@@ -149,6 +149,8 @@ class GltfScene:
         self._channels: list[dict[str, Any]] = []
         self._notices: list[str] = []
         self._motions: list[Motion] = []
+        self._movers: list[Mover] = []
+        self._joints: dict[int, int] = {}
         self._key_times: int | None = None
         self._bound = output.rigid
         if self._bound is None and isinstance(sequence, Animation):
@@ -231,6 +233,40 @@ class GltfScene:
             notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
         return notices
 
+    def _rigid_objects(self) -> dict[int, RigidObject]:
+        """Return the objects whose parts all move rigidly within the bound, by index."""
+        if not self._bound:
+            return {}
+        parts = rigid_parts_within(self._source, self._bound, self._blocks)
+        self._movers, found = rigid_objects(parts, self._sequence.objects)
+        return found
+
+    def _rigid_notices(self, rigid: Mapping[int, RigidObject]) -> tuple[str, ...]:
+        """Return notices about the error of objects of rigid parts."""
+        off = {index: max(self._movers[one].keys.deviation for one in own.movers) for index, own in rigid.items()}
+        thirds = self._thirds() if self._movers else None
+        between = 0.0
+        for start, points in thirds.blocks() if thirds is not None else ():
+            own = slice(start, start + len(points))
+            between = max(between, *(one.between(points, own) for one in self._movers))
+        return rigid_notices((deviation for deviation in off.values() if deviation), between)
+
+    def _skinned(self, name: str, entry: dict[str, Any], own: RigidObject, bind: Float64Array) -> int:
+        """Add the node of an object whose parts joints move; `bind` goes from stored positions to its shape."""
+        centres = np.stack([self._movers[one].keys.centre for one in own.movers])
+        skin = write_skin(self._builder, [self._joint(one) for one in own.movers], centres, bind)
+        # A skinned mesh is not moved by its ancestors.
+        return self._attach({"name": "/".join(_steps(name)), **entry, "skin": skin}, None)
+
+    def _joint(self, number: int) -> int:
+        """Return the node of a joint that moves as the mover with this number."""
+        known = self._joints
+        if number not in known:
+            keys = self._movers[number].keys
+            known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))
+            self._move(known[number], keys.keys)
+        return known[number]
+
     def _noted_times(self) -> dict[str, float]:
         """Return rate and start for ``extras``, which our reader uses."""
         return {"fps": self._output.rate, **({"start": self._start} if self._start else {})}
@@ -276,7 +312,6 @@ class _Scene(GltfScene):
         looks, path = output.looks_of, output.path
         source = (looks.file, looks.path) if isinstance(looks, GltfSequence) else (None, path)
         self._materials = Materials(builder, source[0], source[1].parent, path.parent)
-        self._movers: list[Mover] = []
 
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
@@ -291,7 +326,6 @@ class _Scene(GltfScene):
         )
         frames, thirds_of = self._read(is_held), ObjectThirds(self._thirds(), vertex_slices(sequence.objects))
         places = dict(zip((id(item) for item in held), vertex_slices(held), strict=True))
-        joints: dict[int, int] = {}
         smoothed = 0
         coarsest = steepest = 0.0
         for index, item in enumerate(items):
@@ -330,11 +364,7 @@ class _Scene(GltfScene):
                 coarsest = max(coarsest, lattice.error)
             if own is not None and is_skinned:
                 mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice, own.joints)
-                keys = [self._movers[one].keys for one in own.movers]
-                nodes = [self._joint(one, joints) for one in own.movers]
-                skin = write_skin(builder, nodes, np.stack([one.centre for one in keys]), bind)
-                # A skinned mesh is not moved by its ancestors.
-                self._attach({"name": "/".join(_steps(item.name)), "mesh": mesh, "skin": skin}, None)
+                self._skinned(item.name, {"mesh": mesh}, own, bind)
                 continue
             mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice)
             node = self._node(item.name, {"mesh": mesh, **place})
@@ -374,29 +404,3 @@ class _Scene(GltfScene):
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
             self._notices.append(f"normals of {objects} are not recorded: smooth surfaces are assumed")
         return self._notices
-
-    def _rigid_objects(self) -> dict[int, RigidObject]:
-        """Return the objects whose parts all move rigidly within the bound, by index."""
-        if not self._bound:
-            return {}
-        parts = rigid_parts_within(self._source, self._bound, self._blocks)
-        self._movers, found = rigid_objects(parts, self._sequence.objects)
-        return found
-
-    def _rigid_notices(self, rigid: Mapping[int, RigidObject]) -> tuple[str, ...]:
-        """Return notices about the error of objects of rigid parts."""
-        off = {index: max(self._movers[one].keys.deviation for one in own.movers) for index, own in rigid.items()}
-        thirds = self._thirds() if self._movers else None
-        between = 0.0
-        for start, points in thirds.blocks() if thirds is not None else ():
-            own = slice(start, start + len(points))
-            between = max(between, *(one.between(points, own) for one in self._movers))
-        return rigid_notices((deviation for deviation in off.values() if deviation), between)
-
-    def _joint(self, number: int, known: dict[int, int]) -> int:
-        """Return the node of a joint that moves as the mover with this number."""
-        if number not in known:
-            keys = self._movers[number].keys
-            known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))
-            self._move(known[number], keys.keys)
-        return known[number]

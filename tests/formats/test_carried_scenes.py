@@ -212,3 +212,35 @@ def test_a_damaged_scene_stops_only_those_who_write_it(tmp_path: Path, capsys: p
     assert run(["decode", str(file), "-o", str(tmp_path / "c.glb")]) == 4
     assert "pass --scene drop to write the meshes alone" in capsys.readouterr().err
     assert not (tmp_path / "c.glb").exists()
+
+
+def test_rigid_parts_of_a_gltf_scene_stay_small(tmp_path: Path) -> None:
+    turns = np.linspace(0, 2, 40)[:, None]
+    flat = np.random.default_rng(2).normal(size=(1, 60, 3))
+    around = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=2)
+    parts = flat + np.where(np.arange(60)[None, :, None] < 30, around, 4 - around)
+    faces = [[k, k + 1, k + 2] for k in range(58) if k not in (28, 29)]
+    source, file = tmp_path / "a.gltf", tmp_path / "a.pdeanim"
+    # One mesh is a single part, the other two of them.
+    for number, points in enumerate((flat + around, parts)):
+        clip = pdecodec.ArraySequence(points, faces=faces, fps=24)
+        pdecodec.write_sequence(clip, source, overwrite=True)
+        root = json.loads(source.read_text())
+        root["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}]
+        source.write_text(json.dumps(root))
+        pdecodec.encode(source, file, tolerance=0.01, overwrite=True)
+        with pdecodec.open(file) as animation:
+            notices = pdecodec.write_sequence(animation, tmp_path / "b.glb", overwrite=True)
+            assert "1 object written as rigid" in str(notices)
+            with pdecodec.open_sequence(tmp_path / "b.glb") as read:
+                off = np.linalg.norm(read.read_frames(0, 40) - animation.read_frames(0, 40), axis=2)
+                assert off.max() <= 0.011
+        root = read_gltf(tmp_path / "b.glb").root
+        assert len(root["cameras"]) == 1
+        assert not [one for mesh in root["meshes"] for one in mesh["primitives"] if "targets" in one]
+        assert len(root.get("skins", ())) == number
+        assert (tmp_path / "b.glb").stat().st_size < 4 * points.size
+        assert run(["decode", str(file), "-o", str(tmp_path / "c.glb"), "--no-rigid", "--overwrite"]) == 0
+        assert "skins" not in (free := read_gltf(tmp_path / "c.glb").root)
+        assert len(free["cameras"]) == 1
+        assert any("targets" in one for mesh in free["meshes"] for one in mesh["primitives"])

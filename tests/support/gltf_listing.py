@@ -72,6 +72,7 @@ class GltfListing:
             if one.get("inverseBindMatrices") is not None
             else one
             for one in self.root.get("skins") or []
+            if max(one["joints"]) < nodes
         ]
         others = [one for k, one in enumerate(self.root.get("animations") or []) if k != chosen]
         # Those of morph weights of moved nodes alone mean nothing for the targets that replace theirs.
