@@ -10,6 +10,7 @@ import numpy as np
 from alembic3d import AbcGeom
 from numpy.typing import NDArray
 
+from pdecodec.formats.alembic.attributes import OWN_PREFIX
 from pdecodec.formats.alembic.attributes_writer import ParameterKind, ParameterWriter
 from pdecodec.formats.alembic.fields import DOMAIN_KEY, DTYPE_KEY, NAME_KEY, UNIT_KEY, field_name
 from pdecodec.formats.alembic.values import SCOPES, WIDTHS, Keep, unsigned_array, vector_array
@@ -120,7 +121,10 @@ class FieldsWriter:
             domain, metadata[DOMAIN_KEY] = "corner", domain
         is_indexed = DOMAIN_KEY in metadata or (of_role == "V2f" and domain == "corner")
         kind = of_role or _SCALAR_KINDS.get(field.dtype.str[1:], "Int32")
-        name = unique_name(field_source_name(field, UV, COLOR).replace("/", "_"), self._taken)
+        name = field_source_name(field, UV, COLOR).replace("/", "_")
+        if not name or name.startswith(OWN_PREFIX):
+            name = f"field_{name}"
+        name = unique_name(name, self._taken)
         if field_name(kind, name, {}) != field.name:
             metadata[NAME_KEY] = quote(field.name)
         if field.unit:

@@ -28,14 +28,18 @@ def look_role(field: Field) -> str | None:
 
 
 def looks_of(sequence: MeshSequence) -> list[Field]:
-    """Return the fields of a sequence that are UVs or colours."""
-    return [one for one in sequence.fields if look_role(one) is not None]
+    """Return the fields of a sequence that are UVs or colours; only what has faces has UVs."""
+    roles = {COLOR, UV} if sequence.connectivity.face_count else {COLOR}
+    return [one for one in sequence.fields if look_role(one) in roles]
 
 
-def objects_at(sequence: MeshSequence, frame: int, looks: Sequence[Field]) -> tuple[MeshObject, ...]:
+def objects_at(
+    sequence: MeshSequence, frame: int, looks: Sequence[Field], *, with_all_rows: bool = False
+) -> tuple[MeshObject, ...]:
     """Return the objects of a sequence with some fields as they are at a frame as attributes.
 
-    An object's own attribute of a name stays.
+    An object's own attribute of a name stays. A row that is not finite is a missing one; if `with_all_rows`, it is 0 in
+    UVs, so that every frame has the same rows.
     """
     objects = list(sequence.objects)
     for field in looks:
@@ -43,7 +47,7 @@ def objects_at(sequence: MeshSequence, frame: int, looks: Sequence[Field]) -> tu
         for index, own in enumerate(field.slices(sequence.objects)):
             item = objects[index]
             if own.stop > own.start and all(one.name != field.name for one in item.attributes):
-                added = _attribute(field, rows[own], item.connectivity)
+                added = _attribute(field, rows[own], item.connectivity, with_all_rows=with_all_rows)
                 objects[index] = dataclasses.replace(item, attributes=(*item.attributes, added))
     return tuple(objects)
 
@@ -66,11 +70,19 @@ def limited_colors(objects: Sequence[MeshObject], looks: Sequence[Field]) -> tup
     return tuple(found), list(changed)
 
 
-def _attribute(field: Field, rows: NDArray[Any], connectivity: Connectivity) -> Attribute:
+def has_gaps(sequence: MeshSequence, frame: int, field: Field) -> bool:
+    """Return whether a field has a value that is not finite at a frame."""
+    return not field.is_exact and not np.isfinite(sequence.read_field(field.name, frame, frame + 1)).all()
+
+
+def _attribute(
+    field: Field, rows: NDArray[Any], connectivity: Connectivity, *, with_all_rows: bool = False
+) -> Attribute:
     values, indices, domain = rows, None, field.domain
     has = np.isfinite(rows).all(axis=1) if rows.dtype.kind == "f" else np.ones(len(rows), bool)
-    if not has.all():
-        # A row that is not finite means that there is no value.
+    if with_all_rows and look_role(field) == UV:
+        values = np.where(has[:, None], rows, 0)
+    elif not has.all():
         values, indices = rows[has], np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
     if look_role(field) == UV and domain == "vertex":
         own = np.arange(len(rows), dtype=np.int32) if indices is None else indices

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_data import on_elements
 from pdecodec.mesh.fields import Field, FieldDomain
 from pdecodec.mesh.sequence import BLOCK_BYTES, MeshSequence, joined_connectivity
@@ -81,6 +82,11 @@ class WrittenFields:
             for one in found
             if one.field.objects is not None or one.field.domain == "cell"
         }
+
+    def notices(self) -> tuple[str, ...]:
+        """Return lines that name the fields that are not kept, and those that lose their units."""
+        units = [one.field.name for one in self.fields if one.field.unit]
+        return (*not_kept(self.lost, "fields not kept: {}"), *not_kept(units, "units of fields not kept: {}"))
 
     def names(self, domain: FieldDomain) -> list[str]:
         """Return the names of the data of a domain."""

@@ -24,9 +24,8 @@ from pdecodec.formats.base.attribute_roles import (
     unique_name,
     uv_sets,
 )
-from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import look_role, looks_of, objects_at
+from pdecodec.formats.base.looks import has_gaps, limited_colors, look_role, looks_of, objects_at
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
@@ -54,9 +53,12 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
 
     Notices that only the values of a frame give are added to `found_later`.
     """
-    looks = _looks(sequence)
+    every_look = _looks(sequence)
+    # UVs of vertices are two columns; as an attribute they would lose the vertices without a face.
+    of_vertices = next((one for one in every_look if look_role(one) == UV and one.domain == "vertex"), None)
+    looks = [one for one in every_look if one is not of_vertices]
     first = objects_at(sequence, 0, looks)
-    columns = _Columns(sequence, {one.name for one in looks}, found_later)
+    columns = _Columns(sequence, {one.name for one in looks}, found_later, of_vertices)
     normals = VertexNormals(sequence)
     uvs = _corner_uvs(first)
     of_corners = uvs is not None and (
@@ -78,7 +80,13 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
 
     def frame_bytes(points: Float32Array, frame: int) -> list[bytes]:
         nonlocal faces
-        objects = objects_at(sequence, frame, looks) if looks and frame else first
+        objects, limited = limited_colors(objects_at(sequence, frame, looks) if looks and frame else first, looks)
+        told = [f"colours beyond 0 to 1, which PLY cannot store, are limited: {name}" for name in limited]
+        for one in looks:
+            if has_gaps(sequence, frame, one):
+                instead = "missing" if look_role(one) == UV else "white"
+                told.append(f"where {one.name!r} is not finite it is {instead} in PLY")
+        found_later.update(dict.fromkeys(told))
         tails = columns.at(frame)
         parts: list[NDArray[Any]] = [points.astype("<f4")]
         parts += [normals.at(points).astype("<f4")] if normals.held else []
@@ -106,6 +114,7 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
     if of_corners and any(uv.indices is not None for uv in map(_uv_of, sequence.objects) if uv):
         notices += ("UVs (uv) are written per corner: PLY cannot share them by indices",)
     main = {f"{one.name!r}": UV if is_role(one, UV) else COLOR for item in first for one in _written(item)}
+    main |= {} if of_vertices is None else {f"{of_vertices.name!r}": UV}
     notices += tuple(
         f"{name} is written as {role!r}: PLY stores one, without its name"
         for name, role in main.items()
@@ -113,7 +122,7 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
     )
     if sequence.connectivity.line_count:
         notices += ("lines are left out: many readers of PLY reject files with edges",)
-    return frame_bytes, (*notices, *not_kept(columns.lost, "fields not kept: {}"))
+    return frame_bytes, (*notices, *columns.lost)
 
 
 def _looks(sequence: MeshSequence) -> list[Field]:
@@ -132,7 +141,7 @@ def _looks(sequence: MeshSequence) -> list[Field]:
 
 
 class _Columns:
-    """The other fields of a run as properties of vertices and faces.
+    """The other fields of a run, and `uvs` of vertices if they change, as properties of vertices and faces.
 
     Attributes
     ----------
@@ -140,18 +149,23 @@ class _Columns:
         Header lines that tell the names of fields, for our reader.
     of : dict
         Header lines of the properties, by domain.
-    lost : list of str
-        Names of fields that have no place.
+    lost : tuple of str
+        Notices about fields that have no place.
     """
 
-    def __init__(self, sequence: MeshSequence, but: Collection[str], notices: dict[str, None]) -> None:
+    def __init__(
+        self, sequence: MeshSequence, but: Collection[str], notices: dict[str, None], uvs: Field | None = None
+    ) -> None:
         self._fields, self._notices = WrittenFields(sequence, ("vertex", "face"), but), notices
-        self.lost = self._fields.lost
+        self.lost = self._fields.notices()
         self.comments: list[str] = []
         self.of: dict[str, list[str]] = {"vertex": [], "face": []}
         taken: dict[str, set[str]] = {"vertex": set(_RESERVED), "face": set(_RESERVED)}
         for one in self._fields.fields:
             field, type_name = one.field, _TYPES.get(one.dtype.str[1:], "double")
+            if field == uvs:
+                self.of["vertex"] += [f"property {type_name} {name}" for name in UVS[0]]
+                continue
             names = _property_names(field, taken[field.domain], of_points=not sequence.connectivity.face_count)
             self.of[field.domain] += [f"property {type_name} {name}" for name in names]
             noted = {"name": field.name, "domain": field.domain, "dtype": field.dtype.name, "properties": names}

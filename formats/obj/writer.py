@@ -30,7 +30,7 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
+from pdecodec.formats.base.looks import has_gaps, look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
@@ -62,7 +62,7 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
         lost = left_out(run, "OBJ", _is_written, metadata=("mtllib",))
         names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
-        text = _FrameText(run, output.rate, first)
+        text = _FrameText(run, output.rate, first, notices)
         lost += not_kept([one.name for one in run.fields if one not in text.looks], "fields not kept: {}")
         notices.update(dict.fromkeys((*lost, *names, *_name_notices(text.items), *white_for_none(run))))
         return text.of_frame
@@ -146,9 +146,9 @@ class _FrameText:
         The objects with the values of these fields at the first frame.
     """
 
-    def __init__(self, sequence: MeshSequence, rate: float, first: int) -> None:
-        self._sequence, self.looks = sequence, _written_looks(sequence)
-        self.items = objects_at(sequence, 0, self.looks)
+    def __init__(self, sequence: MeshSequence, rate: float, first: int, found_later: dict[str, None]) -> None:
+        self._sequence, self.looks, self._found_later = sequence, _written_looks(sequence), found_later
+        self.items = objects_at(sequence, 0, self.looks, with_all_rows=True)
         shared = [one for one in self.looks if look_role(one) == UV and one.domain == "corner"]
         self._shared = shared_uv_rows(sequence, shared[0]) if shared else {}
         self.items = self._with_shared_uvs(self.items)
@@ -169,7 +169,13 @@ class _FrameText:
         """Yield the text of a frame in parts with positions (vertices, 3); InputError if one is not finite."""
         check_finite(points, self._first + frame)
         yield time_comment(self._times[frame], self._rate) + self._head
-        items = self._with_shared_uvs(objects_at(self._sequence, frame, self.looks)) if self.looks else self.items
+        items = self.items
+        if self.looks:
+            items = self._with_shared_uvs(objects_at(self._sequence, frame, self.looks, with_all_rows=True))
+        for look in self.looks:
+            if has_gaps(self._sequence, frame, look):
+                instead = "(0, 0)" if look_role(look) == UV else "white"
+                self._found_later[f"where {look.name!r} is not finite it is {instead} in OBJ"] = None
         for item, text in zip(items, self._objects, strict=True):
             own = points[text.vertices]
             yield text.before

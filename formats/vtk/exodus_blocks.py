@@ -185,6 +185,6 @@ def _segments(counts: Int32Array, indices: Int32Array) -> Iterator[Int32Array]:
         yield indices[firsts[run, None] + np.arange(width)]
 
 
-def fitting(name: str) -> str:
-    """Return a name that netCDF can hold: cut off at :data:`MAX_NAME_BYTES`."""
-    return name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
+def fitting(name: str, room: int = 0) -> str:
+    """Return a name that netCDF can hold: cut off at :data:`MAX_NAME_BYTES`, `room` bytes before."""
+    return name.encode()[: MAX_NAME_BYTES - room].decode(errors="ignore")

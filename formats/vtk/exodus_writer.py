@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import __version__
-from pdecodec.formats.base.attribute_roles import GROUP, left_out, unique_name
-from pdecodec.formats.base.frame_changes import not_kept
+from pdecodec.formats.base.attribute_roles import GROUP, left_out
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenField, WrittenFields
 from pdecodec.formats.vtk.cells import BLOCK, NODE
@@ -27,6 +26,9 @@ from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 _NAME_BYTES, _STRING_BYTES, _LINE_BYTES = 32, 32, 80
 """Lengths of names, strings and lines that Exodus' programs expect at least [bytes]."""
+
+_END_BYTES = 8
+"""Room for a number and a component at the end of a name [bytes]."""
 
 _DISPLACEMENTS = tuple(f"displ_{axis}" for axis in AXES)
 
@@ -82,7 +84,7 @@ def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         *notices,
         *nodal.notices,
         *left_out(sequence, "Exodus", is_held),
-        *not_kept(fields.lost, "fields not kept: {}"),
+        *fields.notices(),
     )
 
 
@@ -179,7 +181,13 @@ class _Variables:
             if numbers & set(range(first, first + len(names))):
                 own = f"field_{own}"
             first += len(names)
-            found = [unique_name(fitting(name), taken, " ") for name in component_names(own, len(names))]
+            # All components change their names together, so that they stay one field; readers join them in any case.
+            base = own = fitting(own, room=_END_BYTES)
+            number, key = 1, str.lower if len(names) > 1 else str
+            while {*map(key, taken)} & {*map(key, found := component_names(own, len(names)))}:
+                number += 1
+                own = f"{base} {number}"
+            taken.update(found)
             if found != names:
                 changed.append(f"{one.name!r} as {own if own != one.name else found[0]!r}")
             self.names += found

@@ -123,7 +123,7 @@ class _Grid:
 
         self.notices = lost_by_joining(sequence, "VTU", f"grid{numbers}", written_colors, is_told_or_held)
         self.notices += not_kept(replaced, "not kept, because fields have their names: {}")
-        self.notices += (*not_kept(self._fields.lost, "fields not kept: {}"), *corners_alone)
+        self.notices += (*self._fields.notices(), *corners_alone)
 
     def of_frame(self, points: Float32Array, frame: int) -> list[bytes]:
         head = (

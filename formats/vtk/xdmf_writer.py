@@ -58,7 +58,7 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     return (
         *lost_by_joining(sequence, "XDMF", "grid", held=normals.holds),
         *not_kept([_NORMALS] * (normals.held and is_replaced), "not kept, because fields have their names: {}"),
-        *not_kept(fields.lost, "fields not kept: {}"),
+        *fields.notices(),
         *corners_alone,
     )
 

@@ -81,6 +81,53 @@ def test_uvs_and_colours_are_written_to_each_frame(extension: str, field: Field,
     assert any(renamed in line for line in told) == (field.name != back.name)
 
 
+@pytest.mark.parametrize(
+    ("field", "extension", "missing", "told"),
+    [
+        (Field("uv", "vertex", components=2), "ply", np.nan, ()),
+        (Field("uv", "vertex", components=2), "obj", 0, ("where 'uv' is not finite it is (0, 0) in OBJ",)),
+        (UV, "ply", np.nan, ("where 'uv' is not finite it is missing in PLY",)),
+        (UV, "obj", 0, ("where 'uv' is not finite it is (0, 0) in OBJ",)),
+        (SHADES, "ply", 1, ("where 'color' is not finite it is white in PLY",)),
+        (SHADES, "obj", 1, ("where 'color' is not finite it is white in OBJ",)),
+    ],
+)
+def test_uvs_and_colours_that_are_missing_in_a_later_frame_are_written_and_named(
+    field: Field, extension: str, missing: float, told: tuple[str, ...], tmp_path: Path
+) -> None:
+    clip = clip_of(field)
+    values = clip.read_field(field.name, 0, FRAMES).copy()
+    values[2, -1] = np.nan
+    clip = ArraySequence(clip.points, objects=clip.objects, fps=24, fields=[(field, values)])
+    notices = write_sequence(clip, tmp_path / f"x.####.{extension}")
+    assert tuple(line for line in notices if "finite" in line) == told
+    with open_sequence(tmp_path / f"x.####.{extension}", fps=24) as read:
+        found = looks(read, field.name)
+    assert np.array_equal(found[2, -1], [missing] * field.components, equal_nan=True)
+    np.testing.assert_allclose(found[[0, 1, 3]], values[[0, 1, 3]], atol=1e-6)
+
+
+@pytest.mark.parametrize("extension", ["ply", "obj", "glb"])
+def test_uvs_of_points_are_kept_or_named(extension: str, tmp_path: Path) -> None:
+    values = np.random.default_rng(2).random((2, 5, 2)).astype(np.float32)
+    clip = ArraySequence(np.zeros((2, 5, 3)), fps=24, fields=[(Field("uv", "vertex", components=2), values)])
+    path = tmp_path / ("x.glb" if extension == "glb" else f"x.####.{extension}")
+    told = write_sequence(clip, path)
+    if extension != "ply":
+        assert "fields not kept: uv" in told
+        return
+    with open_sequence(path, fps=24) as read:
+        np.testing.assert_array_equal(read.read_field("uv", 0, 2), values)
+
+
+def test_bright_colours_that_ply_limits_are_named(tmp_path: Path) -> None:
+    shades = np.array([[[0, 0.5, 1.001]] * 5, [[0, 0.5, 3]] * 5], np.float32)
+    for factor, named in ((1, True), (0.33, False)):
+        clip = ArraySequence(np.zeros((2, 5, 3)), fps=24, fields=[(SHADES, factor * shades)])
+        told = write_sequence(clip, tmp_path / "x.####.ply", overwrite=True)
+        assert ("colours beyond 0 to 1, which PLY cannot store, are limited: color" in told) == named
+
+
 @pytest.mark.parametrize("extension", ["ply", "obj"])
 def test_two_objects_and_an_attribute_keep_their_places(extension: str, tmp_path: Path) -> None:
     """A constant UV set takes the place of a field; the colours of both objects change."""

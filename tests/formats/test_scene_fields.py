@@ -74,7 +74,7 @@ def test_fields_of_every_scope_and_type_come_back(extension: str, tmp_path: Path
         for width in (1, 3, 6)
         for one in types
     ]
-    clip = clip_of([*ROLES, *plain])
+    clip = clip_of([*ROLES, *plain, (Field("pdecodec_name", "vertex"), 10)])
     assert write_sequence(clip, tmp_path / f"x.{extension}") == ()
     with open_sequence(tmp_path / f"x.{extension}") as read:
         assert read.notices == ()

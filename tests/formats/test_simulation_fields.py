@@ -206,6 +206,23 @@ def test_fields_of_some_objects_are_variables_of_their_blocks(tmp_path: Path) ->
         assert np.array_equal(read.read_field("field_disp", 0, 2), still["disp"])
 
 
+def test_a_vector_does_not_take_the_component_of_another_field(tmp_path: Path) -> None:
+    given = {"vel_X": np.arange(12.0).reshape(2, 6), "vel": np.arange(36.0).reshape(2, 6, 3) / 7}
+    clip = ArraySequence(np.zeros((2, 6, 3)), faces=FACES, fps=24, fields=given)
+    assert "names of fields that had to change: 'vel' as 'vel 2'" in write_sequence(clip, tmp_path / "x.e")
+    with open_sequence(tmp_path / "x.e") as read:
+        assert [one.name for one in read.fields] == ["vel_X", "vel 2"]
+        for one, values in zip(read.fields, given.values(), strict=True):
+            assert np.array_equal(read.read_field(one.name, 0, 2), values)
+
+
+@pytest.mark.parametrize("name", ["x.e", "x.xdmf", "x.pvd", "x.####.ply"])
+def test_units_that_a_format_does_not_keep_are_named(name: str, tmp_path: Path) -> None:
+    fields = [(Field("heat", "vertex", unit="K"), np.zeros((2, 6))), (Field("share", "vertex"), np.ones((2, 6)))]
+    clip = ArraySequence(np.zeros((2, 6, 3)), faces=FACES, fps=24, fields=fields)
+    assert "units of fields not kept: heat" in write_sequence(clip, tmp_path / name)
+
+
 def test_numbers_of_nodes_come_back(tmp_path: Path) -> None:
     item = MeshObject("mesh", connectivity_of(6, FACES), (node_attribute(np.array([9, 4, 1, 7, 30, 2])),))
     assert write_sequence(ArraySequence(np.zeros((1, 6, 3)), objects=[item], fps=24), tmp_path / "x.e") == ()
