@@ -38,6 +38,12 @@ MAX_VIRTUAL_DEPTH = 8
 MAX_LINKS = 16
 """Largest number of links that are followed in a row; HDF5 has the same limit."""
 
+HDF5_DAMAGE = (
+    *(OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError),
+    SystemError,  # h5py leaves its lock with an exception that it has lost
+)
+"""Exceptions of h5py and NumPy on damaged or missing parts."""
+
 _UNLIMITED = 2**63
 """Smallest count that HDF5 uses to mark a selection that grows with its dataset."""
 
@@ -451,8 +457,9 @@ def _file_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterat
         yield
     except InputError:
         raise
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, MemoryError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    except HDF5_DAMAGE as error:
+        has_text = str(error) and not isinstance(error, SystemError)  # of which the text is an address in memory
+        reason = str(error).splitlines()[0] if has_text else type(error).__name__
         raise InputError(
             f"cannot be read as HDF5 ({reason}); check or write it again", code="unreadable", path=path, frame=frame
         ) from error

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.arrays.hdf5 import check_stored, linked_item
+from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE, check_stored, linked_item
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import BLOCK, Cells, Solids, node_attribute
@@ -84,9 +84,6 @@ _RECORDS = ("info_records", "qa_records")
 NETCDF_FILL = {"f4": float(np.float32(9.969209968386869e36)), "f8": 9.969209968386869e36}
 """netCDF's default fill values, read where a value was never written."""
 
-_DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
-"""Exceptions of h5py, SciPy and NumPy on damaged or missing parts."""
-
 
 class ExodusSequence(MeshSequence):
     """Shells, surfaces of solids, bars and points of an Exodus II file, moved by their displacements.
@@ -110,7 +107,7 @@ class ExodusSequence(MeshSequence):
         try:
             self._variables = _Variables(path)
             self._open(fps)
-        except _DAMAGE as error:
+        except HDF5_DAMAGE as error:
             self.close()
             raise damaged(f"is no Exodus file, or a damaged one ({error}); export it again", path=path) from error
         except InputError:
@@ -228,7 +225,7 @@ class ExodusSequence(MeshSequence):
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         try:
             return self._stored[field.name].read(start, stop, field.row_count(self.objects), _fill_of)
-        except _DAMAGE as error:
+        except HDF5_DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
 
     def _block_names(self, spans: Mapping[int, slice], owners: Int64Array) -> tuple[Attribute, ...]:
@@ -350,7 +347,7 @@ class ExodusSequence(MeshSequence):
                     message = f"displacements along {AXES[axis]} were never written; export it again"
                     raise InputError(message, code="damaged-input", path=self._path, frame=start + int(unwritten[0]))
                 points[:, :, axis] += moved
-        except _DAMAGE as error:
+        except HDF5_DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
         return to_float32(points if self._gather is None else points[:, self._gather])
 

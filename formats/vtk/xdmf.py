@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged, naming_file
+from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Solids, node_attribute
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, moved, not_kept_data
 from pdecodec.formats.vtk.xdmf_attributes import (
     CENTERS,
-    DAMAGE,
     AttributeFields,
     Rows,
     are_degrees_of_freedom,
@@ -67,7 +67,7 @@ class XdmfSequence(MeshSequence):
         except InputError:
             self.close()
             raise
-        except DAMAGE as error:
+        except HDF5_DAMAGE as error:
             self.close()
             raise damaged(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
 
@@ -223,7 +223,7 @@ class XdmfSequence(MeshSequence):
             yield
         except InputError as error:
             raise error.placed(frame=frame, path=error.path or self._path) from error
-        except DAMAGE as error:
+        except HDF5_DAMAGE as error:
             raise InputError(
                 f"this frame cannot be read ({error})", code="unreadable", path=self._path, frame=frame
             ) from error

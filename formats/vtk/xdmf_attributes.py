@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE
 from pdecodec.formats.base.attribute_roles import unique_name
 from pdecodec.formats.base.frame_data import DataKey, on_elements
 from pdecodec.formats.vtk.xdmf_document import Element
@@ -19,9 +20,6 @@ from pdecodec.formats.vtk.xdmf_items import Items
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
 from pdecodec.mesh.sequence import MeshObject
-
-DAMAGE = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError)
-"""Exceptions of ElementTree, h5py and NumPy on damaged or missing parts."""
 
 CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge": "edge data", "grid": "grid data"}
 """Names of an attribute's data in notices, by its Center."""
@@ -106,7 +104,7 @@ class AttributeFields:
                     counts.setdefault(key, Counter())[number] += 1
                     try:
                         kinds.setdefault(key, set()).add(self._layout(one, self._rows[number][key[0]].stored))
-                    except (InputError, *DAMAGE):
+                    except (InputError, *HDF5_DAMAGE):
                         odd.add(key)
         taken, fields = set[str](), []
         for key in sorted(

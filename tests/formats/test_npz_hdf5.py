@@ -265,3 +265,13 @@ def test_every_shared_sequence_is_read(shared_data: Path) -> None:
             assert np.array_equal(sequence.read_frames(3, 9), known["points"][3:9])
             assert np.array_equal(sequence.times, known["times"])
             assert sequence.connectivity.face_count + sequence.connectivity.line_count == len(known["faces"])
+
+
+def test_an_hdf5_name_that_is_not_utf8_is_refused_without_an_address_in_memory(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["points"], file["strange_name"] = np.zeros((2, 3, 3), np.float32), np.zeros(3)
+    path.write_bytes(path.read_bytes().replace(b"strange_name", b"strang\xff_name"))
+    with pytest.raises(InputError, match="cannot be read as HDF5") as caught:
+        open_sequence(path)
+    assert "0x" not in str(caught.value)
