@@ -361,7 +361,7 @@ void Evaluator::evaluate(Quantity quantity, std::span<const double> asked, std::
         evaluate_all(quantity, asked, out);
         return;
     }
-    // Evaluate as many times together as fit in the initial budget of the group cache, and in a part of what is left.
+    // Evaluate as many times together as fit in the initial budget of the group cache and a quarter of the free memory.
     const u64 room = least(groups_.first_budget(), run_.memory().left() / 4);
     const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;

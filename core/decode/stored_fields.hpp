@@ -13,7 +13,8 @@
 
 namespace pdeanim {
 
-// Functions may be called from several threads, which take turns.
+// The fields of a run: decodes their values at frames and interpolates between frames. Functions may be called from
+// several threads, which take turns.
 class StoredFields {
 public:
     // The arguments must outlive this object.

@@ -71,7 +71,7 @@ def write_onto(
     is_filled: bool = False,
     rigid: float | None = None,
 ) -> tuple[str, ...]:
-    """Write a file with everything that another of its format has, and a sequence's motion instead of its own.
+    """Write a copy of a file of the same format in which a sequence's motion replaces the original one.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ _FORMS = (b"v", b"t", b"n", b"b")
 
 
 class ObjFamily:
-    """Cutting and filling of OBJ files."""
+    """Removes coded data from OBJ files for the carried scene, and puts it back."""
 
     def strip(
         self, original: MeshSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool

@@ -147,7 +147,10 @@ def open_implicit(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | No
 
 
 def _integers(attribute: Any, at: float | None) -> Int32Array:
-    """Return an integer array attribute's value at a code, else its first one; empty if it has none."""
+    """Return the value of an integer array attribute at a time code, or its first value if no code is given.
+
+    The array is empty if the attribute has no value.
+    """
     found = value_at(attribute, at)
     return np.zeros(0, np.int32) if found is None else np.array(found, np.int32).reshape(-1)
 

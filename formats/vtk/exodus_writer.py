@@ -104,7 +104,7 @@ def _write_header(file: NetcdfWriter, sequence: MeshSequence, names: Sequence[st
     ):  # fmt: skip
         file.add_dimension(name, size)
     file.add_variable("time_whole", ("time_step",), np.float64, sequence.times)
-    # A record has program, version, date and time; without the last two equal sequences give equal files.
+    # A record has program, version, date and time. The last two stay empty, so that equal sequences give equal files.
     records = _characters([PROGRAM, __version__, "", ""], _STRING_BYTES + 1)[None]
     file.add_variable("qa_records", ("num_qa_rec", "four", "len_string"), "S1", records)
     file.add_variable("info_records", ("num_info", "len_line"), "S1", _characters(_INFO, _LINE_BYTES + 1))

@@ -176,7 +176,10 @@ class Panel:
         labels: bool = True,
         **more: Any,
     ) -> None:
-        """Draw lines over the same x by name, (values, colour) each, labelled at their ends; `more` as :meth:`line`."""
+        """Draw several lines over the same x, each labelled at its end.
+
+        `named` maps the name of a line to its values and colour; `more` is passed on to :meth:`line`.
+        """
         for name, (values, colour) in named.items():
             self.line(x, values, colour, name=name, dashes=DASHES if name in dashed else (), **more)
         if labels:

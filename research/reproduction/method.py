@@ -159,8 +159,9 @@ def reconstruct(curve: Float64Array, variant: Variant) -> Reconstruction:
 
 
 def product_fit(values: Float64Array, u: Float64Array, alpha: float, r: float) -> Float64Array:
-    """Solve Eqs. 25 and 17 at all frames where one u serves all frames and axes: the same minimiser, factor by
-    factor.
+    """Solve Eqs. 25 and 17 at all frames, for curves with the same u at every frame and on every axis.
+
+    The basis is then a product of functions of time and of u, and the least-squares solution is found factor by factor.
 
     Parameters
     ----------
@@ -178,8 +179,11 @@ def product_fit(values: Float64Array, u: Float64Array, alpha: float, r: float) -
 
 
 def reconstruct_in_pieces(curve: Float64Array, pieces: int, alpha: float = ALPHA, r: float = R) -> Float64Array:
-    """Apply the honest method to a curve cut into pieces of equal length, 32 constants each: (frames, points,
-    3) float64.
+    """Apply the honest method to a curve cut into pieces of equal length, with 32 constants each.
+
+    Returns
+    -------
+    (frames, points, 3) float64
     """
     return np.concatenate(
         [
@@ -259,7 +263,7 @@ def coordinate_parameter(aligned: Float64Array) -> Float64Array:
 
 
 def arc_length(points: Float64Array) -> Float64Array:
-    """Return arc length over the whole length, (points,)."""
+    """Return the arc length up to each point as a fraction of the length of the curve, (points,)."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.asarray(along / along[-1])
 

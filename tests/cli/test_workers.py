@@ -51,7 +51,7 @@ def fail_at(kind: type[InputError], frame: int) -> None:
 
 
 def garbage() -> None:
-    """Answer as a process might that a damaged file has taken over."""
+    """Answer with bytes that are no reply, as a process does after a damaged file has taken control of it."""
     os.write(max(map(int, os.listdir("/proc/self/fd"))) - 1, b"\xff" * 100)
 
 

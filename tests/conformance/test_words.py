@@ -13,6 +13,7 @@ CLEAN = (
     *(
         "batch",
         "cli",
+        "core",
         "docs",
         "examples",
         "formats",

@@ -75,7 +75,7 @@ class GltfListing:
             if max(one["joints"]) < nodes
         ]
         others = [one for k, one in enumerate(self.root.get("animations") or []) if k != chosen]
-        # Those of morph weights of moved nodes alone mean nothing for the targets that replace theirs.
+        # The weights that animate a moved node belong to its old morph targets, which are replaced: their channels go.
         found["animations"] = [one for other in others if (one := self._animation(other, moved))["channels"]]
         return found
 

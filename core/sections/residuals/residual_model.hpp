@@ -67,7 +67,7 @@ using StepPredictor = LearningPredictor<5, largest_residual>;
 //
 // Frame after frame and patch after patch, this is coded: whether any vertex of the patch has a residual, whether any
 // of a span of eight places has one, which places have, then the three numbers of each. If few vertices have residuals,
-// most of this is said by the patches. If nearly all have one, these bits cost next to nothing, and the numbers matter:
+// the bits of the patches tell most of this. If nearly all have one, these bits cost next to nothing, and the numbers matter:
 // they may be predicted. A frame is predicted from its reference, which is usually the frame before, or in cyclic
 // motion the frame one cycle earlier.
 template <Mode mode> class ResidualModel {
