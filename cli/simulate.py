@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from pdecodec.cli.console import extent, print_json, progress_bar, say
+from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
 from pdecodec.simulate.scenes import SCENES, OptionInfo
 
@@ -104,7 +104,8 @@ def _simulate(
         frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method, fields=fields
     )
     with progress_bar() as progress:
-        write_sequence(sequence, output, overwrite=overwrite, progress=progress)
+        notices = write_sequence(sequence, output, overwrite=overwrite, progress=progress)
+    say_notices(notices)
     seconds = time.perf_counter() - started
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     if as_json:
@@ -116,6 +117,7 @@ def _simulate(
                 "fps": fps,
                 "fields": sequence.field_facts(),
                 "seconds": seconds,
+                "notices": list(notices),
             },
             outputs_are_written=True,
         )

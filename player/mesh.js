@@ -156,6 +156,26 @@ export function splitAtUvSeams(attributes, object, triangles, isSplit) {
   };
 }
 
+/**
+ * Return the UVs of an object that change over time as attributes, as they are at the start of the run: those of its
+ * first field of vertices or corners that is called like UVs.
+ */
+export function changingUvs(run, object) {
+  const isUv = ({ name, components, domain }) =>
+    components === 2 && /^uv/i.test(name) && (domain === "vertices" || domain === "corners");
+  const field = run.fieldList.find((one) => isUv(one) && one.objects.includes(object));
+  if (!field) return [];
+  const rows = (index) => {
+    const { vertexCount, faceIndices } = run.object(index);
+    return field.domain === "vertices" ? vertexCount : faceIndices.length;
+  };
+  const first = field.objects.filter((owner) => owner < object).reduce((sum, owner) => sum + rows(owner), 0);
+  const own = run.field(field.name, run.start).subarray(2 * first, 2 * (first + rows(object)));
+  // A vertex without UVs has (0, 0), as of attributes.
+  const values = Float32Array.from(own, (value) => (Number.isFinite(value) ? value : 0));
+  return [{ name: field.name, domain: field.domain, columns: 2, indices: null, values }];
+}
+
 /** Return which corner of the faces each corner of the triangles is. */
 function listTriangleCorners({ faceSizes }) {
   const found = [];

@@ -29,7 +29,7 @@ import {
 
 import { FieldColours, rowsOfDrawn } from "./colours.js";
 import { GpuMotion } from "./gpu.js";
-import { describeFaceless, normalsOf, splitAtUvSeams, trianglesOf } from "./mesh.js";
+import { changingUvs, describeFaceless, normalsOf, splitAtUvSeams, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
 import { WebGpuMotion } from "./webgpu.js";
 
@@ -220,7 +220,7 @@ export class DeformingGroup extends Group {
       const own = { ...object, firstVertex: 0 };
       const { triangles } = trianglesOf([own]);
       const split = (attributes) => splitAtUvSeams(attributes, own, triangles, this.#isSplit);
-      const drawn = triangles.length ? split(run.attributes(index)) : describeFaceless(own);
+      const drawn = triangles.length ? split([...run.attributes(index), ...changingUvs(run, index)]) : describeFaceless(own);
       return { shape: new DecodedShape(run, index, triangles), ...drawn };
     });
     if (this.#graphics?.holds(run)) {

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pdecodec import Animation, ArraySequence, Connectivity, Field, MeshObject, encode, open_animation
+from pdecodec.mesh.fields import FieldDomain
 from spec.accepted import with_attributes
 from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
@@ -104,6 +105,24 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
             assert len(rows) > 1
             points = animation.positions(0.0)[np.array(mesh["sources"]) + first_vertex(animation.objects, item)]
             assert np.abs(np.reshape(mesh["points"], (-1, 3)) - points).max() <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("domain", "rows", "drawn"),
+    [("vertex", 5, [0, 1, 2, 0, 2, 3, 2, 1, 4]), ("corner", 7, [0, 1, 2, 0, 2, 3, 4, 5, 6])],
+)
+def test_three_has_uvs_that_change_as_they_are_at_first(
+    site: Path, domain: FieldDomain, rows: int, drawn: list[int], tmp_path: Path
+) -> None:
+    faces = Connectivity(5, np.array([4, 3]), np.array([0, 1, 2, 3, 2, 1, 4]))
+    uvs = np.random.default_rng(2).random((3, 2 * rows, 2)).astype(np.float32)
+    points = np.random.default_rng(3).random((3, 10, 3))
+    field = Field("uv", domain, components=2)
+    clip = ArraySequence(points, objects=[MeshObject(name, faces) for name in "ab"], fps=24, fields=[(field, uvs)])
+    encode(clip, tmp_path / "x.pdeanim", fields={"uv": "exact"})
+    (meshes,) = loaded(site, tmp_path / "x.pdeanim", 2 / 24)["found"]
+    for mesh, own in zip(meshes, np.split(uvs[0], 2), strict=True):
+        assert np.array_equal(np.reshape(mesh["uvs"], (-1, 2))[mesh["index"]], own[drawn])
 
 
 def rows_of_drawn(animation: Animation, field: Field, index: int, sources: list[int]) -> Any:

@@ -297,6 +297,9 @@ def test_simulate_writes_a_scene_of_the_given_size_and_formats_lists_formats(tmp
     with open_sequence(output) as written:
         assert [one["name"] for one in found["fields"]] == [field.name for field in written.fields]
         assert np.abs(written.read_field("stretch_energy", 3, 4)).max() > 0
+    assert found["notices"] == []
+    lost = json_of(capsys, "simulate", "cloth", "-o", tmp_path / "cloth.mdd", *size, "--fields")["notices"]
+    assert lost[-1] == f"fields not kept: {', '.join(sorted(one['name'] for one in found['fields']))}"
     points, times = decoded(output)
     assert points.shape == (4, 30, 3)
     assert times == pytest.approx(np.arange(4) / 30)
