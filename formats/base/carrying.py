@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -33,6 +34,9 @@ CUTS, FILES = "cuts", "files/"
 
 COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 """Names of the arrays of faces that the decoder knows."""
+
+_SPECIAL = re.compile(r"\.|(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)
+"""Beginnings of names that files next to an output do not have."""
 
 OF_OUTPUT = frozenset({"output-exists", "output-unwritable", "disk-full", "overwrites-input", "interrupted"})
 """Codes of errors that are not about the scene: otherwise the mesh alone can be written."""
@@ -69,6 +73,14 @@ class Stripped:
 def is_carried_name(name: str) -> bool:
     """Return whether a carrier can hold a file of this path relative to the main one."""
     return name_fault(f"{FILES}{name}") is None
+
+
+def is_companion_name(name: str) -> bool:
+    """Return whether a carried file of this path may come to lie next to an output.
+
+    Hidden files mean something to programs, this one too, and some names are devices on Windows.
+    """
+    return is_carried_name(name) and not any(map(_SPECIAL.match, name.split("/")))
 
 
 def arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
@@ -194,8 +206,18 @@ def write_scene(
                 raise damaged("the scene does not hold all of its files")
             with _damage_named():
                 family.fill(folder, cuts, sequence.objects, where.suffix)
+            if bad := next((name for name in cuts["companions"] if not is_companion_name(name)), None):
+                raise damaged(f"the scene holds a file {bad!r}, a name that it may not have")
+            if place.name in cuts["companions"]:
+                raise InputError(
+                    "is the name of a file that the scene consists of; give another name",
+                    code=ErrorCode.OVERWRITES_INPUT,
+                    path=where,
+                )
             # The output may have the name of the original.
-            root = (folder / cuts["root"]).rename(folder / f"original{Path(cuts['root']).suffix}")
+            root = (folder / cuts["root"]).rename(
+                free_name(folder / f"original{Path(cuts['root']).suffix}", place.name)
+            )
             clip = str(cuts["clip"]) if "clip" in cuts and "clip" in entry.options else None
             found = write_onto(sequence, root, folder / place.name, clip=clip, is_filled=True, **options)
         except InputError as error:
@@ -207,6 +229,13 @@ def write_scene(
             (folder / name).unlink()
         _publish(folder, place, cuts["companions"], overwrite=overwrite)
     return found
+
+
+def free_name(path: Path, *others: str) -> Path:
+    """Return a path in the same folder where nothing is, and that has none of some other names."""
+    while os.path.lexists(path) or path.name in others:
+        path = path.with_name(f"_{path.name}")
+    return path
 
 
 def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
@@ -225,8 +254,13 @@ def _damage_named() -> Iterator[None]:
     """Turn exceptions that a damaged or hostile carrier causes in a family's code into an error of one line."""
     try:
         yield
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, OSError) as error:
-        raise damaged(f"the scene is damaged ({error})") from error
+    except (
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, StopIteration, OSError
+    ) as error:  # fmt: skip
+        reason = str(error)
+        # Libraries tell of their sources, on several lines.
+        is_plain = reason and not isinstance(error, RuntimeError) and "\n" not in reason
+        raise damaged(f"the scene is damaged ({reason if is_plain else type(error).__name__})") from error
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import numpy as np
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import uv_sets, vertex_slices
-from pdecodec.formats.base.carrying import Stripped, is_carried_name
+from pdecodec.formats.base.carrying import Stripped, is_companion_name
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.normals import group_attribute
 from pdecodec.formats.base.onto import Fitted
@@ -81,7 +81,7 @@ def _libraries(text: bytes, folder: Path) -> tuple[dict[str, bytes], list[str]]:
     for argument in dict.fromkeys(_LIBRARY.findall(text)):
         whole = argument.decode(errors="replace")
         for name in (whole,) if (folder / whole).is_file() else whole.split():
-            if is_carried_name(name) and (folder / name).is_file():
+            if is_companion_name(name) and (folder / name).is_file():
                 found[name] = read_regular(folder / name)
             else:
                 outside.append(name)

@@ -18,7 +18,15 @@ from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
 
 from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.attribute_roles import UV, is_role
-from pdecodec.formats.base.carrying import COUNTS, INDICES, Stripped, arrays_of, is_carried_name
+from pdecodec.formats.base.carrying import (
+    COUNTS,
+    INDICES,
+    Stripped,
+    arrays_of,
+    free_name,
+    is_carried_name,
+    is_companion_name,
+)
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.usd.composition import stage_errors
@@ -89,18 +97,19 @@ class UsdFamily:
             _set(spec, _typed(spec, known[tuple(cut)]))
         for name, layer in layers.items():
             # A binary file that is saved again would keep its previous content.
-            whole = folder / f"whole{Path(name).suffix}"
+            whole = free_name(folder / f"whole{Path(name).suffix}")
             layer.Export(str(whole))
             whole.replace(folder / name)
         is_package = suffix.lower() == ".usdz"
         if is_package and "package" in cuts:
-            with Sdf.ZipFileWriter.CreateNew(str(folder / PACKAGE)) as writer:
+            package = free_name(folder / PACKAGE)
+            with Sdf.ZipFileWriter.CreateNew(str(package)) as writer:
                 for name in cuts["package"]:
                     if not is_carried_name(name):
                         raise ValueError(f"{name} is no name of a file")
                     if not writer.AddFile(str(folder / name), name):
                         raise damaged("the scene cannot be packed again")
-            cuts["root"] = PACKAGE
+            cuts["root"] = package.name
         elif is_package:
             *_, absent = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(folder / cuts["root"])))
             if absent:
@@ -125,7 +134,7 @@ def _files_of(source: Path, *, is_package: bool) -> tuple[dict[str, bytes], tupl
     for path in layer_files(source):
         place = path.resolve()
         name = place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
-        if is_carried_name(name):
+        if is_companion_name(name):
             files.setdefault(name, read_regular(place))
         else:
             outside.append(path.name)

@@ -101,6 +101,15 @@ HOSTILE_LAYERS = {
     "above": "(subLayers = [@../../a.pdeanim@])",
     "no text": "(",
     "nothing": "",
+    "no layer": "\n",
+    "files of unfinished output": 'def Mesh "m"\n{\n'
+    "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n"
+    "point3f[] points = [(0,0,0), (0,0,0), (0,0,1)]\n}",
+}
+
+HOSTILE_CUTS = {
+    HOSTILE_LAYERS["no layer"]: {"arrays": [["b.usda", "/m.x", 0, "values", ""]]},
+    HOSTILE_LAYERS["files of unfinished output"]: {"companions": [".x.ready/b.usda"]},
 }
 
 
@@ -110,9 +119,10 @@ def test_a_hostile_stage_reads_nothing_outside_and_leaves_the_meshes(
 ) -> None:
     pytest.importorskip("pxr", reason="what USD needs is not installed here")
     file, out = tmp_path / "a.pdeanim", tmp_path / "out"
-    cuts = b'{"root": "a.usda", "companions": [], "arrays": []}'
+    cuts = json.dumps({"root": "a.usda", "companions": [], "arrays": [], **HOSTILE_CUTS.get(layer, {})}).encode()
+    files = {"files/a.usda": f"#usda 1.0\n{layer}\n".encode(), "files/b.usda": b"(", "files/.x.ready/b.usda": b"("}
     clip = pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, 3, 3)), faces=[[0, 1, 2]])
-    clip.carried = Carrier.of("usd", [], [], {"cuts": cuts, "files/a.usda": f"#usda 1.0\n{layer}\n".encode()})
+    clip.carried = Carrier.of("usd", [], [], {"cuts": cuts, **files})
     pdecodec.encode(clip, file)
     out.mkdir()
     assert run(["decode", str(file), "-o", str(out / "b.usda")]) == 0
@@ -120,6 +130,36 @@ def test_a_hostile_stage_reads_nothing_outside_and_leaves_the_meshes(
     assert len(lines) == 1
     assert [one.name for one in out.iterdir()] == ["b.usda"]
     assert "/etc" not in (out / "b.usda").read_text()
+
+
+@pytest.mark.parametrize(
+    ("companion", "out"),
+    [("original", "b.usda"), ("whole", "b.usda"), ("look", "original.usda"), ("look", "look.usda"), ("con", "b.usda")],
+)
+def test_names_of_a_scene_do_not_meet_those_of_its_writer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], companion: str, out: str
+) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    source, folder = tmp_path / "a.usda", tmp_path / "out"
+    pdecodec.write_sequence(
+        pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, 4, 3)), faces=[[0, 1, 2], [0, 2, 3]]), source
+    )
+    first, rest = source.read_text().split("(", 1)
+    source.write_text(f"{first}(\n    subLayers = [@./{companion}.usda@]{rest}")
+    look = '#usda 1.0\n\ndef Camera "eye"\n{\n}\n\n'
+    (tmp_path / f"{companion}.usda").write_text(look)
+    assert run(["encode", str(source), "-o", str(tmp_path / "a.pdeanim")]) == 0
+    folder.mkdir()
+    assert run(["decode", str(tmp_path / "a.pdeanim"), "-o", str(folder / out)]) == (3 if out == "look.usda" else 0)
+    written = {one.name: one.read_text() for one in folder.iterdir()}
+    if out == "look.usda":
+        assert "the name of a file that the scene consists of" in capsys.readouterr().err
+        assert not written
+    elif companion == "con":
+        assert written.keys() == {out}
+    else:
+        assert written.keys() == {out, f"{companion}.usda"}
+        assert written[f"{companion}.usda"] == look
 
 
 def test_files_of_a_scene_do_not_follow_links_out_of_the_folder(tmp_path: Path) -> None:
@@ -174,6 +214,11 @@ def changed(data: Path, name: str, content: bytes | None) -> None:
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"../../x": 0}, "images": [], "arrays": []}'),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"0": 0}, "images": [], "arrays": []}'),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {}, "images": [[0, 0]], "arrays": []}'),
+        (
+            "cuts",
+            b'{"root": "scene.gltf", "companions": [], "checks": {"0": 0}, "images": [], '
+            b'"arrays": [{"accessor": 0, "object": 0, "start": 0, "uv": "none"}]}',
+        ),
         ("files/scene.gltf", b"{}"),
         ("files/scene.gltf", b'{"accessors": [{"componentType": 5126, "count": 1e99}]}'),
         (
