@@ -30,10 +30,10 @@ ROOT = "scene.obj"
 
 _LINE = re.compile(rb"^([ \t]*(?:v|vn|vt|f))(?=[ \t])([^\r\n]*)", re.MULTILINE)
 _CORNER = re.compile(rb"[-+\d]+(/[-+\d]*)?(/[-+\d]*)?")
-_POSITION = re.compile(rb"([ \t]+\S+){3}")
-_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*?)[ \t]*$", re.MULTILINE)
+_POSITION = re.compile(rb"\A([ \t]+\S+){3}")
+_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]([^\r\n]*)", re.MULTILINE)
 _MATERIAL = re.compile(rb"^[ \t]*newmtl\b", re.MULTILINE)
-_TEXTURE = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t][^\r\n]*?(\S+)[ \t]*$", re.MULTILINE)
+_TEXTURE = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]([^\r\n]*)", re.MULTILINE)
 
 _FORMS = (b"v", b"t", b"n", b"b")
 """A corner with a vertex alone, with a texture vertex, with a normal, with both."""
@@ -55,7 +55,8 @@ class ObjFamily:
         }
         if not libraries and all(one.fate != "dropped" for one in original.contents):
             return None
-        textures = [found.decode(errors="replace") for data in libraries.values() for found in _TEXTURE.findall(data)]
+        lines = [found.split() for data in libraries.values() for found in _TEXTURE.findall(data)]
+        textures = [words[-1].decode(errors="replace") for words in lines if words]
         if [one.index for one in fits] != list(range(len(original.objects))):
             raise InputError("some of the objects of the OBJ file are left out", code="unsupported-feature")
         objects = [one.item for one in fits]
@@ -78,7 +79,7 @@ def _libraries(text: bytes, folder: Path) -> tuple[dict[str, bytes], list[str]]:
     """Return the libraries of materials in the folder of a text or below it, and the names of others."""
     found: dict[str, bytes] = {}
     outside: list[str] = []
-    for argument in dict.fromkeys(_LIBRARY.findall(text)):
+    for argument in dict.fromkeys(found.strip(b" \t") for found in _LIBRARY.findall(text)):
         whole = argument.decode(errors="replace")
         for name in (whole,) if (folder / whole).is_file() else whole.split():
             if is_companion_name(name) and (folder / name).is_file():
@@ -109,7 +110,7 @@ def _form(corner: re.Match[bytes]) -> bytes:
     return _FORMS[(len(corner[1] or b"") > 1) + 2 * (len(corner[2] or b"") > 1)]
 
 
-_BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))$", re.MULTILINE)
+_BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))(?=\r?$)", re.MULTILINE)
 
 
 def _filled(text: bytes, objects: Sequence[MeshObject], cut: set[str]) -> bytes:

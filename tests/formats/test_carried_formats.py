@@ -292,14 +292,15 @@ l 4 5
     ids=["plain", "some without UVs", "relative and spare", "a texture vertex of another object"],
 )
 @pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_materials_and_statements_of_obj_files_come_back(
-    tmp_path: Path, parts: dict[str, str], uv_tolerance: float | None
+    tmp_path: Path, parts: dict[str, str], uv_tolerance: float | None, end: str
 ) -> None:
     text, folder = OBJ.format(**parts), tmp_path / "in"
     folder.mkdir()
-    (folder / "my looks.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd -s 1 1 1 wood.png\n")
+    (folder / "my looks.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd -s 1 1 1 wood.png\n", newline=end)
     for frame in (1, 2):
-        (folder / f"a.{frame:04}.obj").write_text(text.replace("v 0 1 1", f"v 0 1 {frame}"))
+        (folder / f"a.{frame:04}.obj").write_text(text.replace("v 0 1 1", f"v 0 1 {frame}"), newline=end)
     report = pdecodec.encode(folder, tmp_path / "a.pdeanim", uv_tolerance=uv_tolerance)
     assert dict(report.scene) == {"material": 1, "library of materials": 1}
     out = tmp_path / "out"
