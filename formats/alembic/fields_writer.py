@@ -20,7 +20,6 @@ from pdecodec.formats.base.attribute_roles import (
     NORMAL,
     UV,
     VECTOR,
-    VELOCITIES,
     direction_role,
     field_source_name,
     reversed_corners,
@@ -54,11 +53,6 @@ _SCALAR_KINDS = {
 """Names of Alembic's types of single numbers, by NumPy's; other integers are written as Int32. The Python binding does
 not write 64-bit integers.
 """
-
-
-def is_velocity(field: Field) -> bool:
-    """Return whether a field is stored in the velocity property of Alembic's shapes."""
-    return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
 
 
 def is_uv_set(field: Field, *, changes: bool) -> bool:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.alembic.attributes import ADDED_KEY, FPS_PROPERTY, METADATA_PROPERTY
 from pdecodec.formats.alembic.attributes_writer import ExtrasWriter, uv_sample
-from pdecodec.formats.alembic.fields_writer import FieldsWriter, is_uv_set, is_velocity
+from pdecodec.formats.alembic.fields_writer import FieldsWriter, is_uv_set
 from pdecodec.formats.alembic.values import (
     SCOPES,
     Keep,
@@ -32,7 +32,7 @@ from pdecodec.formats.alembic.values import (
     unsigned_array,
     vector_array,
 )
-from pdecodec.formats.base.attribute_roles import UV, direction_role, reversed_corners, uv_sets
+from pdecodec.formats.base.attribute_roles import UV, direction_role, is_velocity, reversed_corners, uv_sets
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of

@@ -60,6 +60,11 @@ def direction_role(field: Field) -> Literal["vector", "normal"] | None:
     return "vector" if role == VECTOR or field.name in (VELOCITIES, ACCELERATIONS) else None
 
 
+def is_velocity(field: Field) -> bool:
+    """Return whether a field is the velocities of points, for which scene formats have a place of their own."""
+    return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
+
+
 def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
     """Return the slice of the sequence's vertices that each object has."""
     ends = np.cumsum([item.vertex_count for item in objects], dtype=np.int64).tolist()

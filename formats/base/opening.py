@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError, naming_file
+from pdecodec.formats.base.attribute_roles import VELOCITIES, is_velocity
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
 from pdecodec.formats.base.registry import (
     Format,
@@ -337,6 +338,8 @@ def write_sequence(
         lost = (*unwritten, *rounded, *writer(placed, output), *left)
     if not entry.holds_fields and (names := output.fields_met | {one.name for one in whole.runs[0].fields}):
         lost = (*lost, f"fields not kept: {', '.join(sorted(names))}")
+    if velocities is not None and any(map(is_velocity, whole.runs[0].fields)):
+        lost = (*lost, f"the velocities of the motion are written in place of the field {VELOCITIES!r}")
     return (*lost, f"objects without vertices are lost: {empty}") if empty else lost
 
 

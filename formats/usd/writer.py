@@ -17,7 +17,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from pdecodec.errors import Notice
-from pdecodec.formats.base.attribute_roles import VELOCITIES, direction_role
+from pdecodec.formats.base.attribute_roles import direction_role, is_velocity
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
@@ -275,7 +275,7 @@ class _PrimWriter(ShapeWriter):
             return
         codes = codes_of(times, self._rate).tolist()
         self._fields.write(
-            [one for one in self.fields if speeds is None or one[0].name != VELOCITIES], codes, self._first
+            [one for one in self.fields if speeds is None or not is_velocity(one[0])], codes, self._first
         )
         velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
         # Outside of a block, every value that is set notifies the stage.

@@ -97,6 +97,17 @@ def test_a_scene_with_fields_goes_through_a_coded_file(source: str, target: str,
         assert_same(again, clip, 1e-3)
 
 
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_velocities_of_the_motion_that_replace_a_field_are_named(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    clip = clip_of(DIRECTIONS)
+    moving = ArraySequence(np.ones((FRAMES, 10, 3)), objects=clip.objects, fps=24)
+    told = write_sequence(clip, tmp_path / f"x.{extension}", velocities=moving)
+    assert told == ("the velocities of the motion are written in place of the field 'velocities'",)
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        assert np.array_equal(read.read_field("velocities", 0, FRAMES), moving.points)
+
+
 @pytest.mark.parametrize("second", [slice(0, 1), slice(1, 2)])
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_fields_of_runs_belong_to_their_run(extension: str, second: slice, tmp_path: Path) -> None:
