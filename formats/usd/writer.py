@@ -5,8 +5,10 @@ A file is saved after every block of frames, so that memory does not grow with t
 
 from __future__ import annotations
 
+import os
 import shutil
 import struct
+import time
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -115,6 +117,10 @@ def packed(file: Path, path: Path, *, alone: bool = False) -> Path:
     if alone and file.stat().st_size < MAX_STREAMED_BYTES:
         _stream_package(file, package)
         return package
+    # Packages note when their files were written: the same input gives the same bytes.
+    oldest = time.mktime((1980, 1, 1, 0, 0, 0, 0, 1, -1))
+    for one in file.parent.rglob("*"):
+        os.utime(one, (oldest, oldest))
     # USD does not report that it could not write the end of the package.
     if not (UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)) and zipfile.is_zipfile(package)):
         raise write_failure(path, file.parent, "USD says it cannot make this package")
