@@ -95,7 +95,8 @@ def report(
     IN is a mesh sequence, or a folder of them. DIR receives one HTML page that works offline (index.html), its charts
     as PNG and SVG, their data as CSV, all results as JSON (report.json), and a summary in Markdown (summary.md), which
     is also printed. With several clips, each has a page in a folder of its own, and index.html covers all of them. All
-    methods are compared at equal maximum error, on positions decoded from their bytes.
+    methods are compared at equal maximum error, on positions decoded from their bytes. Fields have a table of bits per
+    value, compared in the same way.
 
     If the connectivity of a clip changes, the page gives the bytes per frame, faces included, compared with Draco.
 
@@ -153,6 +154,9 @@ def report(
     say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
     failures = [
         f"{item.clip}, profile {item.coder}: the error exceeds the bound {item.tolerance:g}" for item in result.broken
+    ]
+    failures += [
+        f"{item.clip}, field {item.field}: the error exceeds the bound" for item in result.fields if not item.within
     ]
     if fail_if_larger is not None:
         failures += [str(change) for change in too_large(result.changes, fail_if_larger)]

@@ -50,6 +50,8 @@ class Baseline(ABC):
         Python package that it needs, of the extra `baselines`; None if pdecodec's own dependencies suffice.
     published : bool
         Whether it is its source's scheme, coded as well as we can; False if a stage is added that the source lacks.
+    codes_fields : bool
+        Whether it also takes (frames, rows, 1) values of a field, with an absolute error as the length.
     adjustable : bool
         Whether the length given to the encoder matters; otherwise there is one size and one error.
     """
@@ -58,6 +60,7 @@ class Baseline(ABC):
     source: str
     package: ClassVar[str | None] = None
     published: ClassVar[bool] = True
+    codes_fields: ClassVar[bool] = False
     adjustable: ClassVar[bool] = True
 
     @abstractmethod

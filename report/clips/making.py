@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from pdecodec.report.clips.changing import changing_report, cost_table, measure_
 from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.comparison import Change, compare_measurements, comparison_figure, comparison_text
 from pdecodec.report.clips.errors import measure_field
+from pdecodec.report.clips.fields import FieldPoint, fields_table, measure_fields
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement
 from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_efforts
 from pdecodec.report.clips.pages import ClipFindings, clip_report, corpus_report, merit_table, reference_tolerance
@@ -36,12 +37,13 @@ SUMMARY = "summary.md"
 class ReportResult:
     """Result of a report.
 
-    Its page, all points, changes against an earlier report if there is one, a Markdown summary for a pull request,
-    and how many points were measured now and how many taken from before.
+    Its page, all points, all fields, changes against an earlier report if there is one, a Markdown summary for a pull
+    request, and how many points were measured now and how many taken from before.
     """
 
     page: Path
     points: tuple[Measurement, ...]
+    fields: tuple[FieldPoint, ...]
     changes: tuple[Change, ...]
     summary: str
     measured: int
@@ -66,6 +68,7 @@ class ReportResult:
             "measured": self.measured,
             "kept": self.kept,
             "points": [point.to_dict() for point in self.points],
+            "fields": [asdict(field) for field in self.fields],
             "recommendations": advice,
             "changes": [
                 {
@@ -109,6 +112,7 @@ def make_report(
     kept = KeptMeasurements(directory / KEPT_FILE, fresh=fresh)
     points: list[Measurement] = []
     between: list[BetweenRow] = []
+    fields: list[FieldPoint] = []
 
     def write(page: Report, of: Sequence[Measurement], folder: Path) -> Path:
         folder.mkdir(exist_ok=True)
@@ -133,6 +137,7 @@ def make_report(
         names.append(name)
         points += findings.points
         between += findings.between
+        fields += findings.fields
         report = clip_report(findings, plan, skipped)
         if several:
             write(report, findings.points, directory / name)
@@ -143,16 +148,16 @@ def make_report(
     parts = costs
     if report is not None:
         if several:
-            report = replace(corpus_report(points, between, plan, skipped), links=links)
+            report = replace(corpus_report(points, between, fields, plan, skipped), links=links)
         page = write(report, points, directory)
-        parts = [_summary(report, points, changes, plan, several=several), *costs]
+        parts = [_summary(report, points, fields, changes, plan, several=several), *costs]
     elif several:
         index = Report(f"{len(names)} clips whose connectivity changes", "", (), {"clips": [*names]}, links)
         page = write_report(index, directory, record={"points": []})[0]
     summary = "\n".join(parts)
     with whole_file(directory / SUMMARY, overwrite=True) as partial:
         partial.write_text(summary, encoding="utf-8", errors="backslashreplace")
-    return ReportResult(page, tuple(points), tuple(changes or ()), summary, kept.measured, kept.kept)
+    return ReportResult(page, tuple(points), tuple(fields), tuple(changes or ()), summary, kept.measured, kept.kept)
 
 
 def _changing(name: str, sequence: ChangingSequence, plan: ReportPlan, progress: Progress | None) -> tuple[Report, str]:
@@ -171,6 +176,10 @@ def _measure(
         if progress is not None:
             progress(plan.points, plan.points, f"{name}: {what}")
 
+    whole, sequence = (
+        sequence,
+        ArraySequence(sequence.points, objects=sequence.objects, times=sequence.times, fps=sequence.fps),
+    )
     with naming_file(name):
         points = measure_clip(name, sequence, plan, kept, progress=progress)
         reference = reference_tolerance(plan.tolerances)
@@ -182,7 +191,9 @@ def _measure(
         field = measure_field(sequence, tolerance=reference, effort=plan.effort)
         announce("other models")
         alternatives = measure_alternatives(sequence, tolerance=reference, effort=plan.effort)
-    return ClipFindings(name, sequence, tuple(points), efforts, between, field, alternatives)
+        announce("fields")
+        fields = tuple(measure_fields(name, whole, plan.baselines, tolerance=reference, effort=plan.effort))
+    return ClipFindings(name, sequence, tuple(points), efforts, between, field, alternatives, fields)
 
 
 def _with_points(report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None) -> Report:
@@ -203,9 +214,15 @@ def _with_points(report: Report, points: Sequence[Measurement], changes: Sequenc
 
 
 def _summary(
-    report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None, plan: ReportPlan, *, several: bool
+    report: Report,
+    points: Sequence[Measurement],
+    fields: Sequence[FieldPoint],
+    changes: Sequence[Change] | None,
+    plan: ReportPlan,
+    *,
+    several: bool,
 ) -> str:
-    """Return Markdown for a reviewer: a table, the advice, and what changed."""
+    """Return Markdown for a reviewer: a table, that of fields, the advice, and what changed."""
     parts = [f"## {markdown_text(report.title)}", *_paragraphs(report.summary)]
     if changes is not None:
         parts.append(f"**Compared with the earlier report.** {markdown_text(comparison_text(changes))}")
@@ -213,6 +230,8 @@ def _summary(
     parts.append(
         as_markdown(merit_table(points, coder=plan.profiles[0], tolerances=tolerances, means=several)).rstrip()
     )
+    if fields:
+        parts.append(as_markdown(fields_table(fields)).rstrip())
     if not several:
         parts.append("\n".join(f"- {markdown_text(item.text)}" for item in recommend(points)))
     return "\n\n".join(parts) + "\n"

@@ -19,6 +19,7 @@ from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
 from pdecodec.report.clips.errors import ErrorField, error_figures, moving_errors
+from pdecodec.report.clips.fields import FieldPoint, fields_section
 from pdecodec.report.clips.measurement import Measurement, best_baseline, size_ratio
 from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.recommendation import recommend, recommendation_figure
@@ -80,6 +81,7 @@ class ClipFindings:
     between: tuple[BetweenRow, ...]
     field: ErrorField
     alternatives: tuple[Question, ...]
+    fields: tuple[FieldPoint, ...] = ()
 
 
 def reference_tolerance(tolerances: Sequence[float]) -> float:
@@ -112,6 +114,7 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
             ),
             Section("Where the error is", "", tuple(error_figures(sequence, findings.field))),
             Section("Between frames", "", (between_figure(findings.between),)),
+            *fields_section(findings.fields),
             _method_section(plan, skipped),
         ),
         settings={
@@ -129,7 +132,11 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
 
 
 def corpus_report(
-    points: Sequence[Measurement], between: Sequence[BetweenRow], plan: ReportPlan, skipped: Sequence[str]
+    points: Sequence[Measurement],
+    between: Sequence[BetweenRow],
+    fields: Sequence[FieldPoint],
+    plan: ReportPlan,
+    skipped: Sequence[str],
 ) -> Report:
     """Return the page of several clips; `points` are those of all clips."""
     reference = reference_tolerance(plan.tolerances)
@@ -149,6 +156,7 @@ def corpus_report(
         sections.append(Section("Compared with the best of the other methods", "", (_beside_baselines(points, plan),)))
     if between:
         sections.append(Section("Between frames", "", (_between_clips(between),)))
+    sections += fields_section(fields)
     return Report(
         title=f"{len(clips)} clips: how small, how exact, how fast",
         summary=_summary(points, plan, reference),

@@ -205,12 +205,12 @@ def _order_of(connectivity: Connectivity) -> Int64Array | None:
 
 
 def encode_fields(points: Float32Array, compress: Callable[[Float32Array], bytes]) -> bytes:
-    """Compress each axis of (frames, vertices, 3) float32 separately, in the order that takes fewer bytes."""
+    """Compress each axis of (frames, vertices, axes) float32 separately, in the order that takes fewer bytes."""
     candidates = []
     for number, order in enumerate(ORDERS):
         writer = FieldWriter()
-        writer.numbers("2QB", *points.shape[:2], number)
-        for axis in range(3):
+        writer.numbers("2Q2B", *points.shape, number)
+        for axis in range(points.shape[2]):
             field = points[:, :, axis]
             writer.sized(compress(np.ascontiguousarray(field if order == "FV" else field.T)))
         candidates.append(writer.to_bytes())
@@ -220,9 +220,9 @@ def encode_fields(points: Float32Array, compress: Callable[[Float32Array], bytes
 def decode_fields(data: bytes, decompress: Callable[[bytes, tuple[int, int]], NDArray[Any]]) -> Float32Array:
     """Undo :func:`encode_fields`; `decompress` is given the bytes and the shape of a field."""
     reader = FieldReader(data, "fields")
-    frames, vertices, number = reader.integers("2QB")
-    points = np.empty((frames, vertices, 3), np.float32)
-    for axis in range(3):
+    frames, vertices, axes, number = reader.integers("2Q2B")
+    points = np.empty((frames, vertices, axes), np.float32)
+    for axis in range(axes):
         if ORDERS[number] == "FV":
             points[:, :, axis] = decompress(reader.sized(), (frames, vertices))
         else:
@@ -236,6 +236,7 @@ class Zfp(Baseline):
     name = "zfp"
     source = "Lindstrom 2014, Fixed-rate compressed floating-point arrays; fixed-accuracy mode"
     package = "zfpy"
+    codes_fields = True
 
     def effective_length(self, length: float) -> float:
         return math.ldexp(1.0, math.frexp(length)[1] - 1)
@@ -259,6 +260,7 @@ class Sz3(Baseline):
         "Liang et al. 2023, SZ3: a modular framework for composing prediction-based error-bounded lossy compressors"
     )
     package = "pysz"
+    codes_fields = True
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         from pysz import sz, szAlgorithm, szConfig, szErrorBoundMode
@@ -294,6 +296,7 @@ class Sperr(Baseline):
     name = "SPERR"
     source = "Li, Lindstrom and Clyne 2023, Lossy scientific data compression with SPERR; point-wise error mode"
     package = "imagecodecs"
+    codes_fields = True
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         from imagecodecs import SPERR, sperr_encode
@@ -324,7 +327,7 @@ class Pcodec(GridDifferences):
         from pcodec import ChunkConfig, standalone
 
         settings = ChunkConfig(compression_level=PCODEC_LEVEL)
-        for axis in range(3) if len(differences) else ():
+        for axis in range(differences.shape[2]) if len(differences) else ():
             field = differences[:, :, axis]
             ordered = (np.ascontiguousarray(field).ravel(), np.ascontiguousarray(field.T).ravel())
             packed = [bytes(standalone.simple_compress(numbers, settings)) for numbers in ordered]
@@ -336,7 +339,7 @@ class Pcodec(GridDifferences):
         from pcodec import standalone
 
         differences = np.empty(shape, np.int64)
-        for axis in range(3) if len(differences) else ():
+        for axis in range(differences.shape[2]) if len(differences) else ():
             (number,) = reader.integers("B")
             ordered = shape[:2] if ORDERS[number] == "FV" else shape[1::-1]
             field = np.asarray(standalone.simple_decompress(reader.sized())).reshape(ordered)

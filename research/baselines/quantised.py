@@ -18,11 +18,6 @@ from pdecodec.report.clips.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.research.baselines.coding import decode_over_mesh, encode_over_mesh
 from pdecodec.research.baselines.traversal import traverse
 
-CUBE_DIAGONAL = 2.0 / math.sqrt(3.0)
-"""Side of a cube whose corners are at distance 1 from its centre: a grid with this step keeps a Euclidean bound
-of 1.
-"""
-
 CUBE_BOUND_RATIO = 0.999
 """Fraction of the bound that the cube may take: the decoded float32 is rounded too."""
 
@@ -42,9 +37,11 @@ DIFFERENCES = (1, 2)
 """Orders of the differences in time; the second wins where motion is smooth and the bound tight."""
 
 
-def grid_step(bound: float) -> float:
-    """Return the step of a grid whose nearest points lie within a bound."""
-    return CUBE_BOUND_RATIO * CUBE_DIAGONAL * bound
+def grid_step(bound: float, axes: int = 3) -> float:
+    """Return the step of a grid whose nearest points lie within a Euclidean bound: the side of a cube whose corners are
+    at that distance from its centre.
+    """
+    return CUBE_BOUND_RATIO * 2.0 / math.sqrt(axes) * bound
 
 
 @dataclass(frozen=True)
@@ -63,27 +60,29 @@ class Grid:
         UnreachableError
             If its coordinates would have more than :data:`MAX_COORDINATE_BITS` bits.
         """
-        low = points.reshape(-1, 3).min(axis=0).astype(np.float64)
-        step = grid_step(bound)
-        extent = float((points.reshape(-1, 3).max(axis=0) - low).max())
+        axes = points.shape[2]
+        low = points.reshape(-1, axes).min(axis=0).astype(np.float64)
+        step = grid_step(bound, axes)
+        extent = float((points.reshape(-1, axes).max(axis=0) - low).max())
         if extent / step >= 2.0**MAX_COORDINATE_BITS:
             raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MAX_COORDINATE_BITS} bits")
         return cls(low, step)
 
     def coordinates(self, points: Float32Array) -> Int64Array:
-        """Return the nearest grid points, (..., 3) int64."""
+        """Return the nearest grid points, (..., axes) int64."""
         return np.rint((points - self.low) / self.step).astype(np.int64)
 
     def positions(self, coordinates: Int64Array) -> Float32Array:
-        """Return the positions of grid coordinates, (..., 3) float32 [scene units]."""
+        """Return the positions of grid coordinates, (..., axes) float32 [scene units]."""
         return (coordinates * self.step + self.low).astype(np.float32)
 
     def write(self, writer: FieldWriter) -> None:
-        writer.numbers("4d", self.step, *self.low)
+        writer.numbers(f"B{1 + self.low.size}d", self.low.size, self.step, *self.low)
 
     @classmethod
     def read(cls, reader: FieldReader) -> Grid:
-        step, *low = reader.reals("4d")
+        (axes,) = reader.integers("B")
+        step, *low = reader.reals(f"{1 + axes}d")
         return cls(np.array(low), step)
 
 
@@ -159,6 +158,8 @@ class GridDifferences(Baseline):
     Subclasses code the differences.
     """
 
+    codes_fields = True
+
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         def encode(length: float) -> bytes:
             grid = Grid.within(points, length)
@@ -176,13 +177,13 @@ class GridDifferences(Baseline):
         reader = FieldReader(data, self.name)
         grid = Grid.read(reader)
         frames, vertices = reader.integers("2Q")
-        first = np.cumsum(self.read(reader, (1, vertices, 3)), axis=1)
-        later = self.read(reader, (frames - 1, vertices, 3))
+        first = np.cumsum(self.read(reader, (1, vertices, grid.low.size)), axis=1)
+        later = self.read(reader, (frames - 1, vertices, grid.low.size))
         return grid.positions(np.cumsum(np.concatenate([first, later]), axis=0))
 
     @abstractmethod
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
-        """Encode (frames, vertices, 3) differences; there may be no frames."""
+        """Encode (frames, vertices, axes) differences; there may be no frames."""
 
     @abstractmethod
     def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:

@@ -19,11 +19,12 @@ from click.testing import CliRunner, Result
 
 from pdecodec.cli.main import pdecodec, run
 from pdecodec.codec.encoding import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.bytestream import FieldReader
 from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.runs import ChangingSequence
-from pdecodec.mesh.sequence import ArraySequence, MeshObject
+from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from pdecodec.report.charts.figure import Table
 from pdecodec.report.charts.page import as_markdown
 from pdecodec.report.charts.vegalite import for_page, require_drawing
@@ -37,10 +38,12 @@ from pdecodec.report.clips.between import (
 )
 from pdecodec.report.clips.comparison import compare_measurements, comparison_text, read_measurements, too_large
 from pdecodec.report.clips.errors import measure_field
+from pdecodec.report.clips.fields import FIELD_TOLERANCES, FieldPoint, fields_table, measure_fields
 from pdecodec.report.clips.making import find_clips
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, best_baseline, clip_digest, measurement_key
 from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_profile
 from pdecodec.report.clips.pages import merit_table
+from pdecodec.report.clips.ratesearch import RateCurve
 from pdecodec.report.clips.recommendation import recommend
 from pdecodec.research import baselines
 from pdecodec.research.baselines.packages import DracoWithFaces
@@ -294,6 +297,57 @@ def test_a_file_that_is_not_an_earlier_report_is_refused_by_name(tmp_path: Path,
         read_measurements(tmp_path / "none.json")
 
 
+def fields_clip() -> ArraySequence:
+    clip = wave_sequence(8)
+    heat = (300 + 20 * np.cos(9 * clip.points[..., :2] + clip.times[:, None, None])).astype(np.float32)
+    heat[:, 7, 1], heat[3, 2, 0], heat[0, 1, 0] = np.nan, np.inf, -np.inf
+    fields = {"heat": heat, "touches": clip.points[..., 2] < 0.01, "moved": clip.points - clip.points[0], "again": heat}
+    return ArraySequence(clip.points, objects=clip.objects, times=clip.times, fields=fields)
+
+
+def test_fields_are_compared_at_equal_error_on_what_their_bytes_decode_to() -> None:
+    clip = fields_clip()
+    points = list(measure_fields("wave", clip, BASELINES, tolerance=1e-3, effort="fast"))
+    order = [("heat", 1e-3), ("touches", 0), ("moved", 1e-3), ("again", 1e-3)]
+    assert [(point.field, point.tolerance) for point in points[:4]] == order
+    assert [(point.field, point.tolerance) for point in points[4:]] == [
+        (name, 1e-5) for name in ("heat", "moved", "again")
+    ]
+    heat, touches, moved, again = points[:4]
+    for point in points:
+        assert list(point.bits) == ["pdecodec", QuantiseDelta.name]  # the others take no fields
+        assert point.within
+        assert point.values == clip.read_field(point.field, 0, 8).size
+    written = encode(clip, tolerance=1e-3, effort="fast")
+    with open_animation(written.data or b"") as animation:
+        values, decoded = clip.read_field("heat", 0, 8), animation.read_field("heat", 0, 8)
+    finite = np.isfinite(values)
+    extent = float(values[finite].max()) - float(values[finite].min())
+    worst = float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max())
+    assert heat.errors["pdecodec"] == pytest.approx(worst / (1e-3 * extent))
+    assert heat.bits["pdecodec"] == written.fields[0].bits_per_value
+    assert 0.5 < heat.errors[QuantiseDelta.name] <= 1.0
+    assert again.bits == {**heat.bits, "pdecodec": 0.0}  # a decoder copies it
+    assert touches.errors == {"pdecodec": 0.0, QuantiseDelta.name: 0.0}
+    columns = np.ascontiguousarray(clip.read_field("moved", 0, 8).transpose(0, 2, 1)).reshape(8, -1, 1)
+    other = RateCurve(QuantiseDelta(), columns, Connectivity(240)).reach(1e-3 * float(np.ptp(columns)))
+    assert moved.bits[QuantiseDelta.name] == 8.0 * other.size / columns.size
+
+
+def test_bits_of_fields_end_in_geometric_means_over_those_that_every_coder_has() -> None:
+    def point(name: str, tolerance: float, ours: float, its: float | None) -> FieldPoint:
+        return FieldPoint("a", name, tolerance, 10, {"pdecodec": ours, "p": its}, {"pdecodec": 0.9, "p": 0.5})
+
+    points = [point("x", 1e-3, 1, 2), point("y", 1e-3, 0, 2), point("z", 1e-3, 1, None), point("flag", 0, 4, 2)]
+    table = fields_table(points)
+    assert table.column("ours / best other") == [0.5, 0, None, 2, pytest.approx(1), pytest.approx(2)]
+    assert table.column("tolerance") == [1e-3, 1e-3, 1e-3, "exact", *FIELD_TOLERANCES]
+    assert [row[1] for row in table.rows[-2:]] == ["of 2", "of 1"]
+    assert table.column("pdecodec")[-2:] == [pytest.approx(2), pytest.approx(4)]
+    assert table.column("error / bound")[-1] == 0.9
+    assert points[2].ratio is None
+
+
 def test_the_table_ends_in_medians_and_geometric_means() -> None:
     points = [replace(POINT, clip=clip, size=size) for clip, size in (("a", 100), ("b", 400), ("c", 200))]
     table = merit_table(points, coder="auto", tolerances=[1e-3], means=True)
@@ -343,7 +397,7 @@ def report(source: Path, output: Path, *more: str) -> Result:
 def reported(three_baselines: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
     """Make a folder with wave.npz, and its report in out."""
     folder = tmp_path_factory.mktemp("reported")
-    write_sequence(wave_sequence(8), folder / "wave.npz")
+    write_sequence(fields_clip(), folder / "wave.npz")
     return folder, report(folder / "wave.npz", folder / "out")
 
 
@@ -374,6 +428,12 @@ def test_a_report_has_its_page_charts_figures_and_summary(reported: tuple[Path, 
     with (out / "points.csv").open() as lines:
         assert len(list(csv.DictReader(lines))) == len(record["points"]) == 10
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+    assert "| wave | heat | 0.001 |" in result.stdout
+    assert [row[1:3] for row in record["figures"]["fields"]["rows"]][:2] == [["heat", 1e-3], ["touches", "exact"]]
+    assert "Bits per value" in page
+    # Positions are measured without their fields.
+    alone = encode(wave_sequence(8), tolerance=1e-2, effort="fast").file_bytes
+    assert record["points"][0]["size"] + record["points"][0]["constant_size"] == alone
     with (out / "speed-size.csv").open() as lines:
         rows = list(csv.DictReader(lines))
     assert {row["doing"] for row in rows} == {"encoding", "opening and decoding"}
@@ -392,6 +452,15 @@ def test_a_second_report_lists_changes_and_fails_if_files_grew(reported: tuple[P
     result = report(source, out, *again, "99%", "--json")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["measured"], found["kept"]) == (0, 0, 10)
+    assert [item["field"] for item in found["fields"]] == [
+        "heat",
+        "touches",
+        "moved",
+        "again",
+        "heat",
+        "moved",
+        "again",
+    ]
     assert [item["verdict"] for item in found["changes"]][:2] == ["larger", "no change"]
     result = report(source, out, *again, "1%")
     assert result.exit_code == 1
