@@ -38,8 +38,8 @@ METHOD = """
 Bits per value of every field. The largest error of a value is a fraction of the range of its field; whole numbers and
 flags are exact. Each other method is given the coarsest setting found by search that keeps the same bound. It codes
 each component after the other, without faces; values that are not finite are filled from the frame before, and their
-places count as zstandard packs them. Bytes of pdecodec are those of the values in its file: 0 where a decoder computes
-the field from the motion or another field.
+places count as zstandard packs them. Descriptions of fields count, too, in equal shares. Of a field that a decoder
+computes from the motion or another field, pdecodec stores nothing else; means leave such fields out.
 """
 
 
@@ -58,6 +58,8 @@ class FieldPoint:
         Bits per value by coder, pdecodec first; None if the coder cannot keep the bound.
     errors : mapping of str to float
         Largest error of decoded values over the bound, by coder; 0 where they are exact.
+    is_stored : bool
+        Whether pdecodec stores values; otherwise a decoder computes them.
     """
 
     clip: str
@@ -66,6 +68,7 @@ class FieldPoint:
     values: int
     bits: Mapping[str, float | None]
     errors: Mapping[str, float]
+    is_stored: bool = True
 
     @property
     def within(self) -> bool:
@@ -88,13 +91,14 @@ def measure_fields(
     for asked in FIELD_TOLERANCES if sequence.fields else ():
         report = encode(sequence, tolerance=tolerance, field_tolerance=asked, effort=effort, scene="drop")
         with open_animation(report.data or b"") as animation:
+            share = report.sections.get("FLDS", 0) / max(len(report.fields), 1)
             for found in report.fields:
                 is_exact = sequence.field_named(found.name).is_exact
                 if found.values == 0 or (is_exact and asked != FIELD_TOLERANCES[0]):
                     continue
                 values = sequence.read_field(found.name, 0, sequence.frame_count)
                 decoded = animation.read_field(found.name, 0, sequence.frame_count)
-                bits: dict[str, float | None] = {OURS: found.bits_per_value}
+                bits: dict[str, float | None] = {OURS: 8.0 * (found.bytes + share) / found.values}
                 errors = {OURS: _over(float_error(values, decoded), found.bound)}
                 if is_exact and not np.array_equal(values, decoded):
                     errors[OURS] = math.inf
@@ -105,7 +109,9 @@ def measure_fields(
                     if reached is not None:
                         bits[baseline.name] = 8.0 * reached[0] / found.values
                         errors[baseline.name] = 0.0 if is_exact else reached[1] / bound
-                yield FieldPoint(clip, found.name, 0.0 if is_exact else asked, found.values, bits, errors)
+                yield FieldPoint(
+                    clip, found.name, 0.0 if is_exact else asked, found.values, bits, errors, found.bytes > 0
+                )
 
 
 def _over(error: float, bound: float) -> float:
@@ -137,7 +143,7 @@ def _filled(values: Float64Array, first: float) -> Float64Array:
 
 
 def fields_table(points: Sequence[FieldPoint]) -> Table:
-    """Return a row for each field and tolerance, then geometric means over the fields with bits of every coder.
+    """Return a row for each field and tolerance, then geometric means over stored fields with bits of every coder.
 
     The mean at a tolerance has the exact fields, too.
     """
@@ -150,8 +156,11 @@ def fields_table(points: Sequence[FieldPoint]) -> Table:
         place = (point.clip, point.field, point.tolerance or "exact", point.values)
         rows.append((*place, *(point.bits.get(coder) for coder in coders), *own))
     for tolerance in FIELD_TOLERANCES:
-        some = [row for row in rows if row[2] in (tolerance, "exact") and row[0] != "geometric mean"]
-        complete = [row[4:] for row in some if all(row[4 : 4 + len(coders)])]
+        complete = [
+            row[4:]
+            for point, row in zip(points, rows, strict=False)
+            if point.tolerance in (tolerance, 0) and point.is_stored and None not in row[4 : 4 + len(coders)]
+        ]
         if complete:
             columns: list[list[Any]] = [list(column) for column in zip(*complete, strict=True)]
             means = [geometric_mean(column) for column in columns[: len(coders) + compared]]
@@ -166,7 +175,7 @@ def fields_section(points: Sequence[FieldPoint]) -> tuple[Section, ...]:
     figure = Figure(
         name="fields",
         title="Bits per value",
-        lesson="Means are over fields for which every method has bits, with exact fields at each tolerance.",
+        lesson="Means are over stored fields whose bound every method keeps, with exact fields at each tolerance.",
         table=fields_table(points),
         shows_table=True,
     )

@@ -265,14 +265,21 @@ class Sz3(Baseline):
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         from pysz import sz, szAlgorithm, szConfig, szErrorBoundMode
 
+        ways = [(False, szAlgorithm.INTERP_LORENZO)]
+        if points.shape[2] == 1:  # a field: which way is best differs by a factor of three
+            ways = [(flat, way) for flat in (False, True) for way in (ways[0][1], szAlgorithm.LORENZO_REG)]
+
         def encode(length: float) -> bytes:
             def compress(field: Float32Array) -> bytes:
-                settings = szConfig()
-                settings.errorBoundMode = szErrorBoundMode.ABS
-                settings.absErrorBound = length
-                settings.cmprAlgo = szAlgorithm.INTERP_LORENZO
-                compressed, _ = sz.compress(field, settings)
-                return bytes(compressed)
+                packed = []
+                for is_flat, algorithm in ways:
+                    settings = szConfig()
+                    settings.errorBoundMode = szErrorBoundMode.ABS
+                    settings.absErrorBound = length
+                    settings.cmprAlgo = algorithm
+                    compressed, _ = sz.compress(field.ravel() if is_flat else field, settings)
+                    packed.append(bytes([is_flat]) + bytes(compressed))
+                return min(packed, key=len)
 
             return encode_fields(points, compress)
 
@@ -282,8 +289,9 @@ class Sz3(Baseline):
         from pysz import sz
 
         def decompress(part: bytes, shape: tuple[int, int]) -> Float32Array:
-            field: Float32Array = sz.decompress(np.frombuffer(part, np.uint8), np.float32, shape)[0]
-            return field
+            written = (math.prod(shape),) if part[0] else shape
+            field: Float32Array = sz.decompress(np.frombuffer(part[1:], np.uint8), np.float32, written)[0]
+            return field.reshape(shape)
 
         return decode_fields(data, decompress)
 

@@ -191,21 +191,28 @@ class GridDifferences(Baseline):
 
 
 class QuantiseDelta(GridDifferences):
-    """What studios typically write themselves: grid coordinates, differences in time, zstandard."""
+    """What studios typically write themselves: grid coordinates, differences in time, zstandard.
+
+    Fields, of one axis, are written by frame or by row, whichever takes fewer bytes: sparse ones differ by half.
+    """
 
     name = "quantise + delta in time + zstd"
     source = "common practice; RFC 8878"
 
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
         narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time: its numbers resemble each other
-        writer.numbers("Q", narrow.itemsize)
-        writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
+        orders = (narrow, narrow.transpose(2, 1, 0)) if narrow.shape[1] == 1 else (narrow,)
+        packed = [squeeze(numbers, level=level_for(narrow.nbytes)) for numbers in orders]
+        best = min(range(len(packed)), key=lambda number: len(packed[number]))
+        writer.numbers("QB", narrow.itemsize, best)
+        writer.sized(packed[best])
 
     def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
         frames, vertices, axes = shape
-        number = np.dtype(f"i{reader.integers('Q')[0]}")
-        by_axis = unsqueeze(reader.sized(), number, (frames, axes, vertices))
-        return by_axis.astype(np.int64).transpose(0, 2, 1)
+        itemsize, by_row = reader.integers("QB")
+        shape_written = (vertices, axes, frames) if by_row else (frames, axes, vertices)
+        differences = unsqueeze(reader.sized(), f"i{itemsize}", shape_written).astype(np.int64)
+        return differences.transpose((2, 0, 1) if by_row else (0, 2, 1))
 
 
 class Lorenzo(Baseline):

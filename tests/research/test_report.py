@@ -325,9 +325,11 @@ def test_fields_are_compared_at_equal_error_on_what_their_bytes_decode_to() -> N
     extent = float(values[finite].max()) - float(values[finite].min())
     worst = float(np.abs(decoded[finite].astype(np.float64) - values[finite]).max())
     assert heat.errors["pdecodec"] == pytest.approx(worst / (1e-3 * extent))
-    assert heat.bits["pdecodec"] == written.fields[0].bits_per_value
+    share = written.sections["FLDS"] / 4  # of the descriptions
+    assert heat.bits["pdecodec"] == 8 * (written.fields[0].bytes + share) / values.size
     assert 0.5 < heat.errors[QuantiseDelta.name] <= 1.0
-    assert again.bits == {**heat.bits, "pdecodec": 0.0}  # a decoder copies it
+    assert again.bits == {**heat.bits, "pdecodec": 8 * share / values.size}  # a decoder copies it
+    assert [point.field for point in points[:4] if not point.is_stored] == ["again"]
     assert touches.errors == {"pdecodec": 0.0, QuantiseDelta.name: 0.0}
     columns = np.ascontiguousarray(clip.read_field("moved", 0, 8).transpose(0, 2, 1)).reshape(8, -1, 1)
     other = RateCurve(QuantiseDelta(), columns, Connectivity(240)).reach(1e-3 * float(np.ptp(columns)))
@@ -336,7 +338,7 @@ def test_fields_are_compared_at_equal_error_on_what_their_bytes_decode_to() -> N
 
 def test_bits_of_fields_end_in_geometric_means_over_those_that_every_coder_has() -> None:
     def point(name: str, tolerance: float, ours: float, its: float | None) -> FieldPoint:
-        return FieldPoint("a", name, tolerance, 10, {"pdecodec": ours, "p": its}, {"pdecodec": 0.9, "p": 0.5})
+        return FieldPoint("a", name, tolerance, 10, {"pdecodec": ours, "p": its}, {"pdecodec": 0.9, "p": 0.5}, ours > 0)
 
     points = [point("x", 1e-3, 1, 2), point("y", 1e-3, 0, 2), point("z", 1e-3, 1, None), point("flag", 0, 4, 2)]
     table = fields_table(points)
