@@ -29,7 +29,7 @@ from pdecodec.formats.base.registry import (
     unknown_format,
 )
 from pdecodec.formats.base.scene_space import bake_transforms
-from pdecodec.formats.base.surface import cells_left_out, surface_of
+from pdecodec.formats.base.surface import surface_of
 from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence, Progress
@@ -322,7 +322,8 @@ def write_sequence(
             setting="frames",
             purpose="to choose frames that have one",
         )
-    whole = sequence if entry.holds_cells else surface_of(sequence)
+    told_of_cells: list[str] = []
+    whole = sequence if entry.holds_cells else surface_of(sequence, told_of_cells)
     placed = whole if entry.holds_transforms else changed(whole, bake_transforms)
     rate = sequence.fps if fps is None else fps
     asked["looks_of"] = sequence if looks_of is None else looks_of
@@ -334,8 +335,7 @@ def write_sequence(
         if entry.times != "exact":
             start = float(sequence.times[0]) if entry.starts_at_zero else 0.0
             rounded = times_kept(sequence.times, entry.times, title=entry.title, start=start)
-        left = () if entry.holds_cells else cells_left_out(sequence)
-        lost = (*unwritten, *rounded, *writer(placed, output), *left)
+        lost = (*unwritten, *rounded, *writer(placed, output), *told_of_cells)
     if not entry.holds_fields and (names := output.fields_met | {one.name for one in whole.runs[0].fields}):
         lost = (*lost, f"fields not kept: {', '.join(sorted(names))}")
     if velocities is not None and any(map(is_velocity, whole.runs[0].fields)):

@@ -13,23 +13,24 @@ from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence
 
 
-def cells_left_out(sequence: MeshSequence) -> tuple[str, ...]:
-    """Return a line that counts the cells of the first run, and names their data; nothing without cells."""
-    first = sequence.runs[0]
-    count = sum(item.connectivity.cell_count for item in first.objects)
-    if not count:
-        return ()
-    names = [one.name for one in first.fields if one.domain == "cell"]
-    names += dict.fromkeys(one.name for item in first.objects for one in item.attributes if one.domain == "cell")
-    lost = f", without their data ({', '.join(names)})" if names else ""
-    return (f"{count} cells are written as their surface{lost}",)
+def surface_of(sequence: MeshSequence, told: list[str]) -> MeshSequence:
+    """Return a sequence without cells and their data; runs without cells stay as they are. Vertices stay.
 
+    `told` gets a line about the first run with cells, when that run is used.
+    """
 
-def surface_of(sequence: MeshSequence) -> MeshSequence:
-    """Return a sequence without cells and their data; the sequence itself if it has none. Vertices stay."""
-    if not any(item.connectivity.cell_count for item in sequence.runs[0].objects):
-        return sequence
-    return changed(sequence, SurfaceSequence)
+    def surface(run: MeshSequence) -> MeshSequence:
+        count = sum(item.connectivity.cell_count for item in run.objects)
+        if not count:
+            return run
+        names = [one.name for one in run.fields if one.domain == "cell"]
+        names += dict.fromkeys(one.name for item in run.objects for one in item.attributes if one.domain == "cell")
+        lost = f", without their data ({', '.join(names)})" if names else ""
+        if not told:
+            told.append(f"{count} cells are written as their surface{lost}")
+        return SurfaceSequence(run)
+
+    return changed(sequence, surface)
 
 
 class SurfaceSequence(MeshSequence):

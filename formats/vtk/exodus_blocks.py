@@ -102,6 +102,9 @@ _KINDS = {
 }
 """Exodus' names of elements, without numbers of nodes, by shapes of cells."""
 
+_ORDERS = {("polyline", 3): np.array([0, 2, 1])} | {kind: np.argsort(own) for kind, own in EXODUS_PLACES.items()}
+"""Nodes of cells in the order of Exodus, where it differs: a bar has its ends before the node between them."""
+
 
 def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block], tuple[str, ...]]:
     """Return the blocks of the cells of a sequence, and notices about what they lose.
@@ -129,8 +132,8 @@ def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block
             long += run.size
             continue
         nodes = np.concatenate([cells.cell_indices[starts[one] : starts[one + 1]] for one in run.tolist()])
-        if (shape, int(counts[0])) in EXODUS_PLACES:
-            nodes = nodes.reshape(run.size, -1)[:, np.argsort(EXODUS_PLACES[shape, int(counts[0])])].reshape(-1)
+        if (shape, int(counts[0])) in _ORDERS:
+            nodes = nodes.reshape(run.size, -1)[:, _ORDERS[shape, int(counts[0])]].reshape(-1)
         kind = "SPHERE" if counts[0] == 1 else _KINDS[shape] + (str(counts[0]) if shape != "polygon" else "")
         label = labels[run[0]]
         name = unique_name(fitting(texts[label]), taken, " ") if label >= 0 else ""

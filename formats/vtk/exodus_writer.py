@@ -43,7 +43,7 @@ def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     else:
         blocks, notices, is_group_kept = element_blocks(sequence)
     nodal = _Variables([one for one in fields.fields if one.field.domain == "vertex"], _DISPLACEMENTS)
-    elemental = _Variables([one for one in fields.fields if one.field.domain != "vertex"])
+    elemental = _Variables([one for one in fields.fields if one.field.domain != "vertex" and blocks])
     numbers = _numbers_of_nodes(sequence)
     with output.whole_file() as partial, new_netcdf(partial) as file:
         first = sequence.read_frames(0, 1)[0].astype(np.float64)

@@ -73,7 +73,7 @@ def cells_of(topology: Element, items: Items, path: Path, solids: Solids = "surf
     InputError
         If its kind is not supported, or its data are not what it declares.
     """
-    cells = Cells(solids=solids)
+    cells = Cells(vtk=True, solids=solids)
     kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
     if "Order" in topology.attrib:
         raise InputError(

@@ -14,7 +14,7 @@ from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
-from pdecodec.formats.vtk.cells import EXODUS_PLACES, only_known_cells
+from pdecodec.formats.vtk.cells import only_known_cells
 from pdecodec.formats.vtk.xdmf_cells import MIXED_KINDS
 from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshSequence
 from pdecodec.system.whole_output import check_writable, partial_folder, publish, write_errors
@@ -83,19 +83,17 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
     if not whole.cell_count:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
     heads: dict[tuple[int, int], tuple[int, ...]] = {}
-    orders: dict[tuple[int, int], Any] = {}
     keys = list(zip(whole.cell_shapes.tolist(), whole.cell_counts.tolist(), strict=True))
     for key in dict.fromkeys(keys):
         kind = CELL_SHAPES[key[0]], key[1]
-        orders[key] = np.argsort(EXODUS_PLACES[kind]) if kind in EXODUS_PLACES else slice(None)
         counted = 3 if kind[0] == "polygon" else 1 if key[1] == 1 else 2, key[1]
         heads[key] = next(((number,) for number, known in MIXED_KINDS.items() if known == kind), counted)
     name = _TOPOLOGIES.get(heads[keys[0]][0], "Mixed") if len(heads) == 1 else "Mixed"
     if name != "Mixed":
-        numbers = whole.cell_indices.reshape(len(keys), -1)[:, orders[keys[0]]]
+        numbers = whole.cell_indices.reshape(len(keys), -1)
     else:
         cells = np.split(whole.cell_indices, np.cumsum(whole.cell_counts, dtype=np.int64)[:-1])
-        parts = ((heads[key], nodes[orders[key]]) for key, nodes in zip(keys, cells, strict=True))
+        parts = ((heads[key], nodes) for key, nodes in zip(keys, cells, strict=True))
         numbers = np.concatenate([np.asarray(part, np.int32) for both in parts for part in both])
     data = np.ascontiguousarray(numbers, "<i4")
     file.create_dataset("topology", data=data, track_times=False)

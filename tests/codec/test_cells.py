@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,14 @@ def test_interior_nodes_cost_less_with_the_sides_of_their_solids() -> None:
 
 def replace_fields(source: ArraySequence) -> ArraySequence:
     return ArraySequence(source.points, objects=source.objects, times=source.times)
+
+
+def test_a_large_cell_of_few_nodes_takes_no_longer_than_others() -> None:
+    nodes = np.random.default_rng(3).integers(0, 3, 400_000)
+    part = cells_of(3, [(2, nodes.tolist())])
+    start = process_time()
+    assert decoded(encode_cells([part]), [part])[0].same_as(part)
+    assert process_time() - start < 10  # a minute or more if each node were searched for among those before it
 
 
 def test_damaged_cells_are_refused() -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -87,6 +89,56 @@ def test_formats_without_cells_get_the_surface_and_say_so(tmp_path: Path, extens
     assert "9 cells are written as their surface, without their data (stress, block)" in told
     with open_sequence(path, fps=24) as read:
         assert read.connectivity.face_count == source.connectivity.face_count
+
+
+@pytest.mark.parametrize("extension", ["abc", "usda", "obj"])
+def test_runs_after_one_without_cells_are_written_as_their_surface(tmp_path: Path, extension: str) -> None:
+    if extension != "obj":
+        pytest.importorskip({"abc": "alembic3d", "usda": "pxr"}[extension])
+    solid = solid_sequence("tetra", size=1, frames=2)
+    bare = replace(solid.objects[0], connectivity=solid.connectivity.without_cells(), attributes=())
+    runs = [pdecodec.ArraySequence(solid.points, objects=[bare]), solid]
+    both = pdecodec.ChangingSequence(runs, times=np.arange(4) / 24, frames=[2, 2], vertices=[8, 8], fps=24)
+    told = write_sequence(both, tmp_path / (f"x.####.{extension}" if extension == "obj" else f"x.{extension}"))
+    assert "9 cells are written as their surface, without their data (stress, block)" in told
+
+
+def cells_at(points: np.ndarray, shapes: list[int], counts: list[int]) -> pdecodec.ArraySequence:
+    """Return cells that have the points in their order, with a field on the cells."""
+    whole = Connectivity(
+        len(points), cell_shapes=np.array(shapes), cell_counts=np.array(counts), cell_indices=np.arange(len(points))
+    )
+    fields = [(pdecodec.Field("load", "cell"), np.ones((1, len(shapes)), np.float32))]
+    return pdecodec.ArraySequence(points[None], objects=[pdecodec.MeshObject("mesh", whole)], fields=fields)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize(
+    ("shape", "nodes"),
+    [*(("hexahedron", size) for size in (20, 24, 27)), ("wedge", 15), ("wedge", 18), ("pyramid", 13), ("tetra", 10)],
+)
+def test_nodes_of_curved_cells_come_back_in_order(tmp_path: Path, extension: str, shape: str, nodes: int) -> None:
+    points = np.random.default_rng(3).random((nodes + 4, 3))
+    source = cells_at(points, [CELL_SHAPES.index(shape), 5], [nodes, 4])
+    assert written(source, tmp_path / f"x.{extension}") == ()
+    with opened(tmp_path / f"x.{extension}") as read:
+        assert cells_of(read.connectivity) == cells_of(source.connectivity)
+
+
+def test_xdmf_has_nodes_in_the_order_of_vtk(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).random((27, 3))
+    write_sequence(cells_at(points, [8], [27]), tmp_path / "x.xdmf")
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert np.array_equal(file["topology"], [np.arange(27)])
+
+
+def test_exodus_has_the_ends_of_lines_first_and_drops_longer_lines(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).random((7, 3))
+    write_sequence(cells_at(points, [0, 5], [3, 4]), tmp_path / "x.e")
+    with open_sequence(tmp_path / "x.e", solids="keep") as read:
+        assert cells_of(read.connectivity) == [("line", [0, 2, 1]), ("tetra", [3, 4, 5, 6])]
+    told = write_sequence(cells_at(points, [0], [7]), tmp_path / "y.e")
+    assert told == ("1 cells that are lines of more than 3 nodes are not kept",)
 
 
 def test_kinds_that_a_format_lacks_keep_their_corners(tmp_path: Path) -> None:

@@ -88,6 +88,9 @@ private:
             nodes[place] = static_cast<i32>(node);
             of_cell_[node] = cell;
             highest_ = most(highest_, node);
+        }
+        // Only now, so that a cell that has a node many times is not searched for others.
+        for (const i32 node : nodes) {
             before_.push_back(latest_[node]);
             cell_of_.push_back(cell);
             latest_[node] = static_cast<i32>(before_.size() - 1);
@@ -133,7 +136,6 @@ private:
         i32 slot = latest_[node];
         for (int looked = 0; slot != none && looked < most_cells; slot = before_[slot]) {
             const i32 other = cell_of_[slot];
-            if (other == cell) continue;
             ++looked;
             const std::size_t begin = starts_[other], end = starts_[other + 1];
             if (end - begin > largest_cell) continue;
