@@ -294,7 +294,11 @@ def is_gltf(path: str) -> bool:
 def say_larger(name: str, path: str, before: int, after: int, is_small: bool) -> None:
     """Print a note if a glTF output is larger than its input, and which options make it smaller."""
     if after > before > 0 and is_gltf(path):
-        less = "" if is_small else "; --web makes it smaller (--quantize, --meshopt and --rigid)"
+        less = (
+            ""
+            if is_small
+            else "; --web makes it smaller (--quantize, --meshopt and --rigid); it and --scene drop leave a scene out"
+        )
         say(f"note: {name} is {after / before:.3g} times as large as IN ({byte_size(after - before)} more){less}")
 
 

@@ -90,7 +90,9 @@ def test_a_larger_file_is_noted_and_web_makes_it_smaller(tmp_path: Path, capsys:
         told = capsys.readouterr().err
         ratio = plain.stat().st_size / (tmp_path / "x.pdeanim").stat().st_size
         assert f"plain.glb is {ratio:.3g} times as large as IN".replace("plain.glb", str(plain)) in told
-        assert "--web makes it smaller (--quantize, --meshopt and --rigid)" in told
+        assert (
+            "--web makes it smaller (--quantize, --meshopt and --rigid); it and --scene drop leave a scene out" in told
+        )
         assert run([command, source, "-o", str(small), "--web"]) == 0
         assert "--web" not in capsys.readouterr().err
         assert small.stat().st_size < 0.6 * plain.stat().st_size
