@@ -128,6 +128,14 @@ def test_every_baseline_keeps_a_tolerance_or_refuses_it_by_name(baseline: Baseli
         assert result.distortion.max_error <= tolerance * scale
 
 
+@pytest.mark.parametrize("values", [wave()[..., 2:], noise(1, 6, 1), noise(3, 1, 1)], ids=["wave", "frame", "row"])
+@by_name(*(baseline for baseline in all_baselines() if baseline.codes_fields))
+def test_values_of_a_field_keep_an_absolute_error(baseline: Baseline, values: Float32Array) -> None:
+    faces = Connectivity(values.shape[1])
+    found = smallest(baseline, values, faces, 1e-3)
+    assert np.abs(baseline.decode(found.data, faces) - values).max() <= 1e-3
+
+
 @by_name(*[baseline for baseline in all_baselines() if baseline.adjustable])
 def test_a_tighter_bound_takes_more_bytes(baseline: Baseline) -> None:
     here(baseline)
