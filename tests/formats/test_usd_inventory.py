@@ -220,7 +220,7 @@ def test_encode_and_info_tell_once_what_is_dropped(tmp_path: Path, capsys: pytes
     (tmp_path / "x.usda").write_text(SHOP.replace("NurbsPatch", "Xform"))
     for command in (
         ["info", str(tmp_path / "x.usda")],
-        ["encode", str(tmp_path / "x.usda"), str(tmp_path / "x.pdeanim")],
+        ["encode", "--scene", "drop", str(tmp_path / "x.usda"), str(tmp_path / "x.pdeanim")],
     ):
         assert run(command) == 0
         said = capsys.readouterr().err
