@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -89,11 +89,18 @@ def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...]
         first_vertex, first_face = first_vertex + whole.vertex_count, first_face + whole.face_count
     if any((item.connectivity.line_counts > 2).any() for item in sequence.objects):
         notices.append("lines of more than 2 vertices are written as segments")
-    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
-        notices.append("Exodus has no objects: they are joined to one mesh, and their names are names of blocks")
-    if changed := [f"{name!r} as {given!r}" for name, given in wanted if name != given]:
-        notices.append(f"names of blocks that had to change: {', '.join(changed)}")
+    notices += _name_notices(sequence, wanted, "their names are names of blocks")
     return [*faces, *lines], tuple(notices), is_group_kept
+
+
+def _name_notices(sequence: MeshSequence, names: Sequence[tuple[str, str]], fate: str) -> list[str]:
+    """Return notices about names of objects, and about those of blocks: pairs of the wanted and the given name."""
+    told = []
+    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
+        told.append(f"Exodus has no objects: they are joined to one mesh, and {fate}")
+    if changed := [f"{name!r} as {given!r}" for name, given in names if name != given]:
+        told.append(f"names of blocks that had to change: {', '.join(changed)}")
+    return told
 
 
 _KINDS = {
@@ -119,13 +126,15 @@ def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block
     keys = np.stack([labels, cells.cell_shapes, sizes], axis=1).astype(np.int64)
     cuts = np.flatnonzero((np.diff(keys, axis=0) != 0).any(axis=1)) + 1
     runs = np.split(np.arange(len(keys)), cuts)
+    told = []
     if len(runs) > MAX_RUNS:
+        told.append("cells are in another order, by kind and block: in theirs they would be too many blocks")
         _, number = np.unique(keys, axis=0, return_inverse=True)
         number = number.reshape(-1)
         runs = np.split(np.argsort(number, kind="stable"), np.flatnonzero(np.diff(np.sort(number))) + 1)
     starts = np.append(0, np.cumsum(cells.cell_counts, dtype=np.int64))
     owners = np.repeat(np.arange(len(of_cells)), [one.size for one in of_cells])
-    blocks, long, taken = [], 0, set[str]()
+    blocks, long, taken, wanted = [], 0, set[str](), list[tuple[str, str]]()
     for run in runs:
         shape, counts = CELL_SHAPES[cells.cell_shapes[run[0]]], cells.cell_counts[run]
         if shape in ("polyline", "line") and counts[0] > 3:
@@ -137,9 +146,11 @@ def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block
         kind = "SPHERE" if counts[0] == 1 else _KINDS[shape] + (str(counts[0]) if shape != "polygon" else "")
         label = labels[run[0]]
         name = unique_name(fitting(texts[label]), taken, " ") if label >= 0 else ""
+        wanted.append((texts[label] if label >= 0 else "", name))
         blocks.append(Block(name, kind, counts, nodes, int(owners[run[0]]), run))
-    told = (f"{long} cells that are lines of more than 3 nodes are not kept",) if long else ()
-    return blocks, told
+    if long:
+        told.append(f"{long} cells that are lines of more than 3 nodes are not kept")
+    return blocks, (*told, *_name_notices(sequence, wanted, "their names are not kept"))
 
 
 def _block_names(item: MeshObject, names: dict[str, int]) -> NDArray[np.int64]:

@@ -141,6 +141,25 @@ def test_exodus_has_the_ends_of_lines_first_and_drops_longer_lines(tmp_path: Pat
     assert told == ("1 cells that are lines of more than 3 nodes are not kept",)
 
 
+def test_exodus_tells_which_names_of_objects_and_blocks_cells_lose(tmp_path: Path) -> None:
+    source = solid_sequence("tetra", size=1)
+    assert write_sequence(source, tmp_path / "x.e") == ("names of blocks that had to change: 'shells' as 'shells 2'",)
+    objects = [replace(source.objects[0], name=name, attributes=()) for name in ("a", "b")]
+    two = pdecodec.ArraySequence(np.tile(source.points, (1, 2, 1)), objects=objects)
+    told = write_sequence(two, tmp_path / "y.e")
+    assert told == ("Exodus has no objects: they are joined to one mesh, and their names are not kept",)
+
+
+def test_exodus_orders_cells_by_kind_if_they_alternate_too_often(tmp_path: Path) -> None:
+    shapes, counts = [5, 8] * 600, [4, 8] * 600
+    source = cells_at(np.random.default_rng(3).random((sum(counts), 3)), shapes, counts)
+    (told,) = write_sequence(source, tmp_path / "x.e")
+    assert "cells are in another order, by kind and block" in told
+    with open_sequence(tmp_path / "x.e", solids="keep") as read:
+        cells = cells_of(source.connectivity)
+        assert cells_of(read.connectivity) == cells[::2] + cells[1::2]
+
+
 def test_kinds_that_a_format_lacks_keep_their_corners(tmp_path: Path) -> None:
     source = solid_sequence("pyramid", size=1)
     part = source.connectivity
