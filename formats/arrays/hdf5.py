@@ -25,7 +25,7 @@ from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, chec
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.fields import Field
-from pdecodec.mesh.sequence import Content, MeshSequence
+from pdecodec.mesh.sequence import Content, MeshSequence, check_frame_range
 from pdecodec.system.reading import FileScope
 from pdecodec.system.storage import RemoteFile
 
@@ -89,6 +89,7 @@ class Hdf5Sequence(LaidOutSequence):
             raise
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
         with _file_errors(self._path, frame=start):
             return super().read_frames(start, stop)
 
