@@ -78,9 +78,11 @@ def is_carried_name(name: str) -> bool:
 def is_companion_name(name: str) -> bool:
     """Return whether a carried file of this path may come to lie next to an output.
 
+    Only layers of USD and libraries of materials do: a file must not bring scripts or settings of other programs.
     Hidden files mean something to programs, this one too, and some names are devices on Windows.
     """
-    return is_carried_name(name) and not any(map(_SPECIAL.match, name.split("/")))
+    has_place = name.lower().endswith((".usd", ".usda", ".usdc", ".mtl"))
+    return has_place and is_carried_name(name) and not any(map(_SPECIAL.match, name.split("/")))
 
 
 def arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:

@@ -102,6 +102,7 @@ HOSTILE_LAYERS = {
     "no text": "(",
     "nothing": "",
     "no layer": "\n",
+    "a script beside the output": "(customLayerData = {int one = 1})",
     "files of unfinished output": 'def Mesh "m"\n{\n'
     "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n"
     "point3f[] points = [(0,0,0), (0,0,0), (0,0,1)]\n}",
@@ -109,6 +110,7 @@ HOSTILE_LAYERS = {
 
 HOSTILE_CUTS = {
     HOSTILE_LAYERS["no layer"]: {"arrays": [["b.usda", "/m.x", 0, "values", ""]]},
+    HOSTILE_LAYERS["a script beside the output"]: {"companions": ["conftest.py"]},
     HOSTILE_LAYERS["files of unfinished output"]: {"companions": [".x.ready/b.usda"]},
 }
 
@@ -121,6 +123,7 @@ def test_a_hostile_stage_reads_nothing_outside_and_leaves_the_meshes(
     file, out = tmp_path / "a.pdeanim", tmp_path / "out"
     cuts = json.dumps({"root": "a.usda", "companions": [], "arrays": [], **HOSTILE_CUTS.get(layer, {})}).encode()
     files = {"files/a.usda": f"#usda 1.0\n{layer}\n".encode(), "files/b.usda": b"(", "files/.x.ready/b.usda": b"("}
+    files["files/conftest.py"] = b"raise SystemExit"
     clip = pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, 3, 3)), faces=[[0, 1, 2]])
     clip.carried = Carrier.of("usd", [], [], {"cuts": cuts, **files})
     pdecodec.encode(clip, file)
