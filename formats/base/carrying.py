@@ -35,6 +35,26 @@ CUTS, FILES = "cuts", "files/"
 COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 """Names of the arrays of faces that the decoder knows."""
 
+_COMPANION_ENDINGS = (
+    *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin"),
+    *(
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".exr",
+        ".hdr",
+        ".avif",
+        ".webp",
+        ".ktx2",
+        ".tif",
+        ".tiff",
+        ".tga",
+        ".bmp",
+        ".gif",
+        ".tex",
+    ),
+    *(".m4a", ".mp3", ".wav"),
+)
 _SPECIAL = re.compile(r"\.|(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)
 """Beginnings of names that files next to an output do not have."""
 
@@ -78,10 +98,10 @@ def is_carried_name(name: str) -> bool:
 def is_companion_name(name: str) -> bool:
     """Return whether a carried file of this path may come to lie next to an output.
 
-    Only layers of USD and libraries of materials do: a file must not bring scripts or settings of other programs.
+    Only layers, libraries of materials, images and sounds do: a file must not bring scripts or settings of programs.
     Hidden files mean something to programs, this one too, and some names are devices on Windows.
     """
-    has_place = name.lower().endswith((".usd", ".usda", ".usdc", ".mtl"))
+    has_place = name.lower().endswith(_COMPANION_ENDINGS)
     return has_place and is_carried_name(name) and not any(map(_SPECIAL.match, name.split("/")))
 
 

@@ -199,14 +199,17 @@ class DerivedRuns(ChangingSequence):
 
     def __init__(self, source: ChangingSequence, change: Callable[[MeshSequence], MeshSequence]) -> None:
         self._source = source
-        first = change(source.runs[0])
+        original = source.runs[0]
+        first = change(original)
+        # Metadata of the whole sequence need not be in its runs.
+        own = {key: value for key, value in first.metadata.items() if original.metadata.get(key) != value}
         super().__init__(
             OpenedRuns(lambda number: first if number == 0 else change(source.runs[number]), len(source.runs)),
             times=source.times,
             frames=source.run_frames.tolist(),
             vertices=source.run_vertices.tolist(),
             fps=source.fps,
-            metadata=first.metadata,
+            metadata={**source.metadata, **own},
             notices=[*dict.fromkeys([*source.notices, *first.notices])],
         )
 
