@@ -102,7 +102,7 @@ HOSTILE_LAYERS = {
     "no text": "(",
     "nothing": "",
     "no layer": "\n",
-    "a script beside the output": "(customLayerData = {int one = 1})",
+    "a script next to the output": "(customLayerData = {int one = 1})",
     "files of unfinished output": 'def Mesh "m"\n{\n'
     "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n"
     "point3f[] points = [(0,0,0), (0,0,0), (0,0,1)]\n}",
@@ -110,7 +110,7 @@ HOSTILE_LAYERS = {
 
 HOSTILE_CUTS = {
     HOSTILE_LAYERS["no layer"]: {"arrays": [["b.usda", "/m.x", 0, "values", ""]]},
-    HOSTILE_LAYERS["a script beside the output"]: {"companions": ["conftest.py"]},
+    HOSTILE_LAYERS["a script next to the output"]: {"companions": ["conftest.py"]},
     HOSTILE_LAYERS["files of unfinished output"]: {"companions": [".x.ready/b.usda"]},
 }
 
