@@ -36,25 +36,11 @@ COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 """Names of the arrays of faces that the decoder knows."""
 
 _COMPANION_ENDINGS = (
-    *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin"),
-    *(
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".exr",
-        ".hdr",
-        ".avif",
-        ".webp",
-        ".ktx2",
-        ".tif",
-        ".tiff",
-        ".tga",
-        ".bmp",
-        ".gif",
-        ".tex",
-    ),
-    *(".m4a", ".mp3", ".wav"),
+    *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin", ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".avif", ".webp"),
+    *(".ktx2", ".tif", ".tiff", ".tga", ".bmp", ".gif", ".tex", ".m4a", ".mp3", ".wav"),
 )
+"""Endings of files that may come to lie next to an output: layers, materials, images and sounds."""
+
 _SPECIAL = re.compile(r"\.|(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)
 """Beginnings of names that files next to an output do not have."""
 
