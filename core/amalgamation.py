@@ -25,10 +25,17 @@ LEFT_OUT = {"bindings", "encode", "simulate", "tests", "text"}
 
 SYSTEM_HEADER = re.compile(r"\s*#\s*include\s*(<.*>)")
 OWN_HEADER = re.compile(r'\s*#\s*include\s*"(.*)"')
+
 TOKEN = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', re.DOTALL)
+"""A comment, or a literal of a string or character, in which no comment begins."""
+
 WORD = re.compile(r"\w+")
+
 TYPE = re.compile(r"(?:struct|class|enum class|enum|using) (?!namespace)(\w+)")
+"""The declaration of a type."""
+
 NAME = re.compile(r"(\w+(?:<[^()]*?>)?::)*~?(\w+)(?:\[\w*\])*$")
+"""What stands before the parameters of a function or the value of a variable: the class of a member, and the name."""
 
 HEAD = """\
 // libpdeanim {version}: the decoder of .pdeanim files with its C interface, in one file.
