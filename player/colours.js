@@ -1,14 +1,8 @@
-/** Colours of a field for three.js: colour maps, and which row of a field each drawn vertex shows. */
+/** Colours of a field for three.js, and which row of a field each drawn vertex shows. */
 import { Color, SRGBColorSpace } from "three";
 
 import { PdeanimError } from "./errors.js";
-
-/** Colours at equal distances along a range. */
-const COLORMAPS = {
-  viridis: "#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725".split(" "),
-  /** For ranges around zero: "smooth cool warm" of Moreland 2009. */
-  coolwarm: "#3b4cc0 #6282ea #8db0fe #b8d0f9 #dddddd #f5c4ad #f49a7b #de604d #b40426".split(" "),
-};
+import { COLORMAPS, countRowsBefore, reduceRows, runsOf } from "./fields.js";
 
 const STEPS = 256;
 
@@ -35,16 +29,19 @@ function tabulate(colormap) {
   return table;
 }
 
-const isDefinedIn = (run, name) => run.fieldList.some((field) => field.name === name);
+/** Return a field's description in the first run that has it. */
+function describe(animation, name) {
+  for (const run of runsOf(animation)) {
+    const found = run.fieldList.find((field) => field.name === name);
+    if (found) return found;
+  }
+  throw new PdeanimError(`there is no field "${name}"`, "argument");
+}
 
 /** A field as `DeformingGroup.setField` shows it. */
 export class FieldColours {
   constructor(animation, name, { colormap = "viridis", range, component = null } = {}) {
-    const runs = Array.from({ length: animation.runCount }, (_, index) => index);
-    const first = runs.find((index) => isDefinedIn(animation.runCount === 1 ? animation : animation.run(index), name));
-    if (first === undefined) throw new PdeanimError(`there is no field "${name}"`, "argument");
-    const run = animation.runCount === 1 ? animation : animation.run(first);
-    const { components, smallest, largest } = run.fieldList.find((field) => field.name === name);
+    const { components, smallest, largest } = describe(animation, name);
     if (component !== null && !(component >= 0 && component < components)) {
       throw new PdeanimError(`field "${name}" has no component ${component}`, "argument");
     }
@@ -72,18 +69,7 @@ export class FieldColours {
 
   /** Return one number for each row of a run at a time: the component, or the magnitude of all. */
   values(run, time) {
-    const { components } = this.in(run);
-    const raw = run.field(this.name, time);
-    const found = new Float64Array(raw.length / components);
-    for (let row = 0; row < found.length; row++) {
-      if (this.component !== null) {
-        found[row] = Number(raw[row * components + this.component]);
-        continue;
-      }
-      for (let k = 0; k < components; k++) found[row] += Number(raw[row * components + k]) ** 2;
-      found[row] = Math.sqrt(found[row]);
-    }
-    return found;
+    return reduceRows(run.field(this.name, time), this.in(run).components, this.component);
   }
 
   /** Fill an attribute: `rows` has the row of each vertex, or -1. */
@@ -110,10 +96,7 @@ export class FieldColours {
 export function rowsOfDrawn(field, run, object, sources, corners) {
   const rows = new Int32Array(sources.length).fill(-1);
   if (!field?.objects.includes(object)) return rows;
-  const sizes = { vertices: (own) => own.vertexCount, faces: (own) => own.faceSizes.length, object: () => 1 };
-  const count = sizes[field.domain] ?? ((own) => own.faceIndices.length);
-  let first = 0;
-  for (const owner of field.objects) if (owner < object) first += count(run.object(owner));
+  const first = countRowsBefore(run, field, object);
   if (field.domain === "vertices") return rows.map((_, k) => first + sources[k]);
   if (field.domain === "object") return rows.fill(first);
   if (!corners) return rows;

@@ -2,6 +2,7 @@
  * Derives from polygons what is drawn: triangles, edges, and the triangles around each vertex, for normals. A polygon
  * of any size becomes a triangle fan.
  */
+import { countRows, countRowsBefore } from "./fields.js";
 
 /** Triangulate the faces of all given objects: vertex indices across all objects, and the face of each triangle. */
 export function trianglesOf(objects) {
@@ -165,12 +166,9 @@ export function changingUvs(run, object) {
     components === 2 && /^uv/i.test(name) && (domain === "vertices" || domain === "corners");
   const field = run.fieldList.find((one) => isUv(one) && one.objects.includes(object));
   if (!field) return [];
-  const rows = (index) => {
-    const { vertexCount, faceIndices } = run.object(index);
-    return field.domain === "vertices" ? vertexCount : faceIndices.length;
-  };
-  const first = field.objects.filter((owner) => owner < object).reduce((sum, owner) => sum + rows(owner), 0);
-  const own = run.field(field.name, run.start).subarray(2 * first, 2 * (first + rows(object)));
+  const first = countRowsBefore(run, field, object);
+  const end = first + countRows(run.object(object), field.domain);
+  const own = run.field(field.name, run.start).subarray(2 * first, 2 * end);
   // A vertex without UVs has (0, 0), as of attributes.
   const values = Float32Array.from(own, (value) => (Number.isFinite(value) ? value : 0));
   return [{ name: field.name, domain: field.domain, columns: 2, indices: null, values }];

@@ -1,11 +1,11 @@
 /** Fields on the page: what there is to choose, values and ranges, and which row each drawn vertex shows. */
+import { COLORMAPS, countRows, reduceRows, runsOf } from "pdeanim/fields.js";
+
 /** Colours at equal distances along a range. */
 export const MAPS = {
   error: ["#29459e", "#219e99", "#fad44a", "#d62629"],
-  /** Viridis: lightness grows evenly, so that order shows without colours, too. */
-  sequential: "#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725".split(" "),
-  /** For ranges around zero, which is grey: "smooth cool warm" of Moreland 2009. */
-  diverging: "#3b4cc0 #6282ea #8db0fe #b8d0f9 #dddddd #f5c4ad #f49a7b #de604d #b40426".split(" "),
+  sequential: COLORMAPS.viridis,
+  diverging: COLORMAPS.coolwarm,
 };
 
 /** Smallest share of the range on the other side of zero for which colours diverge about zero: less is noise. */
@@ -19,10 +19,6 @@ const MAX_LISTED_COMPONENTS = 12;
 
 const COMPONENT_NAMES = { 2: "x y", 3: "x y z", 6: "xx yy zz xy yz zx", 9: "xx xy xz yx yy yz zx zy zz" };
 
-/** Return all runs of frames; a file with one run is that run. */
-const runsOf = (animation) =>
-  animation.runCount === 1 ? [animation] : Array.from({ length: animation.runCount }, (_, run) => animation.run(run));
-
 /** Return the names of components, in order. */
 export function componentNames(count) {
   return COMPONENT_NAMES[count]?.split(" ") ?? Array.from({ length: count }, (_, k) => `component ${k + 1}`);
@@ -30,7 +26,7 @@ export function componentNames(count) {
 
 /** List what can be shown: each field, or of several components the magnitude and each component. */
 export function listChoices(animation) {
-  const fields = new Map(runsOf(animation).flatMap((run) => run.fieldList.map((field) => [field.name, field])));
+  const fields = new Map([...runsOf(animation)].flatMap((run) => run.fieldList.map((field) => [field.name, field])));
   return [...fields.values()].flatMap(({ name, components }) => {
     if (components === 1) return [{ name, component: 0, label: name }];
     const parts = componentNames(components).slice(0, components > MAX_LISTED_COMPONENTS ? 0 : components);
@@ -58,7 +54,7 @@ export function rowsOfDrawn(animation, { domain, objects }) {
   let at = 0;
   list.forEach((object, index) => {
     starts.push(row);
-    const { vertexCount, faceSizes, faceIndices } = object;
+    const { vertexCount, faceSizes } = object;
     const isOwner = owners.has(index);
     if (!isSplit) {
       for (let v = 0; v < vertexCount && isOwner; v++) rows[at + v] = domain === "object" ? row : row + v;
@@ -74,25 +70,9 @@ export function rowsOfDrawn(animation, { domain, objects }) {
         first += size;
       });
     }
-    if (isOwner) row += { vertices: vertexCount, faces: faceSizes.length, corners: faceIndices.length, object: 1 }[domain];
+    if (isOwner) row += countRows(object, domain);
   });
   return { rows, starts, isSplit };
-}
-
-/** Return one number for each row: a component, or the magnitude of all (`component` null). */
-export function reduceRows(values, components, component) {
-  const found = new Float64Array(values.length / components);
-  for (let row = 0; row < found.length; row++) {
-    const at = row * components;
-    if (component !== null) {
-      found[row] = Number(values[at + component]);
-      continue;
-    }
-    let sum = 0;
-    for (let k = 0; k < components; k++) sum += Number(values[at + k]) ** 2;
-    found[row] = Math.sqrt(sum);
-  }
-  return found;
 }
 
 /** One choice of `listChoices` as it is shown. */
@@ -101,7 +81,7 @@ export class ShownField {
 
   constructor(clip, { name, component, label }) {
     Object.assign(this, { clip, animation: clip.animation, name, component, label, low: Infinity, high: -Infinity });
-    const fields = runsOf(clip.animation).map((run) => this.#in(run)).filter(Boolean);
+    const fields = [...runsOf(clip.animation)].map((run) => this.#in(run)).filter(Boolean);
     [{ unit: this.unit, components: this.components, domain: this.domain, type: this.type }] = fields;
     this.bound = Math.max(...fields.map((field) => field.bound));
     if (this.components === 1) for (const { smallest, largest } of fields) this.#widen([smallest, largest]);

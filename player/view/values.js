@@ -1,6 +1,8 @@
 /** Values of the shown field that the page says: under the pointer, and of the picked element over time. */
+import { reduceRows } from "pdeanim/fields.js";
+
 import { ELEMENTS } from "pdeanim/view/colouring.js";
-import { componentNames, reduceRows } from "pdeanim/view/fields.js";
+import { componentNames } from "pdeanim/view/fields.js";
 import { formatNumber, TimeChart } from "pdeanim/view/panel.js";
 
 /** Time [ms] that reading frames may take between two pictures. */
