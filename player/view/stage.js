@@ -25,10 +25,10 @@ void main() {
   shown = value;
 }`;
 
-// `shown` is a share of the range, and 1 where there is a value: a triangle with a corner that has none is grey.
 /** Largest number of colours of a map. */
 const MOST_STOPS = 9;
 
+// `shown` is a share of the range, and 1 where there is a value: a triangle with a corner that has none is grey.
 const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 place;
