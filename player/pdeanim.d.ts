@@ -65,7 +65,7 @@ export interface AnimatedObject {
 
 export interface Attribute {
   name: string;
-  domain: "vertices" | "faces" | "corners" | "object";
+  domain: "vertices" | "faces" | "corners" | "object" | "cells";
   columns: number;
   /** Row after row. */
   values: Float32Array | Float64Array | Int32Array | BigInt64Array | Uint8Array;
@@ -92,7 +92,7 @@ export interface Field {
   name: string;
   /** Such as "Pa"; empty if unknown. */
   unit: string;
-  domain: "vertices" | "faces" | "corners" | "object";
+  domain: "vertices" | "faces" | "corners" | "object" | "cells";
   type: "float32" | "float64" | "int8" | "int16" | "int32" | "int64" | "uint8" | "uint16" | "uint32" | "uint64" | "bool";
   /** Numbers of each row. */
   components: number;

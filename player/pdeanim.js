@@ -24,7 +24,7 @@ const ACCELERATIONS = 2;
 const DEFAULT_MAX_MEMORY = 2 ** 31;
 
 const ALL_OBJECTS = -1n;
-const DOMAINS = ["vertices", "faces", "corners", "object"];
+const DOMAINS = ["vertices", "faces", "corners", "object", "cells"];
 const TYPES = [Float32Array, Float64Array, Int32Array, BigInt64Array, Uint8Array];
 const WORDS_PER_CORRECTION = 5;
 
@@ -221,9 +221,9 @@ export class PdeAnimation {
   }
 
   /**
-   * Fields: values on vertices, faces, corners or objects that change in time, such as stresses. Each has a name, a
-   * unit ("" if unknown), a domain, a type, numbers per row (components), rows, the smallest and largest value of the
-   * source, the largest error at frames (0: exact), and the objects that have it; rows stand object after object.
+   * Fields: values on vertices, faces, corners, objects or cells that change in time, such as stresses. Each has a
+   * name, a unit ("" if unknown), a domain, a type, numbers per row (components), rows, the smallest and largest value
+   * of the source, the largest error at frames (0: exact), and the objects that have it; rows stand object after object.
    */
   get fieldList() {
     this.#stored ??= this.#readFields();

@@ -24,9 +24,13 @@ export function componentNames(count) {
   return COMPONENT_NAMES[count]?.split(" ") ?? Array.from({ length: count }, (_, k) => `component ${k + 1}`);
 }
 
-/** List what can be shown: each field, or of several components the magnitude and each component. */
+/**
+ * List what can be shown: each field, or of several components the magnitude and each component. Cells are not drawn
+ * themselves, so their fields are left out.
+ */
 export function listChoices(animation) {
-  const fields = new Map([...runsOf(animation)].flatMap((run) => run.fieldList.map((field) => [field.name, field])));
+  const shown = [...runsOf(animation)].flatMap((run) => run.fieldList.filter(({ domain }) => domain !== "cells"));
+  const fields = new Map(shown.map((field) => [field.name, field]));
   return [...fields.values()].flatMap(({ name, components }) => {
     if (components === 1) return [{ name, component: 0, label: name }];
     const parts = componentNames(components).slice(0, components > MAX_LISTED_COMPONENTS ? 0 : components);

@@ -287,6 +287,17 @@ def test_colours_stand_for_values_of_a_field(browser: Browser, tmp_path: Path) -
     assert browser.errors() == []
 
 
+def test_fields_of_cells_are_not_offered(browser: Browser, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    written(accepted_files()["solids"], "-o", page)
+    ready(browser, page)
+    names = "return [...document.getElementById('colour').options].map((option) => option.text)"
+    assert browser.run(names) == ["one colour", "by patch or curve"]
+    assert browser.run("return pdeanimView.animation.fieldList.map(({ domain }) => domain)") == ["cells"]
+    assert browser.run("return pdeanimView.animation.attributes(0).map(({ domain }) => domain)") == ["cells"]
+    assert browser.errors() == []
+
+
 def test_the_value_under_the_pointer_is_that_of_the_library(browser: Browser, tmp_path: Path) -> None:
     source, coded, page = tmp_path / "squares.npz", tmp_path / "squares.pdeanim", tmp_path / "page.html"
     write_sequence(three_squares(), source)
