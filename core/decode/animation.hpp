@@ -6,7 +6,7 @@
 //     decoded_cache.hpp what is decoded of motion and fields, within one byte budget
 //     group_cache.hpp   decodes groups of frames; groups_ahead.hpp reads them ahead, decoded_group.hpp decodes one
 //     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
-//     stored_fields.hpp fields: values that change in time on vertices, faces, corners or objects;
+//     stored_fields.hpp fields: values that change in time on vertices, faces, corners, objects or cells;
 //                       field_headers.hpp reads their headers (FLDS)
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.

@@ -1,4 +1,4 @@
-// Fields: values on vertices, faces, corners or objects that change in time (25 of the specification).
+// Fields: values on vertices, faces, corners, objects or cells that change in time (25 of the specification).
 //
 // FLDS has a header for each field, FDAT the chunks of its groups of frames. A chunk is whole numbers, which become
 // values by the coding of the group.

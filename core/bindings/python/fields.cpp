@@ -1,4 +1,4 @@
-// Chunks of fields (FDAT): values that change on vertices, faces, corners or objects.
+// Chunks of fields (FDAT): values that change on vertices, faces, corners, objects or cells.
 #include <nanobind/stl/optional.h>
 
 #include <optional>
