@@ -121,7 +121,12 @@ class CodedFile:
                 one = whole.runs[run]
                 assert isinstance(one, Animation)
                 self.animation: Animation = one
-                self._sections |= {own.type: StoredSection(own.offset, own.length, None) for own in one.stored_sections}
+                # The file's SOLD, FLDS and FDAT are those of all runs.
+                of_file = {kind.type for kind in SECTION_KINDS.values() if kind.of == "file"}
+                self._sections = {
+                    **{kind: stored for kind, stored in self._sections.items() if kind in of_file},
+                    **{own.type: StoredSection(own.offset, own.length, None) for own in one.stored_sections},
+                }
             else:
                 self.animation = whole
             self.entries = read_group_table(self.section("GRUP"), self.animation.frame_count)
@@ -483,9 +488,7 @@ def _write_runs(
         jumps = shifted(whole.jumps, first, first + times.size, 0)
         sections = [
             Section("SEQN", encode_sequence_description(sequence, sorted(jumps))),
-            Section("RUNS", table.to_bytes()),
-            Section("RDAT", table.data),
-            *table.field_sections(),
+            *table.file_sections(),
         ]
         size = sum(write_container(path, [*more[:1], *sections, *more[1:]], overwrite=overwrite).values())
     finally:

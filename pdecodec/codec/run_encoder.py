@@ -66,10 +66,7 @@ def encode_runs(
         sections = [
             Section("META", encode_remarks(remarks)),
             Section("SEQN", encode_sequence_description(sequence, jumps)),
-            Section("RUNS", table.to_bytes()),
-            Section("RDAT", table.data),
-            *table.field_sections(),
-            *table.cell_sections(),
+            *table.file_sections(),
             *more,
         ]
         data = None
@@ -107,18 +104,16 @@ def encode_runs(
 
 
 class RunTable:
-    """Sections RUNS and RDAT while they grow. RDAT is in an unnamed file, next to `output` if one is given.
+    """Sections of all runs while they grow. Long ones are in unnamed files, next to `output` if one is given.
 
     Attributes
     ----------
-    data : Spool
-        Section RDAT.
     sizes : dict of str to int
         Bytes of RDAT, by the section of the runs that they belong to.
     """
 
     def __init__(self, output: Path | None) -> None:
-        self.data = Spool(output)
+        self._data = Spool(output)
         self.sizes: dict[str, int] = {}
         self._writer = FieldWriter()
         self._before: dict[str, bytes] = {}
@@ -145,20 +140,16 @@ class RunTable:
         assert isinstance(cells, bytes)
         self._cells.append(cells)
 
-    def cell_sections(self) -> list[Section]:
-        """Return the section of the cells of all runs; none if no run has cells."""
-        if not any(self._cells):
-            return []
-        writer, before = FieldWriter(), b""
-        for cells in self._cells:
-            writer.count(AS_BEFORE if cells and cells == before else len(cells) + 1)
-            before = cells
-        stored = [cells for cells, before in zip(self._cells, [b"", *self._cells], strict=False)
-                  if cells != before]  # fmt: skip
-        return [Section("SOLD", writer.to_bytes() + b"".join(stored))]
+    def file_sections(self) -> list[Section]:
+        """Return the sections of a file that hold its runs; sections of fields and cells only if a run has any."""
+        return [
+            Section("RUNS", self._writer.to_bytes()),
+            Section("RDAT", self._data),
+            *self._field_sections(),
+            *self._cell_sections(),
+        ]
 
-    def field_sections(self) -> list[Section]:
-        """Return the sections of the fields of all runs; none if no run has fields."""
+    def _field_sections(self) -> list[Section]:
         if not self._headers:
             return []
         return [
@@ -166,6 +157,17 @@ class RunTable:
             Section("FDAT", self._values),
             Section("RFLD", self._of_fields.to_bytes()),
         ]
+
+    def _cell_sections(self) -> list[Section]:
+        if not any(self._cells):
+            return []
+        writer, stored, before = FieldWriter(), list[bytes](), b""
+        for cells in self._cells:
+            is_as_before = cells != b"" and cells == before
+            writer.count(AS_BEFORE if is_as_before else len(cells) + 1)
+            stored += [] if is_as_before else [cells]
+            before = cells
+        return [Section("SOLD", writer.to_bytes() + b"".join(stored))]
 
     def _add(self, section: Section) -> None:
         if isinstance(section.content, bytes):
@@ -177,15 +179,11 @@ class RunTable:
         if section.length and section.type not in CHUNK_SECTIONS:
             self._writer.numbers("I", section.checksum)
         for piece in section.pieces():
-            self.data.append(piece)
+            self._data.append(piece)
         self.sizes[section.type] = self.sizes.get(section.type, 0) + section.length
 
-    def to_bytes(self) -> bytes:
-        """Return section RUNS."""
-        return self._writer.to_bytes()
-
     def close(self) -> None:
-        self.data.close()
+        self._data.close()
         self._values.close()
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pdecodec
-from pdecodec import ArraySequence, ChangingSequence, Connectivity, CorruptFileError, InputError, MeshObject
+from pdecodec import ArraySequence, Connectivity, CorruptFileError, InputError, MeshObject
 from pdecodec.codec.sections.connectivity import encode_cells, encode_connectivity, predicted_on
 from pdecodec.mesh.sequence import CELL_SHAPES, FEWEST_NODES
 from spec.decoder.animation import decode_runs
@@ -20,7 +20,7 @@ from spec.decoder.cells import read_cells
 from spec.decoder.mesh import Mesh
 from tests.support.damage import assert_only_corrupt_file_errors
 from tests.support.section_files import file_of
-from tests.support.solids import solid_sequence
+from tests.support.solids import runs_with_cells, solid_sequence
 
 EVERY = ("tetra", "pyramid", "wedge", "hexahedron")
 
@@ -98,12 +98,8 @@ def test_files_without_cells_keep_their_bytes() -> None:
 
 
 def test_runs_have_cells_of_their_own_and_share_equal_ones() -> None:
-    small, large = solid_sequence("tetra", size=1, frames=2), solid_sequence("tetra", size=2, frames=2)
-    bare = ArraySequence(small.points, objects=[replace(small.objects[0], connectivity=Connectivity(small.vertex_count),
-                                                        attributes=())])  # fmt: skip
-    runs: list[Any] = [small, small, large, bare]
-    vertices = [one.vertex_count for one in runs]
-    changing = ChangingSequence(runs, times=np.arange(8) / 24, frames=[2] * 4, vertices=vertices, fps=24)
+    changing = runs_with_cells()
+    runs = list(changing.runs)
     report = pdecodec.encode(changing)
     assert report.data is not None
     assert report.sections["SOLD"] < 250

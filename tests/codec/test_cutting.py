@@ -21,6 +21,7 @@ from spec.sealing import table_end, take_apart
 from spec.vector_files import accepted_files
 from tests.support.decoders import assert_same
 from tests.support.mesh_cases import grid
+from tests.support.solids import runs_with_cells
 
 Capture = pytest.CaptureFixture[str]
 FRAMES = 1100
@@ -262,9 +263,13 @@ def assert_is_part(part: pdecodec.Animation, whole: pdecodec.Animation, first: i
             np.testing.assert_array_equal(found, expected, field.name)
 
 
-@pytest.mark.parametrize("name", ["runs", "file_of_one_run", "runs_that_jump", "fields_of_runs", "runs_in_closed_form"])
-def test_runs_are_cut_between_groups_with_their_fields(tmp_path: Path, name: str) -> None:
-    path, out = accepted_files()[name], tmp_path / "out.pdeanim"
+@pytest.mark.parametrize(
+    "name", ["runs", "file_of_one_run", "runs_that_jump", "fields_of_runs", "runs_in_closed_form", "runs_with_cells"]
+)
+def test_runs_are_cut_between_groups_with_their_fields_and_cells(tmp_path: Path, name: str) -> None:
+    path, out = accepted_files().get(name, tmp_path / "whole.pdeanim"), tmp_path / "out.pdeanim"
+    if name == "runs_with_cells":
+        pdecodec.encode(runs_with_cells(), path, effort="fast")
     with pdecodec.open(path) as whole:
         starts = np.cumsum([0, *(own.frame_count for own in whole.runs)]).tolist()
         groups = zip(starts, whole.runs, strict=False)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from pdecodec import ArraySequence, Attribute, Field, MeshObject
+from pdecodec import ArraySequence, Attribute, ChangingSequence, Connectivity, Field, MeshObject
 from pdecodec.formats.vtk.cells import BLOCK, Cells
 from spec.decoder.cells import EDGES
 
@@ -63,3 +65,12 @@ def solid_sequence(*kinds: str, size: int = 2, frames: int = 4, quadratic: bool 
         times=times,
         fields=[(Field("stress", "cell"), stress), (Field("heat", "vertex", components=2), heat)],
     )
+
+
+def runs_with_cells() -> ChangingSequence:
+    """Return four runs of two frames: two with equal cells, one with more, and one without faces and cells."""
+    small, large = solid_sequence("tetra", size=1, frames=2), solid_sequence("tetra", size=2, frames=2)
+    points_only = replace(small.objects[0], connectivity=Connectivity(small.vertex_count), attributes=())
+    runs: list[Any] = [small, small, large, ArraySequence(small.points, objects=[points_only])]
+    vertices = [one.vertex_count for one in runs]
+    return ChangingSequence(runs, times=np.arange(8) / 24, frames=[2] * 4, vertices=vertices, fps=24)
