@@ -284,8 +284,8 @@ def cut_animation(
                 with CodedFile(source, number, whole) as file:
                     yield _CutRun(file, begin, stop, effort, progress)
 
-        for part, (number, _, _) in zip(opened(), parts, strict=True):
-            if not recode:
+        if not recode:
+            for part, (number, _, _) in zip(opened(), parts, strict=True):
                 part.check_edges(edges[number], whole.times)
         summary = f"frames {first} to {end - 1} of {edges[-1]}"
         if len(parts) > 1:
@@ -458,7 +458,7 @@ def _write(
             _remarks_of(head, summary),
             Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
             *shared,
-            *([Section(SCENE_SECTION, scene)] if (scene := head.section(SCENE_SECTION)) else []),
+            *_scene_of(head),
         ]
         size = sum(write_container(path, sections, overwrite=overwrite).values())
     return CutReport(times.size, groups, size, coded_again, float(times[0]), float(times[-1]), lost)
@@ -469,7 +469,6 @@ def _write_runs(
 ) -> CutReport:
     """Write frames of several runs, from frame `first` of a file on, as a file of runs."""
     described: list[_Described] = []
-    more: list[Section] = []
     groups = again = 0
     table = RunTable(path)
     try:
@@ -479,18 +478,19 @@ def _write_runs(
                 count, sections, _ = _run_sections(part.file, part.pieces(), fields, spools)
                 table.add(part.file.animation, sections)
             if not described:
-                scene = part.file.section(SCENE_SECTION)
-                more = [_remarks_of(part.file, summary), *([Section(SCENE_SECTION, scene)] if scene else [])]
+                remarks, scene = _remarks_of(part.file, summary), _scene_of(part.file)
             described.append(part.described)
             groups, again = groups + count, again + part.again
         sequence = ChangingSequence(described, fps=whole.fps)
         times = sequence.times
         jumps = shifted(whole.jumps, first, first + times.size, 0)
         sections = [
+            remarks,
             Section("SEQN", encode_sequence_description(sequence, sorted(jumps))),
             *table.file_sections(),
+            *scene,
         ]
-        size = sum(write_container(path, [*more[:1], *sections, *more[1:]], overwrite=overwrite).values())
+        size = sum(write_container(path, sections, overwrite=overwrite).values())
     finally:
         table.close()
     return CutReport(times.size, groups, size, again, float(times[0]), float(times[-1]))
@@ -515,6 +515,12 @@ def _remarks_of(head: CodedFile, summary: str) -> Section:
     remarks = {**decode_remarks(head.section("META")), "generator": generator()}
     remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDIT_SEPARATOR)[0]}{EDIT_SEPARATOR}{summary}"
     return Section("META", encode_remarks(remarks))
+
+
+def _scene_of(head: CodedFile) -> list[Section]:
+    """Return the section of the scene that a file carries, if there is one."""
+    scene = head.section(SCENE_SECTION)
+    return [Section(SCENE_SECTION, scene)] if scene else []
 
 
 def _run_sections(
