@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from time import process_time
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -108,6 +110,18 @@ def test_runs_have_cells_of_their_own_and_share_equal_ones() -> None:
             assert run.connectivity.same_as(source.connectivity)
     plain = decode_runs(report.data)
     assert [len(run.meshes[0].cells) for run in plain] == [one.connectivity.cell_count for one in runs]
+
+
+@pytest.mark.parametrize("has_cells", [False, True])
+def test_an_encode_keeps_no_mesh_in_memory(has_cells: bool) -> None:
+    source = solid_sequence("tetra")
+    if not has_cells:
+        source = ArraySequence(source.points, objects=[MeshObject("mesh", source.connectivity.without_cells())])
+    pdecodec.encode(source)
+    connectivity = ref(source.connectivity)
+    del source
+    gc.collect()
+    assert connectivity() is None
 
 
 def test_interior_nodes_cost_less_with_the_sides_of_their_solids() -> None:

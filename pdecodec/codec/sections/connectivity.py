@@ -9,7 +9,7 @@ which is better if a program numbered them row by row. Lines are coded as polygo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -80,20 +80,26 @@ def encode_cells(parts: Sequence[Connectivity]) -> bytes:
     return _core.encode_cells(core_parts(parts))
 
 
+_with_inner_sides: WeakKeyDictionary[Connectivity, Connectivity] = WeakKeyDictionary()
+"""Cache of :func:`predicted_on`; it keeps no mesh in memory."""
+
+
 def predicted_on(objects: Sequence[MeshObject]) -> list[Connectivity]:
     """Return the connectivity that positions are predicted on: inner sides of solids follow an object's own faces."""
-    return [_with_inner_sides(item.connectivity) for item in objects]
+    return [_predicted_on(item.connectivity) for item in objects]
 
 
-@lru_cache(maxsize=16)
-def _with_inner_sides(part: Connectivity) -> Connectivity:
+def _predicted_on(part: Connectivity) -> Connectivity:
     if not part.cell_count:
         return part
-    counts, indices = _core.inner_sides(core_parts([part]))
-    return Connectivity(
-        part.vertex_count,
-        np.concatenate([part.face_counts, counts]),
-        np.concatenate([part.face_indices, indices]),
-        part.line_counts,
-        part.line_indices,
-    )
+    found = _with_inner_sides.get(part)
+    if found is None:
+        counts, indices = _core.inner_sides(core_parts([part]))
+        found = _with_inner_sides[part] = Connectivity(
+            part.vertex_count,
+            np.concatenate([part.face_counts, counts]),
+            np.concatenate([part.face_indices, indices]),
+            part.line_counts,
+            part.line_indices,
+        )
+    return found
