@@ -117,9 +117,10 @@ def test_tables_of_neighbours_count_as_memory(crowded: bytes) -> None:
 def test_a_field_that_fits_alone_fits_after_other_fields(crowded: bytes) -> None:
     largest = f"corner{SUBSETS[-1]}"
     limits = DecodeLimits(max_memory=least_memory(crowded, largest))
-    with pdecodec.open(crowded, limits=limits) as animation:
+    with pdecodec.open(crowded, limits=limits) as animation, pdecodec.open(crowded) as unlimited:
         for name in [one.name for one in animation.fields] + [largest]:
-            animation.read_field(name, 0, 1)
+            expected = unlimited.read_field(name, 0, 1)
+            np.testing.assert_array_equal(animation.read_field(name, 0, 1), expected, name)
 
 
 def test_positions_and_fields_make_room_for_each_other() -> None:
