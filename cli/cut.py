@@ -26,7 +26,7 @@ from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.codec.decoder import Animation
-    from pdecodec.codec.editing import CutReport
+    from pdecodec.codec.edited_file import CutReport
     from pdecodec.codec.settings import EffortName
     from pdecodec.mesh.sequence import MeshSequence
 

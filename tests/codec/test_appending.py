@@ -12,8 +12,9 @@ import pytest
 
 import pdecodec
 from pdecodec import ArraySequence
+from pdecodec.codec.coded_file import CodedFile
 from pdecodec.codec.container import Section, write_container
-from pdecodec.codec.editing import CodedFile, cut_animation, join_animations
+from pdecodec.codec.editing import cut_animation, join_animations
 from pdecodec.codec.settings import SMALLEST_BOUND
 from pdecodec.codec.stored_choices import alternatives_of, bound_of
 from pdecodec.mesh.metrics import frame_scale

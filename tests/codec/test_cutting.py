@@ -11,7 +11,8 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, InputError, MeshSequence, SettingsError
 from pdecodec.cli.main import run
-from pdecodec.codec.editing import CodedFile, cut_animation, join_animations
+from pdecodec.codec.coded_file import CodedFile
+from pdecodec.codec.editing import cut_animation, join_animations
 from pdecodec.errors import CorruptFileError
 from pdecodec.formats import write_sequence
 from pdecodec.mesh.sequence import Attribute, MeshObject

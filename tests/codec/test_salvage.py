@@ -51,7 +51,7 @@ def damaged(path: Path, folder: Path, *places: int, end: int | None = None) -> P
 
 def chunk_of_group(path: Path, group: int) -> int:
     """Return the offset of a byte in the coefficients of a group."""
-    with pdecodec.codec.editing.CodedFile(path) as coded:
+    with pdecodec.codec.coded_file.CodedFile(path) as coded:
         before = sum(entry.sizes[1] for entry in coded.entries[:group])
     return place_of(path, "COEF")[0] + before
 
