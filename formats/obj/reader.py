@@ -25,9 +25,10 @@ from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, UV, is_by_vertex, rows_or_nan
 from pdecodec.formats.base.frame_changes import FrameChanges
+from pdecodec.formats.base.frame_data import DataKey
 from pdecodec.formats.base.frame_files import FrameFiles, find_frames
 from pdecodec.formats.base.frame_meshes import runs_of_frames
-from pdecodec.formats.base.kept_frames import KeptPositions
+from pdecodec.formats.base.kept_frames import KeptData, KeptPositions
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel
@@ -42,7 +43,7 @@ from pdecodec.formats.obj.text import (
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
-from pdecodec.mesh.sequence import BLOCK_BYTES, Content, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Content, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 MAX_THREADS = 8
@@ -201,25 +202,25 @@ class ObjSequence(MeshSequence):
             for item in self.model.objects
         )
         self.fields = tuple(_look_fields(self.model.objects, self._looks))
-        self._values: dict[tuple[str, int], NDArray[Any]] = {}
-        self._values_room = BLOCK_BYTES
+        self._values = KeptData()
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.empty(field.shape(stop - start, self.objects), field.dtype)
         for frame in range(start, stop):
-            found = self._values.get((field.name, frame))
-            values[frame - start] = self._read_looks(frame)[field.name] if found is None else found
+            key = field.domain, field.name
+            found = self._values.get(frame, key) if frame in self._values else self._read_looks(frame)[key]
+            values[frame - start] = found
         return values
 
-    def _read_looks(self, frame: int) -> dict[str, NDArray[Any]]:
-        """Return the rows of all fields at a frame; they are kept as long as they fit in a block."""
+    def _read_looks(self, frame: int) -> dict[DataKey, NDArray[Any]]:
+        """Return the rows of all fields at a frame, and keep them, so that its file is parsed once for all."""
         text = read_text(self._frames.paths[self._first + frame], self._first + frame)
         objects = ObjModel(text, scan(text)).objects
-        rows = {field.name: _look_rows(field, objects, self.model.objects) for field in self.fields}
-        size = sum(one.nbytes for one in rows.values())
-        if size <= self._values_room:
-            self._values_room -= size
-            self._values.update({(name, frame): one for name, one in rows.items()})
+        rows: dict[DataKey, NDArray[Any]] = {
+            (field.domain, field.name): _look_rows(field, objects, self.model.objects) for field in self.fields
+        }
+        if self._values.has_room(sum(one.nbytes for one in rows.values()), self.frame_count):
+            self._values.keep(frame, rows)
         return rows
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
