@@ -34,16 +34,23 @@ def looks_of(sequence: MeshSequence) -> list[Field]:
 
 
 def objects_at(
-    sequence: MeshSequence, frame: int, looks: Sequence[Field], *, with_all_rows: bool = False
+    sequence: MeshSequence,
+    frame: int,
+    looks: Sequence[Field],
+    *,
+    with_all_rows: bool = False,
+    gaps: list[Field] | None = None,
 ) -> tuple[MeshObject, ...]:
     """Return the objects of a sequence with some fields as they are at a frame as attributes.
 
     An object's own attribute of a name stays. A row that is not finite is a missing one; if `with_all_rows`, it is 0 in
-    UVs, so that every frame has the same rows.
+    UVs, so that every frame has the same rows. `gaps` gets the fields with such rows.
     """
     objects = list(sequence.objects)
     for field in looks:
         rows = sequence.read_field(field.name, frame, frame + 1)[0].reshape(-1, field.components)
+        if gaps is not None and not np.isfinite(rows).all():
+            gaps.append(field)
         for index, own in enumerate(field.slices(sequence.objects)):
             item = objects[index]
             if own.stop > own.start and all(one.name != field.name for one in item.attributes):
@@ -68,11 +75,6 @@ def limited_colors(objects: Sequence[MeshObject], looks: Sequence[Field]) -> tup
                 attributes[index] = dataclasses.replace(one, values=limited)
         found.append(dataclasses.replace(item, attributes=tuple(attributes)))
     return tuple(found), list(changed)
-
-
-def has_gaps(sequence: MeshSequence, frame: int, field: Field) -> bool:
-    """Return whether a field has a value that is not finite at a frame."""
-    return not field.is_exact and not np.isfinite(sequence.read_field(field.name, frame, frame + 1)).all()
 
 
 def _attribute(

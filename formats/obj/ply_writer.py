@@ -25,7 +25,7 @@ from pdecodec.formats.base.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import has_gaps, limited_colors, look_role, looks_of, objects_at
+from pdecodec.formats.base.looks import limited_colors, look_role, looks_of, objects_at
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
@@ -80,12 +80,12 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
 
     def frame_bytes(points: Float32Array, frame: int) -> list[bytes]:
         nonlocal faces
-        objects, limited = limited_colors(objects_at(sequence, frame, looks) if looks and frame else first, looks)
+        gaps: list[Field] = []
+        objects, limited = limited_colors(objects_at(sequence, frame, looks, gaps=gaps), looks)
         told = [f"colours beyond 0 to 1, which PLY cannot store, are limited: {name}" for name in limited]
-        for one in looks:
-            if has_gaps(sequence, frame, one):
-                instead = "missing" if look_role(one) == UV else "white"
-                told.append(f"where {one.name!r} is not finite it is {instead} in PLY")
+        for one in gaps:
+            instead = "missing" if look_role(one) == UV else "white"
+            told.append(f"where {one.name!r} is not finite it is {instead} in PLY")
         found_later.update(dict.fromkeys(told))
         tails = columns.at(frame)
         parts: list[NDArray[Any]] = [points.astype("<f4")]

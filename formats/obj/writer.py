@@ -30,7 +30,7 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import has_gaps, look_role, looks_of, objects_at, shared_uv_rows
+from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
@@ -171,9 +171,9 @@ class _FrameText:
         yield time_comment(self._times[frame], self._rate) + self._head
         items = self.items
         if self.looks:
-            items = self._with_shared_uvs(objects_at(self._sequence, frame, self.looks, with_all_rows=True))
-        for look in self.looks:
-            if has_gaps(self._sequence, frame, look):
+            gaps: list[Field] = []
+            items = self._with_shared_uvs(objects_at(self._sequence, frame, self.looks, with_all_rows=True, gaps=gaps))
+            for look in gaps:
                 instead = "(0, 0)" if look_role(look) == UV else "white"
                 self._found_later[f"where {look.name!r} is not finite it is {instead} in OBJ"] = None
         for item, text in zip(items, self._objects, strict=True):
