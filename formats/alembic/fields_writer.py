@@ -16,12 +16,12 @@ from pdecodec.formats.alembic.fields import DOMAIN_KEY, DTYPE_KEY, NAME_KEY, UNI
 from pdecodec.formats.alembic.values import SCOPES, WIDTHS, Keep, unsigned_array, vector_array
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
-    MAX_EXACT_DOUBLE,
     NORMAL,
     UV,
     VECTOR,
     direction_role,
     field_source_name,
+    limited_to_double,
     reversed_corners,
     unique_name,
 )
@@ -94,11 +94,8 @@ class FieldsWriter:
             if field.name not in self._known:
                 self._known[field.name] = self._made(field, has_faces=connectivity.face_count > 0)
             kind, parameter = self._known[field.name]
-            values = stored
-            if field.is_exact and field.dtype.itemsize == 8:
-                values = stored.clip(-MAX_EXACT_DOUBLE if field.dtype.kind == "i" else 0, MAX_EXACT_DOUBLE)
-                if (values != stored).any():
-                    notices.append(f"whole numbers of field {field.name!r} beyond 2**53 become 2**53 in Alembic")
+            values, told = limited_to_double(stored, field.name, "Alembic")
+            notices += told
             for rows in values:
                 shared, indices = self._rows(field, kind, rows, connectivity)
                 parameter.set(shared if kind.kind in WIDTHS else shared.reshape(-1), indices)

@@ -65,6 +65,19 @@ def is_velocity(field: Field) -> bool:
     return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
 
 
+def limited_to_double(values: NDArray[Any], name: str, title: str) -> tuple[NDArray[Any], tuple[str, ...]]:
+    """Return values with 64-bit integers limited to those that are exact as float64, and a notice if that changes any.
+
+    `name` is that of the field, `title` that of the format.
+    """
+    kind = values.dtype.kind
+    if kind not in "iu" or values.dtype.itemsize < 8:
+        return values, ()
+    limited = values.clip(-MAX_EXACT_DOUBLE if kind == "i" else 0, MAX_EXACT_DOUBLE)
+    is_same = np.array_equal(limited, values)
+    return limited, () if is_same else (f"whole numbers of field {name!r} beyond 2**53 become 2**53 in {title}",)
+
+
 def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
     """Return the slice of the sequence's vertices that each object has."""
     ends = np.cumsum([item.vertex_count for item in objects], dtype=np.int64).tolist()

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import (
     COLOR,
-    MAX_EXACT_DOUBLE,
     SPACE,
     UV,
     expanded,
     is_role,
     joined_colors,
+    limited_to_double,
     lost_by_joining,
     main_color,
     unique_name,
@@ -175,14 +175,10 @@ class _Columns:
         """Return the values (rows[, components]) of a frame, by domain."""
         found: dict[str, list[NDArray[Any]]] = {"vertex": [], "face": []}
         for one, values in self._fields.at(frame, with_lines=False):
-            kept = values
-            if one.dtype.kind in "iu" and one.dtype.itemsize == 8:
-                kept = values.clip(-MAX_EXACT_DOUBLE if one.dtype.kind == "i" else 0, MAX_EXACT_DOUBLE)
-                if (kept != values).any():
-                    told = f"whole numbers of field {one.field.name!r} beyond 2**53 become 2**53 in PLY"
-                    self._notices[told] = None
-                kept = kept.astype(np.float64)
-            found[one.field.domain].append(kept.astype(kept.dtype.newbyteorder("<")))
+            kept, told = limited_to_double(values, one.field.name, "PLY")
+            self._notices.update(dict.fromkeys(told))
+            kind = one.dtype if one.dtype.str[1:] in _TYPES else np.dtype(np.float64)
+            found[one.field.domain].append(kept.astype(kind.newbyteorder("<")))
         return found
 
 
