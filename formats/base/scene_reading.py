@@ -36,7 +36,7 @@ from pdecodec.formats.base.scene_space import (
 )
 from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
-from pdecodec.mesh.fields import Field, rows_of_domain
+from pdecodec.mesh.fields import Field, missing_value, rows_of_domain
 from pdecodec.mesh.sequence import (
     Attribute,
     AttributeDomain,
@@ -249,7 +249,7 @@ def gathered_rows(values: NDArray[Any], rows: NDArray[np.integer]) -> NDArray[An
         return None
     missing = (rows < 0) | (rows >= len(values))
     found = values[np.where(missing, 0, rows)]
-    found[missing] = np.nan if found.dtype.kind == "f" else 0
+    found[missing] = missing_value(found.dtype)
     return found
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_data import on_elements
-from pdecodec.mesh.fields import Field, FieldDomain
+from pdecodec.mesh.fields import Field, FieldDomain, missing_value
 from pdecodec.mesh.sequence import BLOCK_BYTES, MeshSequence, joined_connectivity
 
 
@@ -109,7 +109,7 @@ class WrittenFields:
         has_it = self._owned.get(one.field.name)
         if has_it is None:
             return values
-        whole = np.full((len(values), has_it.size, *values.shape[2:]), _missing(values), values.dtype)
+        whole = np.full((len(values), has_it.size, *values.shape[2:]), missing_value(values.dtype), values.dtype)
         whole[:, has_it] = values
         return whole
 
@@ -126,9 +126,6 @@ class WrittenFields:
         for one in self.fields:
             values = self._block[one.field.name][frame - self._start]
             if one.field.domain == "face" and lines:
-                values = np.append(values, np.full((lines, *values.shape[1:]), _missing(values), values.dtype), axis=0)
+                of_lines = np.full((lines, *values.shape[1:]), missing_value(values.dtype), values.dtype)
+                values = np.append(values, of_lines, axis=0)
             yield one, values
-
-
-def _missing(values: NDArray[Any]) -> float:
-    return np.nan if values.dtype.kind == "f" else 0

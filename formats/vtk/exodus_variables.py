@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pdecodec.formats.base.attribute_roles import unique_name
 from pdecodec.formats.base.frame_data import on_elements
 from pdecodec.mesh.arrays import Int64Array
-from pdecodec.mesh.fields import Field, FieldDomain
+from pdecodec.mesh.fields import Field, FieldDomain, missing_value
 
 AXES = "xyz"
 _COMPONENT_NAME = re.compile(r"(?P<base>.+?)_?(?P<axis>[xyz])", re.IGNORECASE | re.DOTALL)
@@ -163,8 +163,8 @@ class StoredField:
 
     def read(self, start: int, stop: int, rows: int, fill: Callable[[Any], float]) -> NDArray[Any]:
         """Return the values (frames, rows[, components]); those that were never written, as `fill`, are NaN."""
-        missing = 0 if self.field.is_exact else np.nan
-        values = np.full((stop - start, rows, self.field.components), missing, self.field.dtype)
+        shape = stop - start, rows, self.field.components
+        values = np.full(shape, missing_value(self.field.dtype), self.field.dtype)
         for part, arrays in self.parts:
             for component, array in enumerate(arrays):
                 stored = np.asarray(array[start:stop], self.field.dtype)[:, part.columns]

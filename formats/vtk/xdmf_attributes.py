@@ -18,7 +18,7 @@ from pdecodec.formats.vtk.xdmf_document import Element
 from pdecodec.formats.vtk.xdmf_grids import Part, Step
 from pdecodec.formats.vtk.xdmf_items import Items
 from pdecodec.mesh.arrays import Int64Array
-from pdecodec.mesh.fields import DTYPES, Field, FieldDomain
+from pdecodec.mesh.fields import DTYPES, Field, FieldDomain, missing_value
 from pdecodec.mesh.sequence import MeshObject
 
 CENTERS = {"node": "point data", "cell": "cell data", "face": "face data", "edge": "edge data", "grid": "grid data"}
@@ -131,9 +131,7 @@ class AttributeFields:
 
     def read(self, field: Field, frame: int, objects: Sequence[MeshObject]) -> NDArray[Any]:
         """Return the values (rows, components) of a field in a step; NaN where a part has none."""
-        values = np.full(
-            (field.row_count(objects), field.components), np.nan if field.dtype.kind == "f" else 0, field.dtype
-        )
+        values = np.full((field.row_count(objects), field.components), missing_value(field.dtype), field.dtype)
         key = self._keys[field.name]
         for number, (part, place) in enumerate(zip(self._steps[frame].parts, field.slices(objects), strict=True)):
             rows, one = self._rows[number][field.domain], self._of_part(number, part).get(key)

@@ -37,6 +37,11 @@ DTYPES = tuple(np.dtype(name) for name in ("f4", "f8", "i1", "i2", "i4", "i8", "
 """Types of values, in the order of the format."""
 
 
+def missing_value(dtype: np.dtype[Any]) -> float:
+    """Return what stands for a value that is not there: NaN, or 0 for whole numbers and flags."""
+    return np.nan if dtype.kind == "f" else 0
+
+
 @dataclass(frozen=True)
 class Field:
     """Description of values that change in time.
