@@ -106,10 +106,8 @@ class AttributeFields:
                         kinds.setdefault(key, set()).add(self._layout(one, self._rows[number][key[0]].stored))
                     except (InputError, *HDF5_DAMAGE):
                         odd.add(key)
-        taken, fields = set[str](), []
-        for key in sorted(
-            kinds.keys() - odd, key=lambda one: (list(self._domains.values()).index(one[0]), list(kinds).index(one))
-        ):
+        taken, fields, domains = set[str](), [], list(self._domains.values())
+        for key in sorted((one for one in kinds if one not in odd), key=lambda one: domains.index(one[0])):
             dtype, widths = np.result_type(*(dtype for dtype, _ in kinds[key])), {width for _, width in kinds[key]}
             is_whole = all(count == len(self._steps) for count in counts[key].values())
             if dtype not in DTYPES or len(widths) > 1 or not (is_whole or dtype.kind == "f"):
