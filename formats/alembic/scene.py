@@ -20,7 +20,6 @@ from alembic3d import Abc
 from pdecodec.errors import damaged
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import to_numpy
-from pdecodec.formats.base.attribute_roles import UV, is_role
 from pdecodec.formats.base.carrying import Stripped, arrays_of
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.mesh.sequence import MeshObject
@@ -49,10 +48,8 @@ class AlembicFamily:
         data = bytearray(read_regular(source))
         known: dict[bytes, list[Any]] = {}
         for number, one in enumerate(fits):
-            uvs = set() if exact_uvs else {item.name for item in one.item.attributes if is_role(item, UV)}
-            for key, values in arrays_of(one.item):
-                if key[0] not in uvs:
-                    known.setdefault(values.tobytes(), [number, *key])
+            for key, values in arrays_of(one.item, exact_uvs=exact_uvs):
+                known.setdefault(values.tobytes(), [number, *key])
         moved = {original.shapes[one.index].node.getFullName() for one in fits}
         replaced, kept = set[bytes](), set[bytes]()
         for path, name, content in _samples(original.top):

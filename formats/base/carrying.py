@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pdecodec.codec.sections.scene import Carrier, name_fault
 from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import ErrorCode, InputError, damaged
-from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
 from pdecodec.formats.base.registry import Format, load
@@ -91,15 +91,18 @@ def is_companion_name(name: str) -> bool:
     return has_place and is_carried_name(name) and not any(map(_SPECIAL.match, name.split("/")))
 
 
-def arrays_of(item: MeshObject) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
-    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around."""
+def arrays_of(item: MeshObject, *, exact_uvs: bool = True) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
+    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around.
+
+    UVs are among them if the decoder returns them to the last bit, `exact_uvs`.
+    """
     faces = item.connectivity
     order = reversed_corners(faces.face_counts)
     yield (COUNTS, ""), faces.face_counts
     yield (INDICES, ""), faces.face_indices
     yield (INDICES, "turned"), faces.face_indices[order]
     for one in item.attributes:
-        if one.labels or one.name == "transform":
+        if one.labels or one.name == "transform" or (is_role(one, UV) and not exact_uvs):
             continue
         yield (one.name, "values"), one.values
         if one.indices is not None:

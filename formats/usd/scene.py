@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.base.attribute_roles import UV, is_role
 from pdecodec.formats.base.carrying import (
     COUNTS,
     INDICES,
@@ -65,7 +64,7 @@ class UsdFamily:
         with stage_errors(source), tempfile.TemporaryDirectory(prefix="pdecodec-") as room:
             bare: dict[str, Any] = {}
             for number, (shape, one) in enumerate(zip(shapes, fits, strict=True)):
-                known = _known_arrays(one.item, exact_uvs=exact_uvs)
+                known = {_key(values): key for key, values in reversed([*arrays_of(one.item, exact_uvs=exact_uvs)])}
                 for spec, kind in _cut_specs(shape.prim, kept):
                     name = names.get(spec.layer)
                     if name not in files:
@@ -214,12 +213,6 @@ def _typed(spec: Any, values: NDArray[Any]) -> Any:
 
 def _key(values: NDArray[Any]) -> bytes:
     return f"{values.dtype} {values.shape} ".encode() + np.ascontiguousarray(values).tobytes()
-
-
-def _known_arrays(item: MeshObject, *, exact_uvs: bool) -> dict[bytes, tuple[str, str]]:
-    """Return the arrays that the decoder knows of an object, by their bytes."""
-    uvs = set() if exact_uvs else {one.name for one in item.attributes if is_role(one, UV)}
-    return {_key(values): key for key, values in reversed([*arrays_of(item)]) if key[0] not in uvs}
 
 
 def _contents(stage: Any, files: dict[str, bytes]) -> dict[str, int]:
