@@ -114,12 +114,17 @@ def _number(data: bytearray, place: int) -> int:
     return int(found)
 
 
-def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
-    """Yield the path of the object, the name of the property and the bytes of every sample of numbers."""
+def _objects(top: Any) -> Iterator[Any]:
     left = [top]
     while left:
         item = left.pop()
         left += [item.getChild(index) for index in range(item.getNumChildren())]
+        yield item
+
+
+def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
+    """Yield the path of the object, the name of the property and the bytes of every sample of numbers."""
+    for item in _objects(top):
         properties = [("", item.getProperties())]
         while properties:
             above, owner = properties.pop()
@@ -152,9 +157,6 @@ def _of_property(stored: Any) -> Iterator[bytes]:
 
 
 def _nouns(top: Any) -> Iterator[str]:
-    left = [top]
-    while left:
-        item = left.pop()
-        left += [item.getChild(index) for index in range(item.getNumChildren())]
+    for item in _objects(top):
         schema = item.getMetaData().get("schema")
         yield from (noun for word, noun in _NOUNS.items() if word in schema)
