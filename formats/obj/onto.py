@@ -32,7 +32,7 @@ _LINE = re.compile(
 )
 """Lines that change: vertices, normals, faces, the material library, and the time comment of our writer."""
 
-_CORNER = re.compile(rb"(?<=[ \t])([-+\d]+/[-+\d]*/)([-+\d]+)|(?<=[ \t])[-+\d]+(?:/[-+\d]*)?(?=[ \t\r\n])")
+_CORNER = re.compile(rb"(?<=[ \t])([-+\d]+/[-+\d]*/)([-+\d]+)|(?<=[ \t])[-+\d]+(?:/[-+\d]*)?(?=[ \t\r\n]|\Z)")
 """A corner of a face, with or without a normal."""
 
 
@@ -99,7 +99,8 @@ class _Template:
                 has_normals = True
                 continue
             elif found["f"] and corner_rows is not None:
-                line = _CORNER.sub(partial(_with_normal, corner_rows), line)
+                corners, mark, comment = line.partition(b"#")
+                line = _CORNER.sub(partial(_with_normal, corner_rows), corners) + mark + comment
             elif found["library"]:
                 line = b"mtllib " + self._library(found["library"]) + b"\n"
             elif found["time"]:
