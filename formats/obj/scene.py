@@ -110,6 +110,9 @@ def _form(corner: re.Match[bytes]) -> bytes:
     return _FORMS[(len(corner[1] or b"") > 1) + 2 * (len(corner[2] or b"") > 1)]
 
 
+_TOKENS = {"v": " {0}", "t": " {0}/{1}", "n": " {0}//1", "b": " {0}/{1}/1"}
+"""Text of a corner from its vertex and texture vertex. The numbers of normals are given when these are written."""
+
 _BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))(?=\r?$)", re.MULTILINE)
 
 
@@ -124,23 +127,13 @@ def _filled(text: bytes, objects: Sequence[MeshObject], cut: set[str]) -> bytes:
             return found[1] + next(coordinates) if "vt" in cut else found[0]
         if "f" not in cut:
             return found[0]
-        return found[1] + b"f" + b"".join(_token(form, next(corners)) for form in found[3].decode())
+        tokens = [_TOKENS[form].format(*next(corners)) for form in found[3].decode()]
+        return found[1] + b"f" + "".join(tokens).encode()
 
     try:
         return _BARE.sub(line, text)
     except StopIteration:
         raise ValueError("the text has more texture vertices or corners than the mesh") from None
-
-
-def _token(form: str, corner: tuple[int, int]) -> bytes:
-    vertex, texture = corner
-    # The numbers of normals are given when these are written.
-    return (
-        b" "
-        + {"v": f"{vertex}", "t": f"{vertex}/{texture}", "n": f"{vertex}//1", "b": f"{vertex}/{texture}/1"}[
-            form
-        ].encode()
-    )
 
 
 def _texture_lines(objects: Sequence[MeshObject]) -> Iterator[bytes]:

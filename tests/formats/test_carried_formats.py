@@ -291,8 +291,15 @@ l 4 5
         {"left": "f 1 2 3", "spare": "", "first": "3"},
         {"left": "f -3//1 -2//1 -1//1", "spare": "vt 9 9\n", "first": "3"},
         {"left": "f 1/1/1 2/2/1 3/2/1", "spare": "", "first": "1"},
+        {"left": "f 1/1/1 2/2/1 3/2/1 # 4 5", "spare": "", "first": "3"},
     ],
-    ids=["plain", "some without UVs", "relative and spare", "a texture vertex of another object"],
+    ids=[
+        "plain",
+        "some without UVs",
+        "relative and spare",
+        "a texture vertex of another object",
+        "numbers in a comment",
+    ],
 )
 @pytest.mark.parametrize("uv_tolerance", [None, 1e-3])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
