@@ -132,7 +132,7 @@ def _files_of(source: Path, *, is_package: bool) -> tuple[dict[str, bytes], tupl
     folder, files, outside = source.resolve().parent, {source.name: read_regular(source)}, []
     for path in layer_files(source):
         place = path.resolve()
-        name = place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
+        name = _name_in(folder, place)
         if is_companion_name(name):
             files.setdefault(name, read_regular(place))
         else:
@@ -146,7 +146,11 @@ def _name_of(layer: Any, source: Path, first: str, *, is_package: bool) -> str:
     if is_package:
         inside = Ar.SplitPackageRelativePathInner(layer.identifier)[1]
         return str(inside) or (first if place == source.resolve() else "")
-    folder = source.resolve().parent
+    return _name_in(source.resolve().parent, place)
+
+
+def _name_in(folder: Path, place: Path) -> str:
+    """Return the name of a file relative to a folder; empty if it is elsewhere."""
     return place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
 
 
