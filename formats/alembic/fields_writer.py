@@ -89,7 +89,7 @@ class FieldsWriter:
 
         What earlier runs of frames had and this one has not becomes empty.
         """
-        notices = []
+        notices = list[str]()
         for field, stored in fields:
             if field.name not in self._known:
                 self._known[field.name] = self._made(field, has_faces=connectivity.face_count > 0)
