@@ -7,6 +7,7 @@ const SECTION_NAMES = {
   SEQN: "times, names",
   NAME: "names of objects",
   CONN: "faces and lines",
+  SOLD: "cells",
   ORDR: "order of faces and vertices",
   REST: "reference frame",
   MODL: "model",
@@ -21,6 +22,7 @@ const SECTION_NAMES = {
   RFLD: "fields of runs",
   RUNS: "table of runs",
   RDAT: "runs of frames",
+  SCEN: "scene",
 };
 
 const SVG = "http://www.w3.org/2000/svg";
