@@ -74,7 +74,7 @@ def _chunks() -> Damaged:
 def _headers() -> Damaged:
     """Yield a damaged header."""
     for name, field, reason in (
-        ("field_domain_4", replace(GOOD, domain=4), "domain 4 (25.1)"),
+        ("field_domain_5", replace(GOOD, domain=5), "domain 5 (25.1)"),
         ("field_type_11", replace(GOOD, type=11), "type 11 (25.1)"),
         ("field_of_no_components", replace(GOOD, components=0), "0 components (25.1)"),
         ("field_of_65537_components", replace(GOOD, components=2**16 + 1), "65537 components (25.1)"),
