@@ -65,8 +65,8 @@ FieldHeader read_header(FieldReader &fields, i64 frames, i64 objects, i64 most_g
     FieldHeader header;
     header.name = read_text(fields);
     const u8 domain = fields.integer<u8>(), type = fields.integer<u8>();
-    if (domain >= field_domains || type >= field_types) throw header_error("has a field of an unknown domain or type");
-    header.domain = FieldDomain{domain};
+    if (domain >= domain_count || type >= field_types) throw header_error("has a field of an unknown domain or type");
+    header.domain = Domain{domain};
     header.type = FieldType{type};
     header.components = fields.count();
     if (header.components < 1 || header.components > most_components) {
@@ -106,7 +106,7 @@ FieldHeader read_header(FieldReader &fields, i64 frames, i64 objects, i64 most_g
 void check_computed(const std::vector<FieldHeader> &headers, const FieldHeader &own, const FieldGroup &group) {
     if (!is_computed(group.code)) return;
     if (!has_source(group.code)) {
-        if (!is_float(own.type) || own.domain != FieldDomain::vertex || own.components != 3 || !own.objects.empty())
+        if (!is_float(own.type) || own.domain != Domain::vertex || own.components != 3 || !own.objects.empty())
             throw header_error("has a field computed from the motion; it must have 3 components per vertex");
         return;
     }

@@ -40,7 +40,7 @@ struct FieldGroup {
 
 struct FieldHeader {
     std::string name, unit;
-    FieldDomain domain = FieldDomain::vertex;
+    Domain domain = Domain::vertex;
     FieldType type = FieldType::f32;
     i64 components = 1;
     std::vector<i64> objects;          // indices of the objects that have the field, ascending; empty if all have it

@@ -116,7 +116,7 @@ std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> 
     if (!object && row_counts_[field]) return {0, *row_counts_[field]};
     i64 first = 0, rows = 0;
     for_each_owner(header, [&](i64 index, const ConnectivityView &view) {
-        const i64 own = row_count(header.domain, view);
+        const i64 own = element_count(header.domain, view);
         if (object && index < *object) first += own;
         if (!object || index == *object) rows += own;
     });

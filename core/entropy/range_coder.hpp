@@ -11,6 +11,8 @@
 
 #include <array>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/arithmetic.hpp"
@@ -232,6 +234,16 @@ public:
         requires(mode == Mode::decode)
     {
         return least(position_, data_.size());
+    }
+
+    // Raise CorruptError if a decoder of a section has bytes left, or needed more.
+    void check_finished(std::string_view section) const
+        requires(mode == Mode::decode)
+    {
+        if (is_finished()) return;
+        const std::size_t left = data_.size() - byte();
+        throw CorruptError(Section(section),
+                           left > 0 ? "has " + std::to_string(left) + " bytes too many" : "ends too early");
     }
 
     // Return the number of bytes taken beyond the end; at most eight in an undamaged stream.

@@ -5,6 +5,17 @@
 
 namespace pdeanim {
 
+i64 element_count(Domain domain, const ConnectivityView &object) {
+    switch (domain) {
+        case Domain::vertex: return object.vertices;
+        case Domain::face: return static_cast<i64>(object.face_sizes.size());
+        case Domain::corner: return static_cast<i64>(object.face_indices.size());
+        case Domain::object: return 1;
+        case Domain::cell: return static_cast<i64>(object.cell_sizes.size());
+    }
+    return 0;
+}
+
 CornerTable::CornerTable(Polygons mesh) : polygons(std::move(mesh)) {
     const std::vector<i64> &starts = polygons.starts;
     const i64 corners = static_cast<i64>(polygons.vertex.size()), vertex_count = polygons.vertices;

@@ -33,6 +33,13 @@ inline ConnectivityView view_of(const Connectivity &part) {
             part.line_indices, part.cell_shapes, part.cell_sizes,   part.cell_indices};
 }
 
+// The kind of element that the values of an attribute or a field belong to.
+enum class Domain : u8 { vertex, face, corner, object, cell };
+constexpr int domain_count = 5;
+
+// Return the number of elements of an object.
+i64 element_count(Domain domain, const ConnectivityView &object);
+
 // Faces of all objects, then lines as pieces of two corners. The vertices of all objects are numbered in one row.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1

@@ -22,10 +22,10 @@ template <class T> nb::object to_block(std::vector<T> &&values, i64 frames, i64 
 }
 
 void make_rows(FieldRows *rows, int domain, const nb::list &parts) {
-    require(domain >= 0 && domain < field_domains, "a domain is 0 to 4: vertex, face, corner, object or cell");
+    require(domain >= 0 && domain < domain_count, "a domain is 0 to 4: vertex, face, corner, object or cell");
     const std::vector<ConnectivityView> views = views_of(parts);
     nb::gil_scoped_release release;
-    new (rows) FieldRows(FieldDomain{static_cast<u8>(domain)}, views);
+    new (rows) FieldRows(Domain{static_cast<u8>(domain)}, views);
 }
 
 FieldRows some_rows(const FieldRows &rows, const Flat<i64> &numbers) {
@@ -36,7 +36,7 @@ FieldRows some_rows(const FieldRows &rows, const Flat<i64> &numbers) {
                 "numbers of rows must exist, in ascending order");
         places[chosen[i]] = static_cast<i32>(i);
     }
-    FieldRows found(FieldDomain::object, {});
+    FieldRows found(Domain::object, {});
     for (const i64 row : chosen) {
         for (const i32 neighbour : rows.of(row)) {
             if (places[neighbour] >= 0) found.neighbours.push_back(places[neighbour]);

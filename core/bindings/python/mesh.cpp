@@ -247,12 +247,9 @@ AttributeView attribute_view(const nb::handle &fields) {
 
 void check_rows(const AttributeView &attribute, const ConnectivityView &part) {
     const std::size_t rows = attribute.indices ? attribute.indices->size() : static_cast<std::size_t>(attribute.rows);
-    const std::size_t wanted = attribute.domain == Domain::vertex   ? static_cast<std::size_t>(part.vertices)
-                               : attribute.domain == Domain::face   ? part.face_sizes.size()
-                               : attribute.domain == Domain::corner ? part.face_indices.size()
-                               : attribute.domain == Domain::cell   ? part.cell_sizes.size()
-                                                                    : rows;
-    require(rows == wanted, "rows of an attribute do not fit its domain");
+    const bool fits =
+        attribute.domain == Domain::object || rows == static_cast<std::size_t>(element_count(attribute.domain, part));
+    require(fits, "rows of an attribute do not fit its domain");
 }
 
 nb::bytes py_encode_attributes(const nb::list &parts, const nb::list &attributes, const Rows<i64, 3> &grid,

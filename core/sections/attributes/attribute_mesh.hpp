@@ -18,9 +18,6 @@ class WedgeField;
 
 using GridPoint = std::array<i64, 3>;  // grid coordinates of a vertex of the reference frame
 
-enum class Domain : u8 { vertex, face, corner, object, cell };
-constexpr i64 domain_count = 5;
-
 // The elements that have values, and the corners of each. An element is a corner, a vertex, a face, or a row that is
 // listed separately.
 struct AttributeElements {

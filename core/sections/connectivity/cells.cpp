@@ -210,12 +210,7 @@ void decode_cells(std::span<const u8> data, std::span<Connectivity> parts, i64 m
         throw CorruptError(Section("SOLD"),
                            std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));
     }
-    if (!coder.is_finished()) {
-        const std::size_t read = coder.byte();
-        throw CorruptError(Section("SOLD"), read < data.size()
-                                                ? "has " + std::to_string(data.size() - read) + " bytes too many"
-                                                : "ends too early");
-    }
+    coder.check_finished("SOLD");
 }
 
 }  // namespace pdeanim

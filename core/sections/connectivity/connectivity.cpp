@@ -217,13 +217,6 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
     }
 }
 
-void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
-    if (coder.is_finished()) return;
-    const std::size_t read = coder.byte();
-    throw CorruptError(Section(name),
-                       read < size ? "has " + std::to_string(size - read) + " bytes too many" : "ends too early");
-}
-
 }  // namespace
 
 std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts,
@@ -348,11 +341,11 @@ std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, st
         }
         parts.push_back(std::move(part));
     }
-    check_end(conn, "CONN", conn_bytes.size());
+    conn.check_finished("CONN");
     if (!ordr_bytes.empty() && !any_order) {
         throw CorruptError(Section("ORDR"), "orders faces that section CONN does not have");
     }
-    check_end(ordr, "ORDR", ordr_bytes.size());
+    ordr.check_finished("ORDR");
     return parts;
 }
 

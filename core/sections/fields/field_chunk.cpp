@@ -309,7 +309,7 @@ void append(std::vector<u8> &data, std::span<const u8> more) {
 // Return rows with a single row, for coding functions of time.
 FieldRows single_row() {
     const ConnectivityView object{};
-    return FieldRows(FieldDomain::object, {&object, 1});
+    return FieldRows(Domain::object, {&object, 1});
 }
 
 FieldCoding decode_predicted(const FieldRows &rows, std::span<const u8> data, i64 frames, int components,

@@ -82,48 +82,38 @@ void link_corners(const ConnectivityView &object, i64 first, Links &links) {
 
 }  // namespace
 
-i64 row_count(FieldDomain domain, const ConnectivityView &object) {
-    switch (domain) {
-        case FieldDomain::vertex: return object.vertices;
-        case FieldDomain::face: return static_cast<i64>(object.face_sizes.size());
-        case FieldDomain::corner: return static_cast<i64>(object.face_indices.size());
-        case FieldDomain::object: return 1;
-        case FieldDomain::cell: return static_cast<i64>(object.cell_sizes.size());
-    }
-    return 0;
-}
-
-u64 FieldRows::building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects) {
+u64 FieldRows::building_bytes(Domain domain, std::span<const ConnectivityView> objects) {
     // Memory per row of tables that grow by doubling, and per link of the links and of the edges or sides that they are
     // made from.
     constexpr u64 bytes_per_row = 2 * (sizeof(i64) + most_neighbours * sizeof(i32));
-    const u64 bytes_per_corner = domain == FieldDomain::vertex   ? 32
-                                 : domain == FieldDomain::face   ? 48
-                                 : domain == FieldDomain::corner ? 72
-                                                                 : 0;
+    // Sides of solids and borders of the inner ones, both of which grow: fewer than nodes of solids.
+    constexpr u64 bytes_per_node = 192;
+    const u64 bytes_per_corner = domain == Domain::vertex   ? 32
+                                 : domain == Domain::face   ? 48
+                                 : domain == Domain::corner ? 72
+                                                            : 0;
     u64 bytes = sizeof(i64);
     for (const ConnectivityView &object : objects) {
         const u64 corners = object.face_indices.size() + object.line_indices.size();
-        bytes += bytes_per_row * static_cast<u64>(row_count(domain, object)) + bytes_per_corner * corners;
-        // Sides of solids and borders of the inner ones, both of which grow: fewer than nodes of solids.
-        if (domain == FieldDomain::vertex || domain == FieldDomain::cell) bytes += 192 * object.cell_indices.size();
-        if (domain == FieldDomain::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
+        bytes += bytes_per_row * static_cast<u64>(element_count(domain, object)) + bytes_per_corner * corners;
+        if (domain == Domain::vertex || domain == Domain::cell) bytes += bytes_per_node * object.cell_indices.size();
+        if (domain == Domain::corner) bytes += sizeof(i64) * static_cast<u64>(object.vertices);
     }
     return bytes;
 }
 
-FieldRows::FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects) {
+FieldRows::FieldRows(Domain domain, std::span<const ConnectivityView> objects) {
     Links links;
     i64 rows = 0;
     for (const ConnectivityView &object : objects) {
         switch (domain) {
-            case FieldDomain::vertex: link_vertices(object, rows, links); break;
-            case FieldDomain::face: link_faces(object, rows, links); break;
-            case FieldDomain::corner: link_corners(object, rows, links); break;
-            case FieldDomain::object: break;
-            case FieldDomain::cell: link_cells(object, rows, links); break;
+            case Domain::vertex: link_vertices(object, rows, links); break;
+            case Domain::face: link_faces(object, rows, links); break;
+            case Domain::corner: link_corners(object, rows, links); break;
+            case Domain::object: break;
+            case Domain::cell: link_cells(object, rows, links); break;
         }
-        rows += row_count(domain, object);
+        rows += element_count(domain, object);
     }
     std::sort(links.begin(), links.end(), [](const Link &a, const Link &b) {
         return a.later != b.later ? a.later < b.later : a.earlier > b.earlier;

@@ -10,23 +10,16 @@
 
 namespace pdeanim {
 
-// The kind of element that the rows of a field belong to.
-enum class FieldDomain : u8 { vertex, face, corner, object, cell };
-constexpr int field_domains = 5;
-
-// Return the number of rows of an object.
-i64 row_count(FieldDomain domain, const ConnectivityView &object);
-
 struct FieldRows {
     static constexpr int most_neighbours = 4;
 
     // Number the rows of objects, one object after the other. Vertices have neighbours along edges, also inside solids;
     // faces across edges; cells across the sides of solids. The neighbours of a corner are another corner of its vertex
     // and the other corners of its face. Objects have none.
-    FieldRows(FieldDomain domain, std::span<const ConnectivityView> objects);
+    FieldRows(Domain domain, std::span<const ConnectivityView> objects);
 
     // Return the peak memory of the constructor.
-    static u64 building_bytes(FieldDomain domain, std::span<const ConnectivityView> objects);
+    static u64 building_bytes(Domain domain, std::span<const ConnectivityView> objects);
 
     u64 bytes() const { return sizeof(i64) * starts.capacity() + sizeof(i32) * neighbours.capacity(); }
 
