@@ -1,7 +1,7 @@
 /** Distances between two clips: per vertex at a time, and per frame, measured in small slices of time. */
 
-/** Time [ms] that measuring may take between two pictures. */
-const SLICE_MS = 8;
+/** Time [ms] that reading or measuring frames may take between two pictures. */
+export const SLICE_MS = 8;
 
 /** Return the distance of each vertex [scene units]. */
 export function distances(a, b) {

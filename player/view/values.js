@@ -2,11 +2,9 @@
 import { reduceRows } from "pdeanim/fields.js";
 
 import { ELEMENTS } from "pdeanim/view/colouring.js";
+import { SLICE_MS } from "pdeanim/view/errors.js";
 import { componentNames } from "pdeanim/view/fields.js";
 import { formatNumber, TimeChart } from "pdeanim/view/panel.js";
-
-/** Time [ms] that reading frames may take between two pictures. */
-const SLICE_MS = 8;
 
 /** Movement [pixels] between pressing and releasing that still is a click. */
 const CLICK_REACH = 5;
