@@ -64,6 +64,8 @@ class SectionKind:
     is_constant: bool = False
 
 
+SCENE_SECTION = "SCEN"
+
 SECTION_KINDS = {
     kind.type: kind
     for kind in (
@@ -84,7 +86,7 @@ SECTION_KINDS = {
         SectionKind("FLDS", "headers of fields", "fields", is_required=False, is_constant=True),
         SectionKind("FDAT", "values of fields", "fields", is_required=False, is_constant=True),
         SectionKind("RFLD", "fields of runs", "file", is_required=False, is_constant=True),
-        SectionKind("SCEN", "scene around the motion", "file", is_required=False, is_constant=True),
+        SectionKind(SCENE_SECTION, "scene around the motion", "file", is_required=False, is_constant=True),
         SectionKind("SOLD", "cells", "cells", is_constant=True),
     )
 }
@@ -100,7 +102,7 @@ FIELD_SECTIONS = ("FLDS", "FDAT", "RFLD")
 other; RFLD says where each run's part ends.
 """
 
-BESIDE_MOTION = (*FIELD_SECTIONS, "SCEN")
+BESIDE_MOTION = (*FIELD_SECTIONS, SCENE_SECTION)
 """Sections that ratios of the motion leave out."""
 
 CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")

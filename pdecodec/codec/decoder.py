@@ -8,20 +8,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import BESIDE_MOTION
+from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
 from pdecodec.codec.sections.fields import computed_words, field_of
 from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
-from pdecodec.codec.sections.scene import SCENE_SECTION, Carrier, decode_scene, scene_facts
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.codec.source import DecodeLimits, Source, naming_file_of, open_core, open_source
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
@@ -30,6 +29,9 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
 from pdecodec.system.arguments import as_integer, as_numbers, shown
+
+if TYPE_CHECKING:
+    from pdecodec.codec.sections.scene import Carrier
 
 Array = TypeVar("Array")
 
@@ -233,6 +235,8 @@ class Animation(MeshSequence):
         stored = next((one for one in self._core.sections if one.type == SCENE_SECTION), None)
         if stored is None or self._run is not None:
             return None
+        from pdecodec.codec.sections.scene import decode_scene  # files without a scene open faster
+
         with self._naming_the_file():
             self._core.check_section(SCENE_SECTION)
             file = self._source.file
@@ -514,6 +518,8 @@ class Animation(MeshSequence):
 
     def _scene_facts(self, stored: int) -> dict[str, Any]:
         """Return what the scene holds; ``error`` if it is damaged, which nothing else depends on."""
+        from pdecodec.codec.sections.scene import scene_facts
+
         try:
             return scene_facts(self.carried, stored) if self.carried is not None else {}
         except CorruptFileError as error:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pdecodec.codec.coded_file import Coded, CodedFile, CodedFrames, Described
-from pdecodec.codec.container import CHUNK_SECTIONS, Section, Spool, write_container
+from pdecodec.codec.container import CHUNK_SECTIONS, SCENE_SECTION, Section, Spool, write_container
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.field.sections import encode_field
 from pdecodec.codec.encode.report import generator
@@ -15,7 +15,6 @@ from pdecodec.codec.run_encoder import RunTable
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.fields import COPY, FROM_FIELDS, FieldEntry, encode_field_headers, entry_of, joined_entries
 from pdecodec.codec.sections.groups import write_group_table
-from pdecodec.codec.sections.scene import SCENE_SECTION
 from pdecodec.codec.settings import EXACT, UNITS
 from pdecodec.mesh.jumps import shifted
 from pdecodec.mesh.runs import ChangingSequence

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple, Unpack
 
 from numpy.typing import ArrayLike
 
-from pdecodec.codec.container import Section
+from pdecodec.codec.container import SCENE_SECTION, Section
 from pdecodec.codec.encode.field.sections import check_field_names
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, preset_named, with_preset
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.run_encoder import encode_runs, make_encoder
-from pdecodec.codec.sections.scene import SCENE_SECTION, Carrier, encode_scene
+from pdecodec.codec.sections.scene import Carrier, encode_scene
 from pdecodec.codec.settings import EncodeOptions, EncodeSettings, check_one_target
 from pdecodec.errors import InputError, MissingExtraError, SettingsError
 from pdecodec.mesh.rounding import rounding_noticed

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import zstandard
 
+from pdecodec.codec.container import SCENE_SECTION
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter, section_fault
 from pdecodec.errors import InputError, LimitError
 
 if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
-
-SCENE_SECTION = "SCEN"
 
 MAX_STREAMS = 2**16
 """Most streams, kinds of contents and outside paths."""
