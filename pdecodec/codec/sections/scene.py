@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import zstandard
 
-from pdecodec.codec.container import SCENE_SECTION
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter, section_fault
 from pdecodec.errors import InputError, LimitError
 
@@ -68,7 +67,7 @@ class SceneStream:
 
     def content(self) -> bytes:
         """Return the content; CorruptFileError if it is not as described."""
-        fault = section_fault(SCENE_SECTION, f"holds a damaged stream, {self.name}; get the file again")
+        fault = section_fault("SCEN", f"holds a damaged stream, {self.name}; get the file again")
         try:
             declared = zstandard.frame_content_size(self.packed) if self.packed else 0
             if declared != self.size:
@@ -135,7 +134,7 @@ class Carrier:
                 f"declares a scene of {self.size} bytes; the memory limit is {most}",
                 code="memory-limit",
                 limit="max_memory",
-                section=SCENE_SECTION,
+                section="SCEN",
             )
         return {stream.name: stream.content() for stream in self.streams}
 
@@ -162,30 +161,30 @@ def encode_scene(carrier: Carrier) -> bytes:
 
 def decode_scene(data: bytes) -> Carrier:
     """Undo :func:`encode_scene`; CorruptFileError if it breaks the format. Nothing is unpacked."""
-    reader = FieldReader(data, SCENE_SECTION)
+    reader = FieldReader(data, "SCEN")
     family = _text(reader)
     if not family:
-        raise section_fault(SCENE_SECTION, "names no format")
+        raise section_fault("SCEN", "names no format")
     contents = tuple((_text(reader), reader.count()) for _ in range(_number(reader, 0)))
     outside = tuple(_text(reader) for _ in range(_number(reader, 0)))
     rows = []
     for _ in range(_number(reader, 1)):
         name = _text(reader)
         if fault := name_fault(name):
-            raise section_fault(SCENE_SECTION, f"has a stream {name[:40]!r}, whose name {fault}")
+            raise section_fault("SCEN", f"has a stream {name[:40]!r}, whose name {fault}")
         size, length = reader.count(), reader.count()
         rows.append((name, size, length, reader.integers("I")[0]))
     names = {name.encode().lower() for name, *_ in rows}
     folders = {name.rsplit(b"/", depth)[0] for name in names for depth in range(1, 1 + name.count(b"/"))}
     if len(names) < len(rows) or names & folders:
-        raise section_fault(SCENE_SECTION, "has two streams of one name")
+        raise section_fault("SCEN", "has two streams of one name")
     if sum(size for _, size, _, _ in rows) > MAX_SCENE_BYTES:
-        raise section_fault(SCENE_SECTION, f"declares more than {MAX_SCENE_BYTES} bytes")
+        raise section_fault("SCEN", f"declares more than {MAX_SCENE_BYTES} bytes")
     streams = tuple(SceneStream(name, size, checksum, reader.take(length)) for name, size, length, checksum in rows)
     reader.finish()
     for stream in streams:
         if bool(stream.size) != bool(stream.packed) or not (stream.size or stream.checksum == 0):
-            raise section_fault(SCENE_SECTION, f"has a stream {stream.name} of no bytes that declares some")
+            raise section_fault("SCEN", f"has a stream {stream.name} of no bytes that declares some")
     return Carrier(family, contents, outside, streams)
 
 
@@ -204,20 +203,20 @@ def scene_facts(carrier: Carrier, stored: int) -> dict[str, Any]:
 def _number(reader: FieldReader, least: int) -> int:
     found = reader.count()
     if not least <= found <= MAX_STREAMS:
-        raise section_fault(SCENE_SECTION, f"declares {found} entries of a list; {least} to {MAX_STREAMS} can be")
+        raise section_fault("SCEN", f"declares {found} entries of a list; {least} to {MAX_STREAMS} can be")
     return found
 
 
 def _text(reader: FieldReader) -> str:
     length = reader.count()
     if length > MAX_TEXT_BYTES:
-        raise section_fault(SCENE_SECTION, f"has a text of {length} bytes; the most is {MAX_TEXT_BYTES}")
+        raise section_fault("SCEN", f"has a text of {length} bytes; the most is {MAX_TEXT_BYTES}")
     try:
         text = reader.take(length).decode()
     except UnicodeDecodeError as error:
-        raise section_fault(SCENE_SECTION, "has a text that is not UTF-8") from error
+        raise section_fault("SCEN", "has a text that is not UTF-8") from error
     if _CONTROL.search(text):
-        raise section_fault(SCENE_SECTION, "has a text with control characters")
+        raise section_fault("SCEN", "has a text with control characters")
     return text
 
 
