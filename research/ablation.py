@@ -1,11 +1,12 @@
-"""Measure what each decision and each tuned constant of the encoder does, as the tables in `docs/encoder.md` show it.
+"""Measure the effect of each decision and each tuned constant of the encoder, for the tables in `docs/encoder.md`.
 
-``python -m pdecodec.research.ablation FOLDER > docs/ablation.csv`` takes a folder with a folder of clips for each group
-("small", "cloths" and so on). It encodes all of them without one decision after another (:data:`DECISIONS`), then with
-each number of :class:`pdecodec.codec.encode.tuning.Tuning` halved and doubled alone (of a ratio, its excess over 1).
-Every row is relative to the usual tuning, of one group or of all clips: bytes, bytes of the clip that grows most and
-processor time of encoding; without a decision also the geometric means over the clips of the error of normals and of
-the spatio-temporal edge difference, both measured on decoded files. ``make docs`` then writes the page again.
+``python -m pdecodec.research.ablation FOLDER > docs/ablation.csv`` takes a folder that has one folder of clips per
+group ("small", "cloths" and so on). It encodes all clips with one decision (:data:`DECISIONS`) switched off at a
+time, then with one number of :class:`pdecodec.codec.encode.tuning.Tuning` halved or doubled at a time. Ratios are at
+least 1, so only their part above 1 is halved or doubled. Every row compares a group, or all clips, with the usual
+tuning: bytes, bytes of the clip that grows most, and processor time of encoding. Rows of decisions also have the
+geometric means over the clips of the error of normals and of the spatio-temporal edge difference, both measured on
+decoded files. ``make docs`` then writes the page again.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.mesh.surface_metrics import measure_surfaces
 
 Case = tuple[EffortName, float]
-"""Effort, and bound over the diagonal."""
+"""Effort, and tolerance (the bound divided by the diagonal of the bounding box)."""
 
 CASES: tuple[Case, ...] = (("default", 1e-3), ("fast", 1e-3))
-"""What is encoded without each decision; constants are halved and doubled in the first."""
+"""Cases that every decision is measured in; constants are measured in the first one alone."""
 
 HEADER = "name,change,effort,tolerance,group,bytes,worst_bytes,seconds,normals,sted"
 """Columns of the table; `change` is "without" for a decision, "half" or "double" for a constant."""
@@ -66,12 +67,16 @@ DECISIONS: Mapping[str, Mapping[str, Any]] = {
     "limit of groups that are searched": {"searched_groups": 2**31},
     "saving of memory": {"heavy_group_bytes": 2**62},
 }
-"""Changes of the tuning that take a decision away, by its name in the table; "dead zone" also takes the refinement."""
+"""Changes of the tuning that switch a decision off, by its name in the table; "dead zone" switches the
+refinement off too.
+"""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A clip's file, processor time [s], error of normals [degrees] and edge difference; 0 if not measured."""
+    """A clip's file, processor time [s], error of normals [degrees] and edge difference; the last two are 0 if
+    not measured.
+    """
 
     data: bytes
     seconds: float
@@ -80,7 +85,7 @@ class Measured:
 
 
 Groups = Mapping[str, Sequence[MeshSequence]]
-"""Clips of each group."""
+"""Clips of each group, by the group's name."""
 
 
 @contextmanager
@@ -95,7 +100,7 @@ def tuned(effort: EffortName, tuning: Tuning) -> Iterator[None]:
 
 
 def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
-    """Yield name, change and tuning for each decision taken away and each number that is halved or doubled."""
+    """Yield name, change and tuning: one for each decision switched off, two for each number (halved, doubled)."""
     yield from ((name, "without", replace(tuning, **changes)) for name, changes in DECISIONS.items())
     for item in fields(Tuning):
         value = getattr(tuning, item.name)
@@ -108,8 +113,8 @@ def variants(tuning: Tuning) -> Iterator[tuple[str, str, Tuning]]:
 
 
 def measure(groups: Groups, case: Case, known: Mapping[bytes, Measured] | None = None) -> dict[str, list[Measured]]:
-    """Encode the clips of each group at the present tuning; with known files, also decode and measure the surfaces of
-    others.
+    """Encode the clips of each group with the present tuning; if `known` is given, also decode files that are
+    not in it and measure their surfaces.
     """
     effort, tolerance = case
 
@@ -127,8 +132,8 @@ def measure(groups: Groups, case: Case, known: Mapping[bytes, Measured] | None =
 
 
 def rows(groups: Groups, names: Iterable[str] | None = None, cases: Sequence[Case] = CASES) -> Iterator[str]:
-    """Yield the lines of the table, as CSV; of some decisions and constants if they are named."""
-    measure(groups, cases[0])  # warms up
+    """Yield the lines of the table as CSV, for all decisions and constants or only those in `names`."""
+    measure(groups, cases[0])  # warm caches up
     usual = {case: measure(groups, case, {} if case == cases[0] else None) for case in cases}
     known = {one.data: one for one in _of(usual[cases[0]], ALL)}
     yield HEADER
@@ -154,7 +159,7 @@ def _of(measured: Mapping[str, list[Measured]], group: str) -> list[Measured]:
 
 
 def _compared(found: Sequence[Measured], usual: Sequence[Measured], *, looks: bool) -> Iterator[str]:
-    """Yield the ratios of a row."""
+    """Yield the ratios of a row: `found` divided by `usual`."""
     pairs = list(zip(found, usual, strict=True))
     yield f"{sum(len(one.data) for one in found) / sum(len(one.data) for one in usual):.4f}"
     yield f"{max(len(new.data) / len(old.data) for new, old in pairs):.4f}"

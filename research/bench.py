@@ -26,15 +26,15 @@ from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject, Mesh
 from pdecodec.report.clips.measuring import copy_seconds, median_seconds, random_frame_seconds
 
 OBJ_FRAMES = 8
-"""Frames of the OBJ clip: enough to give every thread work, few enough for the plain Python loop."""
+"""Frames of the OBJ clip: enough to keep every thread busy, few enough for the plain Python loop."""
 
 CLOTH_SIDE = 100
 CLOTH_FRAMES = 20
 CLOTH_SUBSTEPS = 10
-"""Cloth that pyPBD is timed with: points per side, frames, substeps per frame."""
+"""Cloth that pyPBD is compared on: points per side, frames, substeps per frame."""
 
 LONG_FRAMES = 2_000
-"""Frames of the long clip; keeping them in memory would show, as 480 MB."""
+"""Frames of the long clip, which would take 480 MB if they were all in memory."""
 
 LONG_VERTICES = (100, 200)
 """Rows and columns of the long clip: 20,000 vertices."""
@@ -124,7 +124,7 @@ def _read_obj_plainly(path: Path) -> Float32Array:
 
 
 def bench_xpbd() -> Iterator[Measurement]:
-    """Measure a frame of a cloth against pyPBD at equal substeps (one iteration each)."""
+    """Measure the time per frame of a cloth against pyPBD with equal substeps (one iteration each)."""
     from pdecodec.simulate import build
 
     scene = build("cloth", columns=CLOTH_SIDE, rows=CLOTH_SIDE)

@@ -82,7 +82,7 @@ def best_peers(path: Path) -> dict[tuple[str, str, str], tuple[float, str]]:
 
 
 def rows_of(folder: Path) -> Iterator[tuple[str, str, str, int, Measured]]:
-    """Measure every field at every tolerance: clip, field, tolerance, number of values, and what was found."""
+    """Yield clip, field, tolerance, number of values and measurement, for every field at every tolerance."""
     for path in sorted(folder.glob("*/*.npz")):
         clip = dict(np.load(path))
         part = part_of(clip)

@@ -1,12 +1,12 @@
 """Measure how time and memory grow with frames and vertices: `make growth`, or `python -m pdecodec.research.growth`.
 
-A sheet of travelling waves, computed while it is read, is encoded and decoded whole, each size in a process of its
-own with one thread. Times are processor time without the time to compute the sheet, and hardly depend on other
-programs. Fast decodes are repeated, and the shortest time counts.
+A sheet of travelling waves, computed while it is read, is encoded and decoded whole. Each size runs in a process of
+its own with one thread. Times are processor time, which other programs hardly affect, without the time to compute
+the sheet. Fast decodes are repeated, and the shortest time counts.
 
-Along frames, all sizes share one group length, and time is split at the end of the first group. Until then the mesh,
-the reference frame and the functions of space are coded, and the encoder searches its model, whatever the number of
-frames. The rest is the cost of frames.
+Along frames, all sizes share one group length, and time is split at the end of the first group. The first part,
+which does not depend on the number of frames, covers mesh, reference frame, functions of space and the encoder's
+model search. The second part is the cost of further frames.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ IN_FRAMES = ((100, 32, 50), (1_000, 32, 50), (10_000, 32, 50))
 """Frames, side of the sheet and frames per group, along the number of frames."""
 
 IN_VERTICES = ((12, 100, 12), (12, 400, 12), (12, 1_414, 12))
-"""The same along vertices, from ten thousand to two million."""
+"""Frames, side of the sheet and frames per group, along the number of vertices: ten thousand to two million."""
 
 REPEATS, QUICK_SECONDS = 5, 1.0
-"""Repeats of a decode that takes less than the given seconds."""
+"""Number of repeats of a fast decode, and the seconds below which a decode counts as fast."""
 
 BYTES_AT_ONCE = 2**26
-"""Bytes of positions that one call decodes."""
+"""Bytes of positions decoded per call."""
 
 THREADS = ("PDECODEC_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -92,7 +92,7 @@ class TimedClip(GeneratedClip):
 
 def measure(frames: int, side: int, group_frames: int) -> Size:
     """Measure one size in this process."""
-    import resource  # not available on every system
+    import resource  # not available on Windows
 
     from pdecodec.codec.encoding import encode
 

@@ -61,14 +61,14 @@ def direction_role(field: Field) -> Literal["vector", "normal"] | None:
 
 
 def is_velocity(field: Field) -> bool:
-    """Return whether a field is the velocities of points, for which scene formats have a place of their own."""
+    """Return whether a field holds velocities of points, which scene formats store separately."""
     return field.name == VELOCITIES and field.domain == "vertex" and direction_role(field) is not None
 
 
 def limited_to_double(values: NDArray[Any], name: str, title: str) -> tuple[NDArray[Any], tuple[str, ...]]:
-    """Return values with 64-bit integers limited to those that are exact as float64, and a notice if that changes any.
+    """Return values with 64-bit integers limited to those that are exact as float64, and a notice if any value changes.
 
-    `name` is that of the field, `title` that of the format.
+    `name` is the field's name, `title` the format's.
     """
     kind = values.dtype.kind
     if kind not in "iu" or values.dtype.itemsize < 8:
@@ -79,13 +79,13 @@ def limited_to_double(values: NDArray[Any], name: str, title: str) -> tuple[NDAr
 
 
 def vertex_slices(objects: Sequence[MeshObject]) -> list[slice]:
-    """Return the slice of the sequence's vertices that each object has."""
+    """Return the slice of the sequence's vertices that belongs to each object."""
     ends = np.cumsum([item.vertex_count for item in objects], dtype=np.int64).tolist()
     return [slice(end - item.vertex_count, end) for item, end in zip(objects, ends, strict=True)]
 
 
 def is_role(attribute: Attribute, role: str) -> bool:
-    """Return whether an attribute's name is a role, or begins with it and a colon."""
+    """Return whether an attribute's name is a role, or starts with the role and a colon."""
     return attribute.name == role or attribute.name.startswith(f"{role}:")
 
 
@@ -102,12 +102,14 @@ def colors(item: MeshObject) -> list[Attribute]:
 
 
 def role_name(role: str, name: str, main: Sequence[str]) -> str:
-    """Return the attribute name for what a format calls `name`: the role itself if that is one of its main names."""
+    """Return the attribute name for a name of a format: the role itself if `name` is one of the format's `main`
+    names.
+    """
     return role if name in (role, *main) else f"{role}:{name}"
 
 
 def source_name(attribute: Attribute, role: str, main: str) -> str:
-    """Undo :func:`role_name`: return what a format calls the attribute."""
+    """Undo :func:`role_name`: return the format's name for an attribute."""
     return main if attribute.name == role else attribute.name.removeprefix(f"{role}:")
 
 
@@ -122,7 +124,7 @@ def unique_name(name: str, taken: set[str], separator: str = "_") -> str:
 
 
 def field_source_name(field: Field, main_uv: str, main_color: str) -> str:
-    """Return what a format calls a field that has a role; the field's own name if it has none."""
+    """Return the format's name for a field with a role; the field's own name if it has no role."""
     role, _, name = field.name.partition(":")
     if not name or role not in (UV, COLOR, VECTOR, NORMAL):
         return {UV: main_uv, COLOR: main_color}.get(field.name, field.name)
@@ -143,9 +145,11 @@ def label_attribute(name: str, label: str) -> Attribute:
 
 
 def face_groups(name: str, sets: Sequence[tuple[str, NDArray[np.integer]]], faces: int) -> list[Attribute]:
-    """Return attributes for named sets of faces, each a name and its faces (n,), of an object with `faces` faces.
+    """Return attributes for named sets of faces of an object that has `faces` faces; a set is a name and face indices
+    (n,).
 
-    If no face is in two sets, one attribute with a label per set; else an attribute of ones and zeros per set.
+    If no face is in two sets, return one attribute with a label per set; else one attribute of ones and zeros per
+    set.
     """
     if not sets:
         return []
@@ -197,16 +201,16 @@ def rows_or_nan(attribute: Attribute) -> NDArray[Any]:
 
 
 def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None, bool]:
-    """Return values as float32 rows and their indices, for formats whose indices cannot say "none".
+    """Return values as float32 rows and their indices, for formats whose indices cannot mark missing values.
 
     Returns
     -------
     values : (n, k) float32
-        Integer colours are divided by 255. If an element has no value, a last row stands for it: white for colours,
-        else zeros.
+        Integer colours are divided by 255. If an element has no value, a row is appended that it refers to: white for
+        colours, else zeros.
     indices : (rows of the domain,) int32 or None
     filled : bool
-        Whether that last row was needed.
+        Whether a row was appended.
     """
     values = attribute.values.astype(np.float32)
     if attribute.values.dtype.kind in "iu" and is_role(attribute, COLOR):
@@ -228,8 +232,8 @@ def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
 
 
 def reversed_corners(counts: Int32Array) -> Int64Array:
-    """Return the order of corners that reverses every face: ``rows[reversed_corners(counts)]``; twice, it
-    undoes itself.
+    """Return the order of corners that reverses every face: ``rows[reversed_corners(counts)]``. Applied twice,
+    it restores the original order.
     """
     ends = np.cumsum(counts, dtype=np.int64)
     starts = ends - counts
@@ -259,7 +263,7 @@ def joined_colors(objects: Sequence[MeshObject], domain: Literal["vertex", "face
 
 
 def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
-    """Return a line if white is written for vertices without a colour."""
+    """Return a notice if vertices without a colour are written white."""
     found = [color.indices for item in sequence.objects if (color := main_color(item)) is not None]
     has_gaps = any(indices is not None and (indices < 0).any() for indices in found)
     return ("vertices without a colour are white",) if has_gaps else ()
@@ -268,9 +272,9 @@ def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
 def left_out(
     sequence: MeshSequence, title: str, held: Callable[[MeshObject, Attribute], bool], metadata: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Return a line that names the attributes, and one that names the metadata, that a format does not hold.
+    """Return notices about the attributes and the metadata that a format does not hold.
 
-    `held` tells whether an attribute is written, `metadata` are the keys that are.
+    `held` tells whether an attribute is written; `metadata` are the keys that are written.
     """
     names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
     keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
@@ -288,8 +292,8 @@ def lost_by_joining(
     colors: Float32Array | None = None,
     held: Callable[[MeshObject, Attribute], bool] = lambda item, one: False,
 ) -> tuple[str, ...]:
-    """Return lines about losses in a format that joins all objects, and holds :func:`joined_colors` and what
-    `held` says.
+    """Return notices about losses in a format that joins all objects into one. It holds :func:`joined_colors`
+    and the attributes that `held` accepts.
     """
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":

@@ -1,6 +1,6 @@
 """Open clips as users ask for them: select frames and objects in the command line's notation, turn and scale.
 
-Begin with :func:`open_clip`, which does all of it by the fields of one :class:`InputOptions`.
+Begin with :func:`open_clip`, which applies all fields of an :class:`InputOptions`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pdecodec.mesh.selection import ObjectSelection, select
 from pdecodec.mesh.sequence import MeshSequence
 
 FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
-"""``A:B:STEP``, each part optional, as Python writes a slice."""
+"""A slice as Python writes it, ``A:B:STEP``, each part optional."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,14 +130,16 @@ def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) ->
         message = "needs constant connectivity, and that of this sequence changes; leave it out"
         raise SettingsError(message, code="connectivity-changes", setting="objects")
     known = [item.name for item in sequence.objects]
-    # Pass on a name that matches nothing: the selection's error lists the names that exist.
+    # Pass on a name that matches nothing, so that the error lists the names that exist.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
     with naming_file(source):
         return ObjectSelection(sequence, chosen)
 
 
 def _matching(name: str, known: Sequence[str]) -> list[str]:
-    """Return the names that a name of the command line matches: exactly, else as end of a path, branch or pattern."""
+    """Return the names that a name of the command line matches: exactly, or else as the end of a path, a branch
+    or a pattern.
+    """
     exact = [full for full in known if full == name]
     return exact or [
         full for full in known if full.endswith(f"/{name}") or full.startswith(f"{name}/") or fnmatchcase(full, name)
@@ -145,12 +147,12 @@ def _matching(name: str, known: Sequence[str]) -> list[str]:
 
 
 def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
-    """Return a sequence of the frames that a text asks for, in one of two notations; all frames if it is None.
+    """Return a sequence of the frames that `text` selects, a slice or a frame range; all frames if it is None.
 
     Raises
     ------
     SettingsError
-        If the text is neither notation, goes backwards, a frame number does not exist, or nothing is left.
+        If the text is neither, goes backwards, selects no frame, or names a frame that does not exist.
     """
     if text is None:
         return sequence

@@ -1,4 +1,4 @@
-"""List the files that a path stands for: those that are read with it, and those that writing to it replaces."""
+"""List the files that a path stands for: the files that are read with it, or replaced by writing to it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def frame_extensions() -> set[str]:
 
 
 def input_files(source: str) -> tuple[Path, ...]:
-    """Return the files of an input: the file and those it names, or all frames. Empty if it does not exist or is
-    remote.
+    """Return the files of an input: the file and all files that it names, or all frames. Empty if it does not exist or
+    is remote.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def input_files(source: str) -> tuple[Path, ...]:
 
 
 def check_there(source: str) -> None:
-    """Raise InputError if a path is no file, no folder and no pattern of existing frames."""
+    """Raise InputError unless a path is a file, a folder, or a pattern that has existing frames."""
     path = Path(source)
     if is_address(source) or path.exists() or (is_input_pattern(path) and has_frames(path)):
         return
@@ -48,8 +48,8 @@ def check_there(source: str) -> None:
 
 
 def output_files(output: str) -> list[Path]:
-    """Return the existing files that writing to a file, pattern or folder would replace; after writing, those
-    written.
+    """Return the existing files that writing to a file, pattern or folder would replace. Called after writing,
+    return the files written.
     """
     path = Path(output)
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""Record what changes from frame to frame in files of one frame each, and name data that are not kept."""
+"""Record data that change from frame to frame in files of one frame each, and name data that are not kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pdecodec.mesh.sequence import Attribute, Content, MeshObject, MeshSequence
 
 
 class NotKept(str):
-    """A line that names data of a file that is not kept, and the `names`, which the inventory lists as dropped."""
+    """A notice about data of a file that are not kept; the inventory lists their `names` as dropped."""
 
     __slots__ = ("names",)
     names: tuple[str, ...]
@@ -23,7 +23,7 @@ def is_about_loss(notice: str) -> bool:
 
 
 def not_kept(names: Iterable[str], line: str = "not kept: {}") -> tuple[str, ...]:
-    """Return the line that names data of a file that is not kept; nothing if there is none."""
+    """Return a notice about data of a file that are not kept; empty if there are no names."""
     found = tuple(dict.fromkeys(names))
     if not found:
         return ()
@@ -63,29 +63,31 @@ class FrameChanges:
         self._notices: dict[str, str] = {}
 
     def note(self, frame: int, kind: str, *, is_in_first: bool) -> None:
-        """Note that data of a kind differ in a frame, and whether the first frame has any."""
+        """Note the first frame in which data of a kind differ, and whether the run's first frame has such data."""
         if kind not in self._frames:
             self._frames[kind] = frame
             if not is_in_first:
                 self._absent.add(kind)
 
     def note_lines(self, notices: Iterable[str]) -> None:
-        """Note lines about a file; of lines that differ only in numbers the first one is kept."""
+        """Note notices about a file; of notices that differ only in numbers, the first one is kept."""
         for notice in notices:
             self._notices.setdefault(re.sub(r"\d+", "#", notice), notice)
 
     def compare(
         self, frame: int, attributes: Iterable[Attribute], first: Iterable[Attribute], but: Collection[str] = ()
     ) -> None:
-        """Compare the attributes of a frame, `but` those of some names, with those of the first frame of its run."""
+        """Compare the attributes of a frame with those of the first frame of its run; `but` names attributes to
+        skip.
+        """
         mine, others = ({kind_of(one): one for one in each if one.name not in but} for each in (first, attributes))
         for kind in {**mine, **others}.keys() - self._frames.keys():
             if not is_same_attribute(mine.get(kind), others.get(kind)):
                 self.note(frame, kind, is_in_first=kind in mine)
 
     def notices(self, runs: int) -> tuple[str, ...]:
-        """Return notices about the files, and about what changes from frame to frame; `runs` is the number of runs."""
-        kept = "the first frame's are kept" if runs < 2 else "those of the first frame of each run are kept"
+        """Return notices about the files, and about changes from frame to frame; `runs` is the number of runs."""
+        kept = f"the values of the first frame{'' if runs < 2 else ' of each run'} are kept"
         changes = [
             f"{kind} are not in the first frame (first at frame {frame}): they are not kept"
             if kind in self._absent
@@ -95,7 +97,7 @@ class FrameChanges:
         return (*self._notices.values(), *changes)
 
     def contents(self, run: MeshSequence) -> tuple[Content, ...]:
-        """List the content of files: what a run of frames keeps, and data of any frame that are not kept."""
+        """List the content of files: data that a run of frames keeps, and data of any frame that are not kept."""
         lost = [name for line in self._notices.values() if isinstance(line, NotKept) for name in line.names]
         lost += sorted(self._absent)
         lost += [f"changes of {kind}" for kind in sorted(self._frames.keys() - self._absent)]
@@ -107,7 +109,7 @@ class FrameChanges:
 
 
 def kept_of(item: MeshObject) -> Iterator[Content]:
-    """List positions, faces, lines, and attributes of an object, labels of attributes one by one."""
+    """List an object's positions, faces, lines and attributes; labels of attributes one by one."""
     faces, lines = item.connectivity.face_count, item.connectivity.line_count
     for kind in ["positions", *["faces"] * bool(faces), *["lines"] * bool(lines)]:
         yield Content(f"/{item.name}/{kind}", kind, "coded")

@@ -1,4 +1,4 @@
-"""Fields of clips that have one file per frame: which data all files of a run share, read when they are asked for."""
+"""Fields of clips that have one file per frame: find data that all files of a run share, and read them on request."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DataKey = tuple[FieldDomain, str]
 
 
 def on_elements(name: str, domain: FieldDomain) -> str:
-    """Return the name of a field on faces or cells if one on vertices has its name."""
+    """Return the field name of data on faces or cells, distinct from that of a vertex field of the same name."""
     return f"{name} ({domain}s)"
 
 
@@ -67,10 +67,10 @@ def stored_array(values: NDArray[Any]) -> StoredData:
 def joined_data(
     parts: Sequence[tuple[Mapping[DataKey, StoredData], Mapping[FieldDomain, int]]],
 ) -> dict[DataKey, StoredData]:
-    """Return the data of a mesh that has parts, one part after the other, given data and numbers of rows of each.
+    """Return the data of a mesh made of parts, joined part after part; each part gives its data and numbers of rows.
 
-    Floats that a part lacks are NaN there; a part without rows lacks nothing. Data of several types, and whole numbers
-    that a part lacks, are left out.
+    Where a part lacks floats, they are NaN; a part without rows lacks nothing. Data whose type differs between
+    parts, and whole numbers that a part lacks, are left out.
     """
     found = {}
     for key in dict.fromkeys(key for data, _ in parts for key in data):
@@ -93,9 +93,10 @@ def _joined(parts: Sequence[tuple[StoredData | None, int]], one: StoredData) -> 
 def fields_of_frames(
     frames: Iterable[Mapping[DataKey, tuple[np.dtype[Any], int]]],
 ) -> tuple[dict[str, tuple[DataKey, Field]], list[str]]:
-    """Return the fields of frames by name, given types and components of their data, and names of other data.
+    """Return the fields of frames by name, given the types and components of their data, and the names of other data.
 
-    Floats may be missing in some frames, where they are NaN. Whole numbers must be in all, and components the same.
+    Floats may be missing in some frames, and are NaN there. Whole numbers must be in all frames, and the number of
+    components must not change.
     """
     kinds: dict[DataKey, set[tuple[np.dtype[Any], int]]] = {}
     counts: dict[DataKey, int] = {}

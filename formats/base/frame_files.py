@@ -18,17 +18,17 @@ FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 """The frame number in a file name: hashes, at signs, printf's and Houdini's notation."""
 
 _NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
-"""A file's name up to its number, the number, and the extension."""
+"""A file name with a number: the part before it, the number, and the extension."""
 
 _NUMBERS = r"-?\d+(?:--?\d+(?:[xy:]-?\d+)?)?"
 _RANGE = re.compile(rf"{_NUMBERS}(?:,{_NUMBERS})*")
-"""Frame numbers before the field of a pattern: ``1-100x2,120``."""
+"""The range of frame numbers before the field of a pattern: ``1-100x2,120``."""
 
 _NO_SIGN = "\0"
 """Separates a hyphen from the number that follows it; no file name contains it."""
 
 FOLDER_PADDING = "####"
-"""Digits of frame numbers in file names that pdecodec chooses: what render farms and players expect."""
+"""Padding of frame numbers in file names that pdecodec chooses: four digits, as render farms and players expect."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def is_input_pattern(path: Path) -> bool:
 
 
 def sequence_name(pattern: Path) -> str:
-    """Return what the names of a pattern's frames have in common, to name one file that holds them all."""
+    """Return the common part of the names of a pattern's frames, as a name for one file that holds them all."""
     name = pattern.name.partition("*")[0] if "*" in pattern.name else str(parse_pattern(pattern).basename())
     return name.rstrip("._- ") or "frames"
 
@@ -102,7 +102,7 @@ def has_frames(path: Path) -> bool:
 
 
 def _read_pattern(path: Path, pattern: Any) -> list[tuple[list[Any], str]]:
-    """Return the existing sequences for each way to read a pattern, with that way's range of numbers."""
+    """Return the existing sequences for each reading of a pattern, with the range of numbers of that reading."""
     numbered = _numbered_sequences(path.parent, pattern)
     return [
         (found, numbers) for name, numbers in _split_pattern(path) if (found := _with_name(numbered, name, pattern))
@@ -110,7 +110,7 @@ def _read_pattern(path: Path, pattern: Any) -> list[tuple[list[Any], str]]:
 
 
 def frames_there(pattern: Path) -> list[Path]:
-    """Return the files that a reader of the pattern would take as its frames: those that a writer would replace."""
+    """Return the files that a reader would take as frames of the pattern, and that a writer would replace."""
     if not pattern.parent.is_dir():
         return []
     if "*" in pattern.name:
@@ -138,7 +138,7 @@ def parse_pattern(path: Path) -> Any:
     from fileseq.exceptions import FileSeqException
     from fileseq.filesequence import FileSequence
 
-    # fileseq confuses a range with a name that has numbers and hyphens: give it the range after a plain name.
+    # fileseq takes numbers and hyphens of a name for a range, so it gets a plain name before the range.
     name, numbers = _split_pattern(path)[0]
     try:
         plain = path.with_name(f"_.{numbers}{path.name[len(name + numbers) :]}")
@@ -152,10 +152,10 @@ def parse_pattern(path: Path) -> Any:
 
 
 def _split_pattern(pattern: Path) -> list[tuple[str, str]]:
-    """Return the ways to split a pattern into name and range of numbers, longest range first: existing files decide.
+    """Return the ways to split a pattern into name and range of numbers, longest range first; existing files decide.
 
-    In ``name-1-9####`` the first hyphen belongs to the name or is a sign; in ``shot2-9####`` the 2 belongs to
-    either.
+    In ``name-1-9####`` the first hyphen may be part of the name or a minus sign; in ``shot2-9####`` the 2 may be
+    part of the name or of the range.
     """
     before = pattern.name[: [*FRAME_FIELD.finditer(pattern.name)][-1].start()]
     starts = (at for at in range(len(before)) if not before[at - 1 : at].isdigit() and _RANGE.fullmatch(before, at))
@@ -163,12 +163,12 @@ def _split_pattern(pattern: Path) -> list[tuple[str, str]]:
 
 
 def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str]:
-    """Replace the frames of each sequence, as a shell lists them, by its pattern; each path once, in order.
+    """Replace the frames of each sequence, as a shell lists them, by its pattern; keep the order, drop duplicates.
 
     Parameters
     ----------
     paths : sequence of str
-        Files, and anything else, which stays as it is.
+        Files, and any other arguments, which stay unchanged.
     extensions : collection of str
         Extensions of the formats that store one file per frame, lower case with the dot.
     """
@@ -201,7 +201,7 @@ def other_frames(path: Path) -> tuple[str, ...]:
 def _is_file(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_file()
-    except OSError:  # a link that loops: reading it fails, listing its folder does not
+    except OSError:  # A link to itself: the error comes from reading it, not from listing its folder.
         return True
 
 
@@ -242,7 +242,7 @@ def sequences_in(folder: Path, extension: str, files: Iterable[Path] | None = No
 
 
 def _mark_hyphens(names: Sequence[str]) -> list[str]:
-    """Return file names, with a mark after a hyphen that belongs to the name rather than being a minus sign.
+    """Return file names, with a mark after each hyphen that is part of the name rather than a minus sign.
 
     ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen exists too. After
     a dot or an underscore, which already separates the number from the name, a hyphen is a minus sign.

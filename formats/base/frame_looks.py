@@ -1,4 +1,4 @@
-"""UVs and colours of clips that have one file per frame: attributes if they stay, fields if they change."""
+"""UVs and colours of clips that have one file per frame: attributes if they are constant, fields if they change."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ class ChangingLooks:
         self._changed, self._uneven = set[str](), set[str]()
 
     def compare(self, attributes: Sequence[Attribute]) -> set[str]:
-        """Compare the attributes of a frame; return the names of what the first frame has in the same way."""
+        """Compare the attributes of a frame with the first frame's; return the names of those that are stored
+        alike in both.
+        """
         kinds = {key: one.kind for key, one in looks_of_frame(attributes, self._connectivity).items()}
         others = {one.name: one for one in attributes}
         same = {name for name, key in self._keys.items() if kinds.get(key) == self._kinds[key]}

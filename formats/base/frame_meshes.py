@@ -1,4 +1,4 @@
-"""Read meshes of one file per frame, in runs if connectivity changes."""
+"""Read meshes from one file per frame, as several runs if connectivity changes."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from pdecodec.mesh.sequence import (
 
 @dataclass(frozen=True)
 class MeshFile:
-    """The content of one file: positions (vertices, 3) as they are stored, what must be the same in every frame, and
-    data that may change.
+    """The content of one file: positions (vertices, 3) as they are stored, data that must be the same in every
+    frame, and data that may change.
     """
 
     points: Positions
@@ -55,7 +55,7 @@ class MeshFile:
 
 
 def joined_meshes(parts: list[MeshFile]) -> MeshFile:
-    """Join several meshes, their points one after the other; attributes, which belong to single parts, are dropped."""
+    """Join several meshes, part after part; attributes are dropped, because each belongs to a single part."""
     if len(parts) == 1:
         return parts[0]
     if any(part.connectivity.cell_count for part in parts):
@@ -72,14 +72,14 @@ def joined_meshes(parts: list[MeshFile]) -> MeshFile:
 
 
 def _with_cells(part: MeshFile) -> MeshFile:
-    """Return a mesh whose faces and lines are cells, since another part of the file has cells."""
+    """Return a mesh whose faces and lines are cells, for joining with parts that have cells."""
     shown = part.connectivity
     if shown.cell_count:
         return part
     data: dict[DataKey, StoredData] = {
         ("cell" if domain == "face" else domain, name): one
         for (domain, name), one in part.data.items()
-        if domain != "face" or not shown.line_count  # lines have no data here
+        if domain != "face" or not shown.line_count  # Lines have no data here.
     }
     return replace(part, connectivity=shown.with_own_cells(), data=data)
 
@@ -140,8 +140,8 @@ class FrameMeshes:
     ) -> NDArray[Any] | None:
         """Return data of a frame (rows, components), None if it lacks them.
 
-        All data that are `wanted` are decoded and kept, so that its file is parsed once for all of them; if there is
-        no place for them, or one of them is damaged, only those asked for.
+        All `wanted` data are decoded and kept, so that the file is parsed only once. If they do not fit, or some of
+        them are damaged, only the requested data are decoded.
         """
         if frame in self._values:
             return self._values.get(frame, key)
@@ -152,7 +152,7 @@ class FrameMeshes:
         item = MeshObject("", connectivity)
         size = sum(rows_of_domain(item, domain) * one.row_bytes for (domain, _), one in there.items())
         if self._values.has_room(size, len(self.files)):
-            with suppress(InputError):  # it is raised when the damaged data are asked for
+            with suppress(InputError):  # The error is raised when the damaged data are requested.
                 values = {one: data.read() for one, data in there.items()}
                 self._values.keep(frame, values)
                 return values.get(key)
@@ -161,7 +161,7 @@ class FrameMeshes:
     def run_starts(self) -> list[tuple[int, int]]:
         """Return the first frame and vertex count of each run of frames that have the same faces, lines and ids.
 
-        Only a first frame that cannot be read fails here; other frames fail when they are asked for.
+        Raises an error only if a first frame cannot be read; errors of other frames are raised when these are read.
         """
         starts: list[tuple[int, int]] = []
         found: list[ChangingLooks] = []
@@ -195,14 +195,14 @@ class FrameMeshes:
 
 
 _UNEVEN = "not kept, because frames lack them or store them in other ways: {}"
-"""Line that names data that cannot be a field."""
+"""Notice about data that cannot become a field."""
 
 _UNEVEN_PARTS = "not kept in frames where some parts lack them or store them in other ways: {}"
-"""Line that names data that cannot be joined."""
+"""Notice about data of several parts that cannot be joined."""
 
 
 class FrameSequence(MeshSequence):
-    """Frames of one connectivity, beginning at `first`, that are read when they are asked for."""
+    """Frames of one connectivity, beginning at `first`, read on request."""
 
     def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
         self._meshes, self._first = meshes, first
@@ -239,7 +239,7 @@ class FrameSequence(MeshSequence):
 
 
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
-    """Open a file, a frame pattern or a folder; errors are those of :func:`find_frames` and of reading the
+    """Open a file, a frame pattern or a folder; raises the errors of :func:`find_frames` and of reading the
     first frame.
     """
     files = find_frames(path, extension)
@@ -254,7 +254,7 @@ def sequence_of_files(
 ) -> MeshSequence:
     """Return the sequence of the files of frames, in runs if connectivity changes; see :class:`FrameMeshes`.
 
-    Every file is read once to find out whether it and other data change; positions are kept while they fit in a
+    Every file is read once to find out whether connectivity and data change; its positions are kept if they fit in a
     block. If `timing` is a function, it is called after all files were read.
     """
     return _sequence_of_meshes(FrameMeshes(files, read), timing)
@@ -270,8 +270,8 @@ def _sequence_of_meshes(meshes: FrameMeshes, timing: Timing | Callable[[], Timin
 def runs_of_frames(
     starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
 ) -> MeshSequence:
-    """Return one run, or a sequence of several: `starts` has first frame and vertex count; `open_run` opens by first
-    frame.
+    """Return one run, or a sequence of several; `starts` lists first frame and vertex count of each, `open_run` opens
+    the run that starts at a frame.
 
     Runs without vertices are left out, with a notice: a sequence cannot have frames without vertices.
     """

@@ -16,7 +16,7 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.whole_output import partial_folder, publish, write_errors
 
 FrameBytes = Callable[[Float32Array, int], Iterable[bytes]]
-"""Returns the bytes of a file from positions (vertices, 3) and the index of the frame in its run."""
+"""Return the parts of a file, given positions (vertices, 3) and the index of the frame in its run."""
 
 
 def write_frames(
@@ -30,9 +30,9 @@ def write_frames(
 ) -> list[Path]:
     """Write a file for each frame, all of them or none; return their paths.
 
-    The frames are written to a hidden folder next to their place, and moved after the last one is written; a run
-    that is killed while it moves them is finished by the next. When frames are replaced, those without a new frame
-    are removed.
+    The frames are written to a hidden folder next to their place, and moved after the last one is written. If the
+    process is killed while it moves them, the next call completes the move. When frames are replaced, old frames
+    without a new one are removed.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def write_frames(
     Raises
     ------
     InputError
-        If the output exists or is not writable, or several frames are to go to one file.
+        If the output exists or is not writable, or several frames would be written to one file.
     """
     pattern = output.path
     if not is_frame_pattern(pattern):

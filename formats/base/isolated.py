@@ -1,6 +1,6 @@
-"""Read a sequence in a worker process: a file that crashes the library that reads it ends only the worker.
+"""Read a sequence in a worker process, so that a file that crashes its library ends only the worker.
 
-It costs the start of a process, and copying every frame from it.
+This costs the start of a process, and copying every frame.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def call_about_file(
     Raises
     ------
     InputError, MissingExtraError, CorruptFileError, LimitError
-        What the function met, or that the process ended.
+        If the function raised it, or the process ended.
     """
     try:
         found: dict[str, NDArray[Any]] = worker.call(function, path.absolute(), *arguments)
@@ -99,7 +99,7 @@ class IsolatedSequence(LaidOutSequence):
 
 
 class _IsolatedScene:
-    """The scene of a file in a worker, where its arrays are cut out of it."""
+    """The scene of a file that a worker holds; the worker cuts the coded arrays out of it."""
 
     family = None
 
@@ -111,7 +111,7 @@ class _IsolatedScene:
         return self
 
     def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier | None:
-        """Return the carrier; None if there is nothing but meshes."""
+        """Return the carrier; None if the file holds only meshes."""
         names = [item.name for item in sequence.objects]
         data = call_about_file(self._worker, self._path, _carry, names, exact_uvs)["scene"].tobytes()
         return decode_scene(data) if data else None
@@ -177,7 +177,7 @@ def _read_field(path: Path, name: str, start: int, stop: int) -> dict[str, Any]:
 
 def _read(path: Path, start: int, stop: int) -> dict[str, Any]:
     """Read a block of frames in a worker."""
-    if path not in _opened:  # the process has ended and was started again
+    if path not in _opened:  # The worker ended and was started again.
         raise InputError("the worker process that had it open has ended; open it again", code="worker-ended")
     with rounding_noticed() as rounding:
         return {"points": _opened[path].read_frames(start, stop), "rounding": np.array(rounding.largest)}

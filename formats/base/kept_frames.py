@@ -1,4 +1,4 @@
-"""Keep what was read of frames, so that their files need not be parsed again."""
+"""Keep data of frames that were read, so that their files need not be parsed again."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from pdecodec.formats.base.frame_data import DataKey
 from pdecodec.mesh.sequence import BLOCK_BYTES
 
 Positions = NDArray[Any]
-"""Positions of a frame, of the number type that its file has."""
+"""Positions of a frame, in the number type of its file."""
 
 
 class KeptPositions(dict[int, Positions]):
-    """Positions of frames that were read to compare them, as many as fit in a block."""
+    """Positions of frames that were read for comparison, as many as fit in a block."""
 
     room = BLOCK_BYTES
 
@@ -49,7 +49,7 @@ class KeptData:
         return frame in self._arrays or frame in self._places
 
     def get(self, frame: int, key: DataKey) -> NDArray[Any] | None:
-        """Return data of a frame that is kept; None if it has none of this name."""
+        """Return kept data of a frame; None if there are no data of this name."""
         if frame in self._arrays:
             return self._arrays[frame].get(key)
         place = self._places[frame].get(key)
@@ -63,7 +63,7 @@ class KeptData:
         return values
 
     def has_room(self, size: int, frames: int) -> bool:
-        """Return whether data of this size [bytes] can be kept; there are at most as many for other frames."""
+        """Return whether data of this size [bytes], and as many for each of `frames` frames, can be kept."""
         if size <= self._room:
             return True
         if self._file is None and not self._is_full:
@@ -71,7 +71,7 @@ class KeptData:
         return not self._is_full
 
     def keep(self, frame: int, values: Mapping[DataKey, NDArray[Any]]) -> None:
-        """Keep the data of a frame, all of them."""
+        """Keep all given data of a frame."""
         size = sum(one.nbytes for one in values.values())
         if size <= self._room:
             self._room -= size

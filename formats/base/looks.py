@@ -1,4 +1,4 @@
-"""Fields that are UVs or colours, for formats that hold these as attributes: of the first frame, or frame by frame."""
+"""UVs and colours that are fields, for formats that hold them as attributes of the first frame or of each frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 VISIBLE_DIFFERENCE = 1 / 255
-"""Largest difference of a colour that no screen shows."""
+"""Largest difference between colours that no screen shows."""
 
 
 def look_role(field: Field) -> str | None:
@@ -28,7 +28,7 @@ def look_role(field: Field) -> str | None:
 
 
 def looks_of(sequence: MeshSequence) -> list[Field]:
-    """Return the fields of a sequence that are UVs or colours; only what has faces has UVs."""
+    """Return the UVs and colours among the fields of a sequence; UVs only if it has faces."""
     roles = {COLOR, UV} if sequence.connectivity.face_count else {COLOR}
     return [one for one in sequence.fields if look_role(one) in roles]
 
@@ -41,10 +41,11 @@ def objects_at(
     with_all_rows: bool = False,
     gaps: list[Field] | None = None,
 ) -> tuple[MeshObject, ...]:
-    """Return the objects of a sequence with some fields as they are at a frame as attributes.
+    """Return the objects of a sequence with the values of some fields at a frame as attributes.
 
-    An object's own attribute of a name stays. A row that is not finite is a missing one; if `with_all_rows`, it is 0 in
-    UVs, so that every frame has the same rows. `gaps` gets the fields with such rows.
+    If an object already has an attribute of that name, the attribute stays. Rows that are not finite are missing;
+    with `with_all_rows`, UVs get 0 there, so that every frame has the same rows. `gaps` collects the fields with
+    missing rows.
     """
     objects = list(sequence.objects)
     for field in looks:
@@ -60,8 +61,8 @@ def objects_at(
 
 
 def limited_colors(objects: Sequence[MeshObject], looks: Sequence[Field]) -> tuple[tuple[MeshObject, ...], list[str]]:
-    """Return objects with the colours among some fields limited to 0 to 1, and the names of those that it changes
-    visibly: decoded colours may leave this range by the error bound.
+    """Return objects with the colours among `looks` limited to 0 to 1, and the names of fields that this
+    changes visibly. Decoded colours may exceed the range by the error bound.
     """
     colors, changed = {one.name for one in looks if look_role(one) == COLOR and not one.is_exact}, dict[str, None]()
     found = []
@@ -93,14 +94,14 @@ def _attribute(
 
 
 class SharedRows:
-    """Which corners share a row of UVs: those of one vertex that have had equal UVs in every frame added so far.
+    """Corners that share a row of UVs: corners of one vertex whose UVs were equal in every frame added so far.
 
-    Programs take corners that share no row for the border of a patch.
+    Programs take corners that share no row for the border of a UV patch.
 
     Attributes
     ----------
     firsts : (rows,) int64
-        A corner of each row.
+        One corner of each row.
     rows : (corners,) int64
         Row of each corner.
     """
@@ -109,7 +110,7 @@ class SharedRows:
         self.firsts, self.rows = _first_of_each(vertices[:, None])
 
     def add(self, values: NDArray[Any]) -> None:
-        """Divide rows whose corners differ in the UVs (corners, k) of a frame."""
+        """Split rows whose corners differ in the UVs (corners, k) of a frame."""
         bits = np.ascontiguousarray(values, np.float32).view(np.int32)
         if not (bits[self.firsts][self.rows] == bits).all():
             self.firsts, self.rows = _first_of_each(np.column_stack([self.rows, bits]))
@@ -121,7 +122,7 @@ def _first_of_each(keys: NDArray[np.integer]) -> tuple[Int64Array, Int64Array]:
 
 
 def shared_uv_rows(sequence: MeshSequence, field: Field) -> dict[int, SharedRows]:
-    """Return which corners of each object that has a field of UVs share a row in every frame."""
+    """Return, for each object with a field of UVs, which corners share a row in every frame."""
     places = dict(enumerate(field.slices(sequence.objects)))
     owners = {index: own for index, own in places.items() if own.stop > own.start}
     shared = {index: SharedRows(sequence.objects[index].connectivity.face_indices) for index in owners}

@@ -1,10 +1,10 @@
-"""Hard edges: read from a source's normals which corners of a vertex share one, and compute normals accordingly.
+"""Hard edges: record which corners of a vertex share a normal in a source, and compute normals accordingly.
 
 The attribute ``normal_group`` of domain ``corner``, int32, numbers the normals of each vertex from 0 in the order of
 their first corners. A vertex whose corners all have number 0 is smooth. The attribute is absent if the source had no
-normals; OBJ's smoothing groups then say the same. The attribute ``shared_normal`` of domain ``vertex``, int32, has
-the same number from 1 for coincident vertices that share a normal though formats split them, and 0 for others.
-Normals themselves are not kept: they are computed from the positions of each frame.
+normals; OBJ's smoothing groups then define hard edges. The attribute ``shared_normal`` of domain ``vertex``, int32,
+joins vertices that a format had to split: coincident vertices with a common normal have the same number, from 1 on;
+others have 0. Normals themselves are not kept: they are computed from the positions of each frame.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from pdecodec.system.shares import thread_count
 NORMAL_GROUP, SHARED_NORMAL, SMOOTHING = "normal_group", "shared_normal", "smoothing"
 
 SAME_NORMAL_DIFFERENCE = 1e-3
-"""Largest coordinate difference at which two unit normals are the same: a twentieth of a degree shows no edge."""
+"""Largest coordinate difference at which two unit normals count as equal: a twentieth of a degree shows no edge."""
 
 SAME_DIRECTION = 2e-7
-"""1 minus the cosine of two directions that are the same but for rounding to float32."""
+"""1 minus the cosine of two directions that differ only by rounding to float32."""
 
 CORNERS_AT_ONCE = 2**18
 """Number of corners whose normals are computed together, which bounds the memory used."""
 
 ENOUGH_AREA_RATIO = 0.5
-"""Share of the largest area that the most flattened face must keep, relative to the frame where it keeps most:
-the first such frame is the rest shape.
+"""Area that the most flattened face must keep in the rest shape, as a ratio to the area it keeps in the frame
+where it keeps most; the first such frame is the rest shape.
 """
 
 _DEFAULT_NORMAL = (0.0, 0.0, 1.0)
@@ -42,7 +42,7 @@ _DEFAULT_NORMAL = (0.0, 0.0, 1.0)
 
 
 def normal_group(connectivity: Connectivity, keys: NDArray[np.number] | None, tolerance: float = 0.0) -> Attribute:
-    """Return the attribute that groups the corners of a vertex that share a normal: those with equal keys.
+    """Return the attribute that groups the corners of each vertex by normal: corners with equal keys share one.
 
     Parameters
     ----------
@@ -77,12 +77,12 @@ def _number_rows(owners: NDArray[np.integer], keys: NDArray[np.number], toleranc
 
 
 def shared_normals(places: NDArray[np.number], normals: NDArray[np.floating]) -> Attribute | None:
-    """Return the attribute of coincident vertices that share a normal; None if no two do.
+    """Return the attribute of coincident vertices that share a normal; None if no two vertices share one.
 
     Parameters
     ----------
     places : (vertices, k) array
-        Positions, and whatever else vertices must have in common.
+        Positions, and any other values that must be equal.
     normals : (vertices, 3) array
         NaN for a vertex without a normal.
     """
@@ -200,8 +200,8 @@ class NormalRows:
             yield from normals if self._leaders is None else normals[:, self._leaders]
 
     def even_rows(self, points: Float32Array, normals: Float32Array) -> BoolArray:
-        """Return a mask (rows,) of normals shared by several faces, one of which looks flat: all its corners have its
-        normal.
+        """Return a mask (rows,) of normals that several faces share although one of the faces looks flat: all its
+        corners have its own normal.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class NormalRows:
         return int(np.argmax(np.array(shares) >= ENOUGH_AREA_RATIO * max(shares)))
 
     def _blocks(self) -> Iterator[tuple[slice, slice, Int64Array]]:
-        """Yield some faces at a time: their slice, that of their corners, and where each face begins in it."""
+        """Yield blocks of faces: the slices of faces and of corners, and where each face begins in the block."""
         first = 0
         while first < self._counts.size:
             last = max(first + 1, int(np.searchsorted(self._starts, self._starts[first] + CORNERS_AT_ONCE)))
@@ -266,7 +266,7 @@ def _lengths(vectors: Float64Array) -> Float64Array:
 
 
 def normal_rows(item: MeshObject) -> NormalRows | None:
-    """Return the rows of an object's normals by its hard edges or smoothing groups; None if its source had neither."""
+    """Return the rows of an object's normals, from its hard edges or smoothing groups; None if it has neither."""
     found = group_attribute(item)
     if found is not None:
         shared = shared_attribute(item)
@@ -275,7 +275,7 @@ def normal_rows(item: MeshObject) -> NormalRows | None:
     if smoothing is None or smoothing.values.ndim != 1 or not item.connectivity.face_count:
         return None
     numbers = expanded(smoothing).astype(np.int64)
-    # A face in no group is smooth with no other face.
+    # A face in no smoothing group is smooth with no other face.
     keys = np.where(numbers > 0, numbers, -1 - np.arange(numbers.size))
     groups = normal_group(item.connectivity, np.repeat(keys, item.connectivity.face_counts))
     return NormalRows(item.connectivity, groups.values)

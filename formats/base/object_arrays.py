@@ -56,8 +56,8 @@ from pdecodec.mesh.sequence import (
 )
 
 PADDING_FACTOR = 4
-"""``faces`` is left out if padding would make it this many times as large as the indices: one n-gon of a
-thousand corners among a million triangles would take gigabytes.
+"""``faces`` is left out if padding would make it this many times as large as the indices: padded for one n-gon
+of a thousand corners, a million triangles would take gigabytes.
 """
 
 _FIELD = "field_"
@@ -93,7 +93,8 @@ class LaidOutSequence(MeshSequence):
     ) -> None:
         """Check the points, and read everything else but fields.
 
-        `read` returns an array by its name, `what` is its kind, and `sliced` returns one that is read by slices.
+        `read` returns an array by its name, `what` names the kind of array in messages, and `sliced` returns an
+        array that can be read in slices.
         """
         shape, dtype = self._points.shape, self._points.dtype
         if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
@@ -123,9 +124,9 @@ class LaidOutSequence(MeshSequence):
         self.notices = (*notices, *not_kept(lost, f"{what}s not kept: {{}}"))
 
     def _possible_fields(self, arrays: Arrays, values: Mapping[str, Any]) -> dict[str, tuple[Field, Any]]:
-        """Return the fields, and their arrays, by the names of arrays that have a place on this mesh.
+        """Return fields and their arrays by array name, for all arrays whose shape fits this mesh.
 
-        The number of frames, which they may tell, is not checked.
+        The number of frames is not checked, because it may be known only from the fields.
         """
         domains, units, owners = (_json_of(arrays, name) for name in _OF_FIELDS)
         found: dict[str, tuple[Field, Any]] = {}
@@ -207,7 +208,8 @@ def fields_as_arrays(sequence: MeshSequence) -> Iterator[tuple[str, Field, tuple
 
 
 def _padded_faces(whole: Connectivity) -> Int32Array | None:
-    """Return faces, lines of two points and points as rows padded with -1; None if they do not fit or grow too large.
+    """Return faces, lines of two points and points as rows padded with -1; None if rows cannot represent them or would
+    be too large.
 
     A line of three points or more would be read as a face.
     """
@@ -224,7 +226,7 @@ def _padded_faces(whole: Connectivity) -> Int32Array | None:
 
 
 def _names_of(objects: Sequence[MeshObject]) -> Iterator[str]:
-    """Yield the names that arrays of objects have in the layout, whether or not a file has all of them."""
+    """Yield the names of all arrays of objects in the layout, whether or not a file has them."""
     for number, item in enumerate(objects):
         yield from (f"objects/{number}/{name}" for name in ("name", "vertex_count", *_CONNECTIVITY))
         for rank in range(len(item.attributes)):
@@ -233,7 +235,7 @@ def _names_of(objects: Sequence[MeshObject]) -> Iterator[str]:
 
 
 def _readable(names: Sequence[str], sliced: Callable[[str], Any]) -> dict[str, Any]:
-    """Return the arrays that are named as fields, without those of a kind that is never read."""
+    """Return the arrays whose names mark them as fields, except those of types that cannot be read."""
     found: dict[str, Any] = {}
     for name in names:
         try:
@@ -258,7 +260,7 @@ def _json_of(arrays: Arrays, name: str) -> Mapping[str, Any]:
 
 
 def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
-    """Return the objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone."""
+    """Return the objects that arrays describe: from ``objects/``, else from padded ``faces``, else points alone."""
     if "objects/0/name" not in arrays:
         faces = arrays.get("faces")
         connectivity = Connectivity(vertex_count) if faces is None else Connectivity.from_padded(vertex_count, faces)

@@ -1,4 +1,4 @@
-"""Write motion onto an existing file: everything of the original stays, its objects move as a sequence says.
+"""Write motion onto an existing file: its objects move as a sequence says, and everything else stays.
 
 Objects are matched by name (objects of the same name in order), or all in order if no name is shared. Their faces,
 lines and vertices must be those of the original. Positions in the space of the scene are transformed into the space
@@ -34,10 +34,10 @@ FLATTENED_TOLERANCE = 1e-5
 """Largest error that inverting a flattening transform may leave in positions, relative to the largest coordinate."""
 
 SLOPE_HALF_SECONDS = 1e-4
-"""Half the time [s] over which the velocity of a transform is measured."""
+"""Half of the interval [s] over which the velocity of a transform is measured."""
 
 OntoWriter = Callable[..., tuple[str, ...]]
-"""Type of a format's ``onto``: writes a sequence onto an open original that it fits; returns lines about what is lost.
+"""Type of a format's ``onto``: writes a sequence onto an open original that it fits; returns notices about losses.
 
 It takes the sequence, the original, the :class:`Fitted` objects, the original's path and the :class:`Output`.
 """
@@ -45,8 +45,8 @@ It takes the sequence, the original, the :class:`Fitted` objects, the original's
 
 @dataclass(frozen=True)
 class Fitted:
-    """An object of a sequence, the slice of its vertices in the sequence, and the index of the original's
-    object it moves.
+    """An object of a sequence, the slice of its vertices in the sequence, and the index of the object in the
+    original that it moves.
     """
 
     item: MeshObject
@@ -161,7 +161,7 @@ def write_onto(
         matches, notices = match_objects(placed, there, source)
         if entry.times != "exact":
             notices += times_kept(sequence.times, entry.times, title=entry.title)
-        # A carried scene already holds these fields, without loss.
+        # A carried scene already holds these fields without loss.
         if names := [] if is_filled else sorted({one.name for one in sequence.runs[0].fields}):
             notices += (f"fields not kept: {', '.join(names)}",)
         return (*notices, *writer(placed, there, matches, source, output))
@@ -192,12 +192,13 @@ def _check_space(sequence: MeshSequence, original: MeshSequence, source: Path) -
 def match_objects(
     sequence: MeshSequence, original: MeshSequence, source: Path
 ) -> tuple[tuple[Fitted, ...], tuple[str, ...]]:
-    """Match each object of a sequence with the original's object that it moves; return notices about the rest.
+    """Match each object of a sequence with the object of the original that it moves; return notices about other
+    objects.
 
     Raises
     ------
     InputError
-        If an object is not there, or has other vertices, faces or lines.
+        If the original lacks an object, or its vertices, faces or lines differ.
     """
     theirs_by_name = _indices_by_name(original)
     notices: tuple[str, ...] = ()
@@ -255,7 +256,7 @@ def _indices_by_name(sequence: MeshSequence) -> dict[str, list[int]]:
 
 
 def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> Int64Array:
-    """Return the corner of an object for each corner of its file's faces, which may be reversed: (corners,) int64."""
+    """Return the object's corner for each corner of the file's faces, which may be reversed: (corners,) int64."""
     if np.array_equal(stored, connectivity.face_indices):
         return np.arange(stored.size)
     return reversed_corners(connectivity.face_counts)
@@ -285,9 +286,9 @@ class ShapePlacement:
         return bool((self.matrices == self.matrices[:1]).all())
 
     def points(self, scene: Float32Array, start: int) -> Float32Array:
-        """Transform positions (frames, vertices, 3) of frames from `start` on into the shape's space.
+        """Transform positions (frames, vertices, 3) of the frames from `start` on into the shape's space.
 
-        A transform that flattens has no inverse: of the points that it maps to a position, the one nearest its
+        A flattening transform has no inverse: of the points that it maps to a position, the one nearest to the
         origin is taken.
 
         Raises
@@ -355,9 +356,7 @@ class ShapeOver(ABC):
         self._own, self._placed, self._rows, self._gather = own, placed, rows, gather
 
     def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
-        """Write samples from frame `start` on: positions and velocities of all objects, from which the shape's
-        are taken.
-        """
+        """Write samples of the frames from `start` on; positions and velocities are those of all objects."""
         scene = block[:, self._own]
         points = self._placed.points(scene, start)
         moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
@@ -383,7 +382,9 @@ def write_over(
     title: str,
     before: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[None]:
-    """Write samples of all shapes block by block; `before` is called with the frame count of the next block."""
+    """Write samples of all shapes block by block; `before` is called with the frame count of each block before
+    it is written.
+    """
     for start, block in output.blocks(sequence, title):
         before(len(block))
         speeds = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))

@@ -43,8 +43,8 @@ _FORMAT_OPTIONS = ("mesh", "clip", "displacement", "solids")
 
 
 CARRIED_FILE, WRITE_SCENE = (f"pdecodec.formats.base.carrying:{name}" for name in ("CarriedFile", "write_scene"))
-"""The class that carries the scene of a file and the function that writes it; loaded by name, because their
-module imports this one.
+"""The class that carries the scene of a file, and the function that writes it. They are loaded by name, because
+their module imports this one.
 """
 
 
@@ -154,7 +154,7 @@ def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -
     entry = format_of_extension(Path(file.name))
     if entry is None or not entry.reads:
         raise unknown_format(file.address)
-    size = file.size()  # fails if there is no such file
+    size = file.size()  # Fails if there is no such file.
     if entry.from_address and not options["isolate"]:
         for name in _FORMAT_OPTIONS:
             if options[name] is not None:
@@ -309,7 +309,7 @@ def write_sequence(
             return found
         unwritten = (f"the scene of the file is left out: {found.message}",)
     if asked.pop("web"):
-        # The writer always looks for rigid parts.
+        # This writer always looks for rigid parts, so `rigid` need not be set.
         asked |= {"quantize": True, "meshopt": True}
     if len(sequence.runs) > 1 and not entry.holds_runs:
         able = extensions_of(lambda item: item.holds_runs)
@@ -345,7 +345,7 @@ def write_sequence(
 
 @contextmanager
 def _scene_errors() -> Iterator[None]:
-    """Name the setting without which a damaged scene is left alone."""
+    """Add to errors about a damaged scene the setting that leaves the scene out."""
     try:
         yield
     except LimitError:

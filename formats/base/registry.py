@@ -31,8 +31,8 @@ It takes a path, ``fps``, and those options of :func:`open_sequence` that the fo
 
 
 WRITTEN_BYTES = 2**23
-"""Bytes of positions, and of fields, that writers read at once; with normals and text made from them, they hold
-about three times as much.
+"""Bytes of positions and fields that writers read at once. With normals and text made from these, they need
+about three times as much memory.
 """
 
 
@@ -102,8 +102,8 @@ class Output:
     def blocks_of_runs(
         self, sequence: MeshSequence, what: str, frames: int | None = None, *, with_fields: bool = False
     ) -> Iterator[tuple[MeshSequence, int, int, Float32Array]]:
-        """Yield blocks together with their run and its first frame: ``(run, first of run, first of block,
-        positions)``; `with_fields` counts the bytes of fields, too.
+        """Yield blocks with their run and its first frame: ``(run, first of run, first of block, positions)``.
+        With `with_fields`, the bytes of fields count, too.
         """
         first = 0
         if self.progress is not None:
@@ -236,7 +236,7 @@ class _Formats(dict[str, Format]):
                     found = entry.load()
                     for one in (found,) if isinstance(found, Format) else tuple(found):
                         register_format(one)
-                except Exception as error:  # another package may raise anything
+                except Exception as error:  # A plug-in may raise any exception.
                     self.failed[entry.name] = f"{type(error).__name__}: {error}"
         return self
 

@@ -19,20 +19,20 @@ REWEIGHTINGS = 8
 """Rounds of weighting vertices by their distances: with 20 no more parts come within a bound."""
 
 CENTRE_STEPS = 20
-"""Steps towards the centre of a ball: they bring it within a few hundredths of the radius."""
+"""Steps towards the centre of a ball; they bring it within a few hundredths of the radius."""
 
 ENCLOSING_ROUNDS = 4
-"""Times that the position furthest from the centre of some positions is added to them."""
+"""Number of times that the position furthest from the centre is added to a vertex's chosen positions."""
 
 WEIGHT_OFFSET = 1e-3
 """Added to relative distances as weights, so that a vertex at distance zero keeps some weight."""
 
 PROBED_VERTICES = 16
-"""Vertices that are checked before all are."""
+"""Vertices that are checked first, before all others."""
 
 
 def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | None:
-    """Return the transforms from a shape to where it is at each frame, if they are all rigid.
+    """Return the transforms that move a shape to its position at each frame, if all of them are rigid.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
     Returns
     -------
     (frames, 4, 4) float64 or None
-        For points that are rows. The rotations are those of least squares (Kabsch 1976).
+        For points that are rows. Rotations are found by least squares (Kabsch 1976).
     """
     bound = RIGID_TOLERANCE * float(
         np.max([abs(end(one, initial=0)) for one in (points, rest) for end in (np.max, np.min)])
@@ -60,7 +60,7 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
 
 
 def rigid_transforms(turns: Float64Array, moves: Float64Array) -> Float64Array:
-    """Return the transforms (frames, 4, 4) that turn by (frames, 3, 3) or (3, 3), then move by (frames, 3)."""
+    """Return transforms (frames, 4, 4) that rotate by (frames, 3, 3) or (3, 3), then translate by (frames, 3)."""
     found = np.broadcast_to(np.eye(4), (len(moves), 4, 4)).copy()
     found[:, :3, :3], found[:, 3, :3] = turns, moves
     return found
@@ -80,7 +80,7 @@ def nearest_turns(products: Float64Array) -> Float64Array:
 
 def is_line(centred: Float64Array) -> bool:
     """Return whether a shape (vertices, 3) about the origin is a line or a point, whose rotation is undefined."""
-    # Decompose the 3 by 3 matrix of sums of products: there are many vertices.
+    # Decompose the 3 by 3 matrix of sums of products, which is faster for many vertices.
     lengths = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0))
     return not lengths[1] > LINE_WIDTH_RATIO * lengths[2]
 
@@ -90,7 +90,7 @@ def least_squares_motion(
 ) -> Float64Array | None:
     """Return the rigid matrices (frames, 4, 4) that bring a shape nearest to points; None for a line.
 
-    Squares are weighted by `weights` (frames, vertices); by default all count the same.
+    Squared distances are weighted by `weights` (frames, vertices), by default equally.
     """
     if is_line(shape - shape.mean(axis=0)):
         return None
@@ -110,7 +110,7 @@ def motion_of_shape(points: Float32Array, shape: Float64Array) -> Float64Array:
 
 
 def moved_back(points: Float32Array, matrices: Float64Array) -> Float64Array:
-    """Return where points (frames, n, 3) were before matrices moved them."""
+    """Return points (frames, n, 3) moved back by the inverse of matrices."""
     back: Float64Array = (points - matrices[:, 3:, :3]) @ matrices[:, :3, :3].transpose(0, 2, 1)
     return back
 
@@ -118,9 +118,9 @@ def moved_back(points: Float32Array, matrices: Float64Array) -> Float64Array:
 def nearest_motion(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, Float64Array] | None:
     """Return the rigid matrices that bring a shape near points, and the largest distance at each frame.
 
-    Least squares leave some vertices outside a bound though all could be within it: then vertices are weighted by
-    their distances, round after round, which makes the largest distance small (Lawson 1961). None if no motion can
-    be within the bound.
+    Least squares may leave vertices outside the bound although another motion keeps all within it. Vertices are then
+    weighted by their distances, in several rounds, to make the largest distance small (Lawson 1961). None if no
+    motion can keep the bound.
     """
     best = least_squares_motion(points, shape)
     if best is None:
@@ -176,7 +176,7 @@ def ball_centres(points: Float64Array) -> Float64Array:
 
 
 def smallest_centres(points: Float64Array) -> Float64Array:
-    """Return the centres as :func:`ball_centres` does for many positions per vertex, using only the furthest ones."""
+    """Return the centres of :func:`ball_centres` for many positions per vertex, using only the outermost ones."""
     few = extreme_positions(points)
     for _ in range(ENCLOSING_ROUNDS):
         centres = ball_centres(few)

@@ -1,4 +1,4 @@
-"""Find objects that move rigidly by their positions: represent them by one shape and the transforms that move it.
+"""Find objects whose positions move rigidly, and represent each by one shape and the transforms that move it.
 
 A file then holds one matrix per frame instead of every vertex. Positions are reproduced to the last bits of float32;
 or, if requested, within a bound.
@@ -28,8 +28,8 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 FIRST_GUESS_BOUNDS = 4.0
-"""Distance in bounds from the moved first frame that a rigid object may have: both frames and the motion have
-errors.
+"""Largest distance of a rigid object from its moved first frame, divided by the bound: both frames and the
+motion have errors.
 """
 
 
@@ -61,8 +61,8 @@ def rigid_within(
     Returns
     -------
     dict of RigidFit
-        By object. Each vertex of a shape is the centre of the smallest ball around its positions of all frames, moved
-        back; only those extreme along an axis are kept.
+        By object. Each vertex of a shape is the centre of the smallest ball around the vertex's positions, moved back
+        from all frames; only positions that are extreme along an axis are kept.
     """
     first: dict[int, Float64Array] = {}
     extremes: dict[int, Float64Array] = {}
@@ -95,7 +95,7 @@ def rigid_within(
 
 
 def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[str, ...]:
-    """Return a line about objects that move rigidly within a bound: the largest error at frames, and between them."""
+    """Return a notice about objects that move rigidly within a bound: the largest error at frames, and between them."""
     found = list(deviations)
     if not found:
         return ()
@@ -162,7 +162,7 @@ def _exact_parts(sequence: MeshSequence) -> MeshSequence:
 
 
 def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> MeshSequence:
-    """Return the sequence with objects static under transforms; those that rotate have their middle at the origin."""
+    """Return the sequence with objects static under transforms; the middle of rotating objects is at the origin."""
     places = _places(sequence)
     for index, matrices in moves.items():
         if (matrices[:, :3, :3] != np.eye(3)).any():

@@ -1,8 +1,8 @@
 """Find pieces of a scene that move rigidly within a bound: connected faces, whichever objects they belong to.
 
-Pieces are grouped on a few frames: those that move with the largest remaining piece form one rigid part with it.
+Pieces are grouped on a few frames: all pieces that move with the largest remaining one form a rigid part with it.
 Each part is then compared with every frame, block by block. Connected faces outside the bound are tried once more
-alone; objects with faces that still are outside it are not rigid.
+alone; objects that still have faces outside it are not rigid.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Arr
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 SHAPE_FRAMES = 64
-"""Frames whose mean is the shape of a part: an eighth of the coding error is left in it."""
+"""Number of frames whose mean is the shape of a part: it keeps an eighth of the coding error."""
 
 COMPARED_FRAMES = 16
-"""Frames among these on which pieces are grouped; all frames are compared later."""
+"""Number of these frames on which pieces are grouped; all frames are compared later."""
 
 MAX_PARTS = 1024
-"""Rigid parts that are looked for: a soft mesh of loose triangles has as many pieces as triangles."""
+"""Largest number of rigid parts; a soft mesh of loose triangles has as many pieces as triangles."""
 
 FITTING_ROUNDS = 8
 """Rounds of fitting a shape and its motion to each other: the slowest of 600 pieces took 5."""
 
 FITTING_BOUND_RATIO = 0.97
-"""Fraction of the bound that distances are fitted to on the way, so that the shape has some room to move."""
+"""Fraction of the bound that matrices are fitted to, so that the shape has some room to move."""
 
 MAX_HELD_BYTES = 2**28
-"""Bytes of positions of the pieces that are tried once more alone."""
+"""Largest number of bytes of positions of the pieces that are tried once more alone."""
 
 CHUNK_VERTICES, CHUNK_FRAMES = 256, 28
 """Vertices and frames that are multiplied at once: products this small stay in the cache and in one thread."""
 
 LOOSE_BOUND_RATIO = 1.5
-"""Distance in bounds that vertices of a piece may have while its shape comes from a few frames."""
+"""Largest distance of vertices, divided by the bound, while the shape of a piece comes from a few frames."""
 
 FLOAT32_MIN_BOUND_RATIO = 2.0**-16
-"""Ratio of the bound to the largest coordinate from which on float32 sums are exact enough."""
+"""Smallest ratio of the bound to the largest coordinate at which float32 sums are exact enough."""
 
 
 @dataclass(eq=False)
@@ -75,7 +75,7 @@ class RigidPart:
     off: Float64Array
 
     def some(self, kept: BoolArray) -> RigidPart:
-        """Return the part with the vertices of a mask (n,) only."""
+        """Return the part with only the vertices that a mask (n,) selects."""
         return RigidPart(self.vertices[kept], self.shape[kept], self.matrices, self.off[kept])
 
     def distances(self, points: Float32Array, matrices: Float64Array, some: Int64Array) -> Float64Array:
@@ -90,7 +90,7 @@ class RigidPart:
 def rigid_parts_within(
     sequence: MeshSequence, bound: float, blocks: Callable[[], Iterable[tuple[int, Float32Array]]]
 ) -> list[RigidPart]:
-    """Return the rigid parts that objects with faces consist of; objects that have other parts are left out.
+    """Return the rigid parts of objects with faces; objects that also have parts that are not rigid are left out.
 
     Parameters
     ----------
@@ -159,10 +159,11 @@ def _positions_of(vertices: Int64Array, blocks: Callable[[], Iterable[tuple[int,
 def _fit_alternately(
     points: Float32Array, shape: Float64Array, matrices: Float64Array, bound: float
 ) -> tuple[Float64Array, Float64Array, Float64Array] | None:
-    """Return a shape, its matrices and largest distances (n,) from points (frames, n, 3), if they are within the bound.
+    """Return a shape, its matrices and largest distances (n,) from points (frames, n, 3); None if they exceed the
+    bound.
 
-    It alternates: each vertex of the shape moves to the centre of its positions, moved back; then matrices are
-    fitted for a small largest distance. The given matrices are returned unchanged if they suffice.
+    Alternates two steps: move each vertex of the shape to the centre of its positions, moved back; then fit matrices
+    for a small largest distance. The given matrices are returned unchanged if they suffice.
     """
     for _ in range(FITTING_ROUNDS):
         back = moved_back(points, matrices)
@@ -202,7 +203,7 @@ class _Pieces:
         return np.sort(np.concatenate(parts))
 
     def leave_out(self, pieces: Sequence[int]) -> None:
-        """Leave out pieces, with all other pieces of their objects."""
+        """Leave out pieces, and all other pieces of their objects."""
         self.is_left_out[:-1] |= np.isin(self._owners, self._owners[np.array(pieces, np.int64)])
 
 
@@ -233,7 +234,7 @@ def _connected(connectivity: Connectivity) -> tuple[int, Int64Array]:
 
 
 def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[list[int]]:
-    """Return groups of pieces that move together in all samples; objects with other pieces are left out."""
+    """Return groups of pieces that move together in all samples, without objects that have pieces in no group."""
     groups: list[list[int]] = []
     waiting = [int(one) for one in np.argsort(-pieces.sizes, kind="stable") if pieces.sizes[one]]
     while waiting:
@@ -255,7 +256,7 @@ def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[
             group, others = group + more, others[most > LOOSE_BOUND_RATIO * bound]
             if not more:
                 break
-            # The more vertices a group has, the better its motion is known, and the pieces that share it.
+            # A larger group determines the motion better, and thereby the pieces that share it.
             own = samples[:, pieces.vertices_of(group)]
             moved = motion_of_shape(own, moved_back(own, motion_of_shape(own, own[0].astype(np.float64))).mean(axis=0))
         groups.append(group)
@@ -265,7 +266,7 @@ def _group_pieces(samples: Float32Array, pieces: _Pieces, bound: float) -> list[
 
 
 def _deviations(points: Float32Array, matrices: Float64Array) -> Float64Array:
-    """Return the largest distance of each of points (frames, n, 3), moved back, from its mean: (n,)."""
+    """Return the largest distance of each of points (frames, n, 3), after moving back, from its mean: (n,)."""
     back = moved_back(points, matrices)
     found: Float64Array = np.sqrt(np.square(back - back.mean(axis=0)).sum(axis=2).max(axis=0))
     return found
@@ -293,7 +294,7 @@ def _fit_matrices(
 
 
 class _Mover:
-    """Fits the motion of a part's shape to points, by products of small matrices: some vertices at some frames."""
+    """Fit the motion of a part's shape to points by products of small matrices, some vertices and frames at a time."""
 
     def __init__(self, part: RigidPart) -> None:
         shape = part.shape.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Shared by readers of scenes: shapes under transforms, the data they carry, and objects that cannot be read."""
+"""Code that readers of scenes share: shapes under transforms, their data, and objects that cannot be read."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ from pdecodec.mesh.sequence import (
 from pdecodec.mesh.times import check_times
 
 MAX_LISTED_NAMES = 8
-"""Names that a notice lists; it only counts the others."""
+"""Number of names that a notice lists; further names are only counted."""
 
 MIN_FACE_CORNERS = 3
 """Fewest corners of a face."""
 
 MAX_INSTANCED_VERTICES = 2**25
-"""Largest number of vertices that instances may expand to: 400 MB per frame."""
+"""Largest number of vertices that instances may expand to, 400 MB per frame."""
 
 
 class Refusals:
-    """Policy of a reader for objects that it cannot read: refuse the file, or leave them out.
+    """Policy of a reader for objects that it cannot read: refuse the file, or leave the objects out.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class Refusals:
         self._skip = skip
         self.found: list[Unsupported] = []
         self.others: Counter[str] = Counter()
-        """Things in the file that are not geometry, by kind."""
+        """Number of things in the file that are not geometry, by kind."""
         self.tessellated: Counter[str] = Counter()
-        """Shapes without vertices that became polygons, by kind."""
+        """Number of shapes without vertices that became polygons, by kind."""
 
     def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
         """Note an object that cannot be read; raise InputError unless such objects are left out."""
@@ -108,10 +108,10 @@ class Refusals:
         return ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
 
     def notices(self, shapes: Sequence[Shape], left_out: Iterable[str] = ()) -> tuple[str, ...]:
-        """Return a line for each object left out, one for things that are not geometry, and one for data that is not
+        """Return notices: one for each object left out, one for things that are not geometry, and one for data not
         kept.
 
-        The last names what shapes lose, and other things of the file, which `left_out` names.
+        The last one names the data that shapes lose, and the things in `left_out`.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Refusals:
 
 
 def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:
-    """Return what is wrong with faces, for :meth:`Refusals.refuse`; None if nothing is.
+    """Return what is wrong with faces, for :meth:`Refusals.refuse`; None if they are valid.
 
     Parameters
     ----------
@@ -173,19 +173,19 @@ class SceneWalk:
 
 
 def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
-    """Return a line that names the shapes that the file hides: here, they are always visible."""
+    """Return a notice that names the shapes that the file hides; pdecodec always shows them."""
     names = [shape.name for shape in shapes if shape.hidden]
     return (f"hidden in the file, always or at times, but always visible here: {listed(names)}",) if names else ()
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return the first few names for a line, and how many more there are."""
+    """Return the first few names for a notice, and how many more there are."""
     more = [f"{len(names) - MAX_LISTED_NAMES} more"] if len(names) > MAX_LISTED_NAMES else []
     return ", ".join([*map(repr, names[:MAX_LISTED_NAMES]), *more])
 
 
 def lost_textures(count: int, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the line that names textures, or images, that are not kept; nothing if there are none."""
+    """Return a notice about textures, or images, that are not kept; empty if there are none."""
     if not names and not count:
         return ()
     textures = f"{count} texture{'s' * (count != 1)}" if count else "images"
@@ -217,12 +217,12 @@ class ShapeField:
     order: Int64Array | None = None
 
     def at(self, time: float) -> NDArray[Any]:
-        """Return the values (rows, components) at a time; NaN if there are none then.
+        """Return the values (rows, components) at a time; NaN if the file has no values then.
 
         Raises
         ------
         InputError
-            If there are none then and they are whole numbers, of which none stands for a missing value.
+            If the file has no values then and they are whole numbers, which cannot mark missing values.
         """
         found, width = self.read_at(time), self.field.components
         if found is None or found.size != self.rows * width:
@@ -239,12 +239,12 @@ class ShapeField:
 
 
 def first_sample(read_at: Callable[[float], NDArray[Any] | None], times: Sequence[float]) -> NDArray[Any] | None:
-    """Return the first sample of a :class:`ShapeField` that is not empty; None if all are."""
+    """Return the first sample of a :class:`ShapeField` that is not empty; None if all are empty."""
     return next((found for time in times or (0.0,) if (found := read_at(time)) is not None and found.size), None)
 
 
 def gathered_rows(values: NDArray[Any], rows: NDArray[np.integer]) -> NDArray[Any] | None:
-    """Return the row of `values` (n, ...) that each element has, NaN or 0 if it has none; None if n is 0."""
+    """Return the row of `values` (n, ...) of each element, NaN or 0 for elements without one; None if n is 0."""
     if not len(values):
         return None
     missing = (rows < 0) | (rows >= len(values))
@@ -256,8 +256,8 @@ def gathered_rows(values: NDArray[Any], rows: NDArray[np.integer]) -> NDArray[An
 def fields_of_shapes(shapes: Sequence[Shape]) -> tuple[tuple[Field, ...], dict[str, dict[int, ShapeField]]]:
     """Return the fields of several shapes, and for each field name the values of each shape, by the shape's index.
 
-    Fields of one name but several domains, types or numbers of components become several fields, with numbers
-    appended.
+    Fields of the same name that differ in domain, type or number of components become several fields, with numbers
+    appended to the name.
     """
     found: dict[Field, dict[int, ShapeField]] = {}
     for index, shape in enumerate(shapes):
@@ -301,7 +301,7 @@ class Shape:
     hidden: bool = False
 
     def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
-        """Return the vertices (vertices, 3) float32 from the points that the file has at a frame."""
+        """Return the vertices (vertices, 3) float32 from the file's points at a frame."""
         if self.gather is not None and len(points) > int(self.gather.max(initial=-1)):
             points = points[self.gather]
         if len(points) != self.connectivity.vertex_count:
@@ -362,7 +362,7 @@ def runs_of_scene(
 
 @dataclass(frozen=True, kw_only=True)
 class SceneFacts:
-    """What all runs of frames of a scene share.
+    """Facts that all runs of a scene share.
 
     Attributes
     ----------
@@ -385,7 +385,7 @@ class SceneSequence(MeshSequence):
     _keep: bool
     _path: Path
     _first_frame = 0
-    """Index of its first frame in the whole sequence, if it is one of several runs: errors name frames of the whole."""
+    """Index of the run's first frame in the whole sequence, because errors name frames of the whole sequence."""
 
     @abstractmethod
     def _read(self, shape: Any, start: int, stop: int, out: Float32Array) -> None:
@@ -394,7 +394,7 @@ class SceneSequence(MeshSequence):
     @abstractmethod
     def _matrices(self, shape: Any, start: int, stop: int) -> Float64Array | None:
         """Return the matrices (stop - start, 4, 4) from the shape's space to the scene's, for points as rows;
-        None for none.
+        None if the shape has no transform.
         """
 
     def _field_times(self, start: int, stop: int) -> Sequence[float]:
@@ -421,14 +421,14 @@ class SceneSequence(MeshSequence):
         return self._shapes
 
     def _begin(self, facts: SceneFacts, shapes: Sequence[Any], timing: Timing, first_frame: int) -> None:
-        """Take shapes as the objects of a run of frames that begins at `first_frame`."""
+        """Make shapes the objects of a run of frames that begins at `first_frame`."""
         self._path, self._first_frame = facts.path, first_frame
         self.times, self.fps, self.notices = timing
         self.metadata, self.unsupported = facts.metadata, facts.unsupported
         self._take(shapes, facts.transforms)
 
     def _take(self, shapes: Sequence[Any], transforms: str) -> None:
-        """Take shapes as objects, once times are known; `transforms` is ``bake`` or ``keep``."""
+        """Make shapes the objects, once times are known; `transforms` is ``bake`` or ``keep``."""
         self._shapes, self._keep = shapes, transforms == "keep"
         self.objects = tuple(self._object(shape) for shape in shapes)
         self.fields, self._field_sources = fields_of_shapes(shapes)
@@ -441,7 +441,7 @@ class SceneSequence(MeshSequence):
                 transform = transform_attribute(self.times, matrices)
                 item = dataclasses.replace(item, attributes=(*item.attributes, transform))
         elif shape.connectivity.face_count:
-            # The last frame decides if the transform flattens at the first.
+            # If the transform flattens at the first frame, the last one decides.
             ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
             if mirrors(one[0] for one in ends if one is not None):
                 item = turned_around(item)
@@ -510,7 +510,7 @@ class Extras:
         if domain == "corner":
             values, indices = (values[self.order], None) if indices is None else (values, indices[self.order])
         if indices is not None and (labels or domain == "object"):
-            # Labels are numbered by the values themselves.
+            # The values themselves number the labels.
             values, indices = values[indices], None
         if domain == "vertex" and name.partition(":")[0] == UV and self.connectivity.face_count:
             rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
@@ -523,9 +523,11 @@ class Extras:
         read_at: Callable[[float], NDArray[Any] | None],
         times: Sequence[float],
     ) -> None:
-        """Add values that change, with the components of the first sample that is not empty; nothing if all are empty.
+        """Add values that change, with the components of the first sample that is not empty; add nothing if all are
+        empty.
 
-        They are left out if that sample does not fit the shape. Later ones that do not fit have no values.
+        The values are left out if that sample does not fit the shape. Later samples that do not fit count as
+        missing.
         """
         first = first_sample(read_at, times)
         if first is None:
@@ -546,7 +548,7 @@ class Extras:
         return [dataclasses.replace(one, order=gather) if one.field.domain == "vertex" else one for one in self.fields]
 
     def add_normals(self, domain: AttributeDomain, normals: NDArray[Any], indices: Int32Array | None) -> None:
-        """Add which corners share a normal; leave normals out if they do not fit the shape."""
+        """Record which corners share a normal; leave normals out if they do not fit the shape."""
         if normals.ndim != 2 or normals.shape[1] != 3 or not self.fits(domain, normals, indices):
             self.left_out.append("normals")
         elif self.connectivity.face_count:
@@ -559,14 +561,16 @@ class Extras:
             self.attributes += face_groups(role, sets, self.connectivity.face_count)
 
     def own_lines(self, counts: str, indices: str) -> Connectivity:
-        """Return the connectivity with the lines that our writer stored under these names next to faces or points."""
+        """Return the connectivity with the lines that pdecodec's writer stored under these names next to faces
+        or points.
+        """
         whole, none = self.connectivity, np.zeros(0, np.int32)
         lines = self.own.get(counts, none), self.own.get(indices, none)
         return Connectivity(whole.vertex_count, whole.face_counts, whole.face_indices, *lines)
 
     def curves(self, counts: Int32Array) -> tuple[Connectivity, Int64Array | None]:
-        """Return the connectivity of curves with these point counts, and which points are vertices if curves
-        share some.
+        """Return the connectivity of curves with these point counts, and the points that are vertices if curves
+        share points.
         """
         points = self.connectivity.vertex_count
         indices = self.own.get("vertex", np.zeros(0, np.int32)).astype(np.int32)

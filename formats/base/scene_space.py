@@ -34,7 +34,7 @@ UNITS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "km": 1000.0, "in": 0.025
 """Metres in each named unit."""
 
 SAME_UNIT = 1e-9
-"""Relative difference within which a unit is a named one."""
+"""Relative difference within which a unit counts as a named one."""
 
 TRANSFORM, TRANSFORM_COLUMNS = "transform", 17
 """Name of the attribute; its columns: a time and a matrix."""
@@ -48,7 +48,7 @@ _TO_Y: Mapping[str, Int64Array] = {
 
 
 class DerivedSequence(MeshSequence):
-    """Base of sequences that change another one."""
+    """Base of sequences that change another sequence."""
 
     def __init__(self, source: MeshSequence) -> None:
         self._source = source
@@ -103,12 +103,12 @@ def place(
     ----------
     sequence : MeshSequence
     up_axis : {"X", "Y", "Z"}, optional
-        The axis that is to be up. If the sequence does not state its up axis, nothing is turned: it is taken to be this
-        one, and a notice says so.
+        The axis that is to be up. If the sequence does not state its up axis, nothing is turned: the sequence is taken
+        to have this axis, and a notice says so.
     scale : float
         Factor of positions; the unit, if it is known, is divided by it.
     unit : str, optional
-        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, if the sequence does not state it, or states a wrong
+        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, if the sequence does not state it or states a wrong
         one.
 
     Raises
@@ -252,14 +252,15 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
 
 
 def turned_directions(field: Field, values: NDArray[Any], matrices: Float64Array) -> NDArray[Any]:
-    """Return values of a field under matrices of positions: the same ones if they are no directions.
+    """Return values of a field under matrices of positions; unchanged if they are not directions.
 
     Parameters
     ----------
     field : Field
     values : (frames, rows, 3) array
     matrices : (frames or 1, 4, 4) float64
-        For points that are rows. Vectors take their linear part, normals what keeps them normal, with their length.
+        For points that are rows. Vectors are transformed by the linear part; normals stay perpendicular to the surface
+        and keep their length.
 
     Returns
     -------
@@ -278,7 +279,7 @@ def turned_directions(field: Field, values: NDArray[Any], matrices: Float64Array
 
 
 def mirrors(matrices: Iterable[Float64Array]) -> bool:
-    """Return whether the first of some matrices (4, 4) that does not flatten mirrors."""
+    """Return whether the first of the matrices (4, 4) that does not flatten is a mirror image."""
     signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
     with np.errstate(invalid="ignore"):
         return next((sign for sign in signs if sign), 1.0) < 0
@@ -359,8 +360,8 @@ def velocities_of(sequence: MeshSequence) -> MeshSequence:
 class DifferencedVelocities(DerivedSequence):
     """Velocities of another sequence at its frames, exact for vertices that move quadratically in time.
 
-    At an inner frame the slope of the parabola through it and its neighbours; at either end that of the line to the
-    next frame; zero for a single frame.
+    At an inner frame, the slope of the parabola through it and its neighbours; at either end, the slope of the line
+    to the adjacent frame; zero for a single frame.
     """
 
     def read_frames(self, start: int, stop: int) -> Float32Array:

@@ -1,4 +1,4 @@
-"""Shared by writers of scenes: names as paths of a tree, shapes and their samples, attributes as parameters.
+"""Code that writers of scenes share: names as paths of a tree, shapes and their samples, attributes as parameters.
 
 A file has one shape for an object in all runs of frames. In runs without the object the shape is empty.
 """
@@ -42,10 +42,10 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 DEFAULT_NAME = "mesh"
-"""Name of an object that has none, or of an unnamed step of its path."""
+"""Name of an object, or of a step of its path, that has none."""
 
 _WRITTEN_ELSEWHERE = frozenset({SUBDIVISION, CURVE_BASIS, CURVE_WRAP, TRANSFORM})
-"""Attributes that say what kind of shape an object is, or where it is."""
+"""Attributes that are stored otherwise: as the kind of a shape, or as its transform."""
 
 
 def path_steps(name: str) -> tuple[str, ...]:
@@ -56,10 +56,10 @@ def path_steps(name: str) -> tuple[str, ...]:
 def tree_paths(
     names: Sequence[str], valid: Callable[[str], str] = lambda name: name
 ) -> tuple[list[tuple[str, ...]], tuple[str, ...]]:
-    """Return paths of objects from their names, and a line about names that had to change.
+    """Return paths of objects from their names, and a notice about names that had to change.
 
     Each path is unique and has at least one step; none is a parent of another. `valid` turns a step that the format
-    cannot hold into one that it can.
+    cannot hold into one that it can hold.
     """
     taken: set[tuple[str, ...]] = set()
     branches: set[tuple[str, ...]] = set()
@@ -79,7 +79,7 @@ def tree_paths(
 
 
 def renamed(pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return a line about names that had to change, from pairs of the old and the new name; nothing if none did."""
+    """Return a notice about names that had to change, from pairs of old and new name; empty if none did."""
     changes = ", ".join(dict.fromkeys(f"{name!r} as {found!r}" for name, found in pairs if name != found))
     return (f"names that had to change: {changes}",) if changes else ()
 
@@ -91,7 +91,7 @@ FACE_SETS = (GROUP, MATERIAL)
 def named_face_sets(
     item: MeshObject, valid: Callable[[str], str], roles: Sequence[str] = FACE_SETS
 ) -> Iterator[tuple[str, str, str, Int32Array]]:
-    """Yield role, label, name (unique in the object) and member faces of each set of faces with some roles."""
+    """Yield role, label, name (unique in the object) and member faces of each set of faces with one of `roles`."""
     taken: set[str] = set()
     for role in roles:
         for label, members in face_sets(item, role):
@@ -135,13 +135,13 @@ def find_shape_form(connectivity: Connectivity) -> ShapeForm:
 
 @dataclass(frozen=True)
 class ShapeKey:
-    """What objects of several runs of frames have in common if they are the same shape.
+    """Properties that the objects of several runs share if they are the same shape.
 
     Attributes
     ----------
     name : str
     number : int
-        From 0, among objects of one run that agree in everything else.
+        From 0, among objects of one run that agree in all other properties.
     kind : {"mesh", "curves", "points"}
     subdivision, curve_basis, curve_wrap : str or None
         Labels that formats store once per shape.
@@ -227,7 +227,7 @@ class ShapeWriter(ABC):
         same.
 
         They are the object's own ids, unless these are larger than the format can hold (`most`); else they count up
-        from 0. None if the shape is no set of points, or there is one run.
+        from 0. None if the shape is not a set of points, or there is only one run.
         """
         if not self.changes or self.key.kind != "points":
             return None
@@ -317,7 +317,7 @@ def _begin_run(
 
 @dataclass(frozen=True)
 class Parameter:
-    """An attribute as a format with typed parameters takes it.
+    """An attribute in the form in which a format stores typed parameters.
 
     Attributes
     ----------
@@ -352,7 +352,7 @@ def write_parameters(
     written: Sequence[str],
     sets: Sequence[str] = FACE_SETS,
 ) -> list[str]:
-    """Write the attributes that the format stores as parameters; return a line that names those it cannot store.
+    """Write the attributes that the format stores as parameters; return a notice that names those it cannot store.
 
     Parameters
     ----------
@@ -361,10 +361,10 @@ def write_parameters(
     title : str
         Title of the format.
     put : callable
-        Writes a parameter and returns whether there was a type for it. Labels are passed as values, rows as their
+        Writes a parameter and returns whether the format has a type for it. Labels are passed as values, rows as their
         indices.
     written : sequence of str
-        Names of attributes that the format stores in a way of its own.
+        Names of attributes that the format stores otherwise.
     sets : sequence of str
         Roles of attributes that the format stores as sets of faces.
     """
@@ -396,6 +396,6 @@ def _label_rows(attribute: Attribute) -> Int32Array | None:
 
 
 def _float_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None]:
-    """Return rows as float32, integer colours divided by 255; in indices -1 stays for none."""
+    """Return rows as float32, integer colours divided by 255; index -1 still marks elements without a value."""
     values, indices, filled = indexed_rows(attribute)
     return (values[:-1], attribute.indices) if filled else (values, indices)

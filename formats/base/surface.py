@@ -1,4 +1,4 @@
-"""Leave out the cells of a sequence for formats that have no place for them: their surface stays."""
+"""Leave out the cells of a sequence, for formats that cannot hold them; their surface stays."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pdecodec.mesh.sequence import MeshSequence
 
 
 def surface_of(sequence: MeshSequence, told: list[str]) -> MeshSequence:
-    """Return a sequence without cells and their data; runs without cells stay as they are. Vertices stay.
+    """Return a sequence without cells and their data; runs without cells and all vertices stay as they are.
 
-    `told` gets a line about the first run with cells, when that run is used.
+    `told` gets a notice about the first run with cells, when that run is used.
     """
 
     def surface(run: MeshSequence) -> MeshSequence:

@@ -13,22 +13,22 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.times import DEFAULT_FPS, MAX_TIMES, check_times, times_at_rate
 
 SAME_TIME = 1e-6
-"""Seconds within which two sample times are the same: files round them to six decimals, or to float32."""
+"""Difference [s] up to which two sample times count as equal: files round them to six decimals, or to float32."""
 
 RATE_SLACK = 1e-6
-"""Relative distance within which a stored frame rate stands for a round one."""
+"""Relative difference up to which a stored frame rate counts as a round one."""
 
 FLOAT32_ROUNDING = 2.0**-23
 """Relative error of a time rounded to float32, with one bit to spare."""
 
 FRAME_SLACK = 1e-3
-"""Fraction of a frame by which files may round times: a key this near to a frame is on it."""
+"""Fraction of a frame by which files may round times: a key within this distance of a frame is on it."""
 
 SLOWEST_KEYS = 12.0
 """Rate [1/s] below which evenly spaced keys are poses to interpolate between, not frames."""
 
 FASTEST_SPARSE_KEYS = 60.0
-"""Rate [1/s] above which most frames must have a key: keys of two rates may fall on frames of a third by chance."""
+"""Rate [1/s] above which most frames must have a key, because keys of two rates may coincide with frames of a third."""
 
 Timing = tuple[Float64Array, float, tuple[str, ...]]
 """Times [s], nominal frame rate [1/s], and notices about them."""
@@ -39,14 +39,14 @@ _KEPT = "the times stored in the file are kept; {:g} frames per second is only t
 
 
 def merged_times(groups: Sequence[Float64Array]) -> Float64Array:
-    """Return every time of several lists, once and in order; times within :data:`SAME_TIME` are the same."""
+    """Return the times of several lists, in order, without duplicates; times within :data:`SAME_TIME` are equal."""
     every = np.sort(np.concatenate(groups))
     kept: Float64Array = every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
     return kept
 
 
 def round_rate(rate: float) -> float:
-    """Return the rate that was stored as a rounded spacing: 24, 29.97 (30000 / 1001), or the given rate itself."""
+    """Return the rate that a rounded spacing stands for: 24, 29.97 (30000 / 1001), or the given rate itself."""
     for meant in (round(rate), round(rate * 1.001) / 1.001, round(rate, 3)):
         if meant > 0 and abs(rate - meant) <= RATE_SLACK * rate:
             return float(meant)
@@ -54,7 +54,7 @@ def round_rate(rate: float) -> float:
 
 
 def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Float64Array:
-    """Return times [s] without their rounding if all are frames of a rate [1/s] within `slack` [s], else unchanged."""
+    """Return times [s] without rounding errors if all are frames of a rate [1/s] within `slack` [s], else unchanged."""
     stored = np.asarray(times, np.float64)
     frames = np.rint(stored * rate)
     if (np.abs(frames / rate - stored) <= slack).all() and (np.diff(frames) > 0).all():
@@ -63,7 +63,7 @@ def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Fl
 
 
 def regular_rate(times: Float64Array, fps: float) -> float | None:
-    """Return the rate of times that are a constant step apart; None if they are not, or there is only one."""
+    """Return the rate of equally spaced times; None if the spacing varies, or there is only one time."""
     if times.size < 2:
         return None
     spacing = float(times[-1] - times[0]) / (times.size - 1)
@@ -96,7 +96,7 @@ def rate_of_keys(keys: Float64Array) -> float | None:
 def times_kept(
     times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str, start: float = 0.0
 ) -> tuple[str, ...]:
-    """Return a line that says by how much a format that rounds times changes those of a sequence.
+    """Return a notice about how much a format that rounds times changes those of a sequence.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def times_kept(
     InputError
         If two frames would get the same time.
     """
-    # A time beyond float32 is infinite, as is the next one.
+    # A time beyond the range of float32 becomes infinite, as does the next one.
     with np.errstate(over="ignore"):
         counted = times - start
         kept = counted if kept_as == "microseconds" else counted.astype(np.float32).astype(np.float64)
@@ -134,7 +134,7 @@ def times_kept(
 
 
 def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
-    """Return the frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
+    """Return the frame rate that the caller requests, else the file's, else 24, and notices about it."""
     if asked is not None:
         differs = stored is not None and abs(stored - asked) > RATE_SLACK * stored
         return asked, (_KEPT.format(asked),) if differs else ()
@@ -145,12 +145,12 @@ def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_T
     """Return the times [s] of frames at a rate [1/s] from an animation's first key to its last, which is always
     included.
 
-    `slack` [s] is by how much the file may round the last key.
+    The file may have rounded the last key by up to `slack` [s].
 
     Raises
     ------
     InputError
-        If there are too many frames: the file's own times ask for them, not the caller.
+        If there are too many frames, which is the file's fault, not the caller's.
     """
     try:
         times = times_at_rate(first, last + slack, rate)
@@ -246,7 +246,7 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | No
 
 
 def codes_of(times: Float64Array, rate: float) -> Float64Array:
-    """Return the time codes of times, rounded to whole numbers where they differ by rounding alone."""
+    """Return the time codes of times; codes that differ from whole numbers only by rounding are made whole."""
     codes = times * rate
     whole = np.rint(codes)
     found: Float64Array = np.where(np.abs(codes - whole) <= 1e-9 * np.maximum(1.0, np.abs(whole)), whole, codes)

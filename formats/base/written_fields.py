@@ -1,4 +1,4 @@
-"""Read the fields of a sequence frame by frame, for writers that join objects: a value for each vertex and cell."""
+"""Read the fields of a sequence frame by frame, for writers that join objects: one value per vertex and cell."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class WrittenField:
 
 
 class WrittenFields:
-    """The fields of a run that a format has a place for, and their values in each frame.
+    """The fields of a run that a format can hold, and their values in each frame.
 
     Parameters
     ----------
     sequence : MeshSequence
     domains : sequence of str
-        Those that the format has a place for; "object" only counts if there is one object. "face" are the faces of
-        sequences without cells, "cell" the cells of others.
+        Domains that the format can hold. "object" applies only to a sequence of one object. "face" stands for the faces
+        of sequences without cells, "cell" for the cells of others.
     but : collection of str
-        Names of fields that the format stores in a way of its own.
+        Names of fields that the format stores otherwise.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class WrittenFields:
         Whether the sequence has cells.
     fields : tuple of WrittenField
     lost : list of str
-        Names of other fields: those of other domains, and whole numbers that not all objects have.
+        Names of fields that are not kept: fields of other domains, and whole numbers that not all objects have.
     """
 
     def __init__(self, sequence: MeshSequence, domains: Sequence[FieldDomain], but: Collection[str] = ()) -> None:
@@ -84,16 +84,16 @@ class WrittenFields:
         }
 
     def notices(self) -> tuple[str, ...]:
-        """Return lines that name the fields that are not kept, and those that lose their units."""
+        """Return notices about the fields that are not kept, and about fields that lose their units."""
         units = [one.field.name for one in self.fields if one.field.unit]
         return (*not_kept(self.lost, "fields not kept: {}"), *not_kept(units, "units of fields not kept: {}"))
 
     def names(self, domain: FieldDomain) -> list[str]:
-        """Return the names of the data of a domain."""
+        """Return the names of the fields of a domain, as they are written."""
         return [one.name for one in self.fields if one.field.domain == domain]
 
     def _owned_rows(self, field: Field) -> NDArray[np.bool_]:
-        """Return for each row of a domain of all objects whether its object has the field."""
+        """Return, for each row of a domain over all objects, whether its object has the field."""
         objects = self._sequence.objects
         counts = replace(field, objects=None).row_counts(objects)
         owners = np.zeros(len(counts), bool)
@@ -104,7 +104,7 @@ class WrittenFields:
         return np.repeat(owners, counts)
 
     def read(self, one: WrittenField, start: int, stop: int) -> NDArray[Any]:
-        """Return values (frames, rows[, components]) for all objects: NaN or 0 for those without the field."""
+        """Return values (frames, rows[, components]) for all objects: NaN or 0 for objects without the field."""
         values = self._sequence.read_field(one.field.name, start, stop).astype(one.dtype, copy=False)
         has_it = self._owned.get(one.field.name)
         if has_it is None:
@@ -116,7 +116,7 @@ class WrittenFields:
     def at(self, frame: int, *, with_lines: bool = True) -> Iterator[tuple[WrittenField, NDArray[Any]]]:
         """Yield the fields with their values in a frame, (rows[, components]).
 
-        Rows on faces are cells: faces, then, unless `with_lines` is false, lines, which have no values: NaN or 0.
+        Rows of face fields are faces and then, if `with_lines`, lines, whose values are NaN or 0.
         """
         if not self._start <= frame < self._start + self._at_a_time or not self._block:
             self._start = frame

@@ -29,10 +29,10 @@ _UV_NAMES = ("st", "uv", "UVMap", "map1")
 """Names of float2 primvars that are UVs, though their type does not say so."""
 
 NORMALS = "normals"
-"""Name of the primvar that takes precedence over the attribute of that name."""
+"""Name of the primvar of normals, which takes precedence over the attribute of the same name."""
 
 _OTHERS_OWN = ("skel:",)
-"""Prefixes of primvars whose effect is already in the points."""
+"""Prefixes of primvars that are already applied to the points."""
 
 
 def read_extras(
@@ -91,8 +91,8 @@ def read_directions(attribute: Any, extras: Extras, span: tuple[float, float], *
 def _values_in_time(
     attributes: Sequence[Any], span: tuple[float, float], width: int = 1
 ) -> tuple[Callable[[float], NDArray[Any] | None], list[float]]:
-    """Return a function that reads an attribute at a code, through its indices if it has any, and the codes at which it
-    is sampled.
+    """Return a function that reads an attribute at a code, through its indices if it has any, and the codes of its
+    samples.
 
     A row consists of `width` elements. Codes after the last sample in the span read that sample, because the next
     one may belong to other faces.

@@ -50,7 +50,7 @@ _TYPES = {
     ("i", 8, 1): (Sdf.ValueTypeNames.Int64Array, Vt.Int64Array),
     ("u", 1, 1): (Sdf.ValueTypeNames.UCharArray, Vt.UCharArray),
 }
-"""USD's value types by NumPy kind, bytes, and columns."""
+"""USD's value types by NumPy kind, size in bytes, and number of columns."""
 
 _SCALARS = {
     "f4": (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray, np.float32),
@@ -61,7 +61,7 @@ _SCALARS = {
     "u8": (Sdf.ValueTypeNames.UInt64Array, Vt.UInt64Array, np.uint64),
     "b1": (Sdf.ValueTypeNames.BoolArray, Vt.BoolArray, np.bool_),
 }
-"""USD's value types of single numbers, by NumPy's; other integers are written as int."""
+"""USD's value types of single numbers, by NumPy type; other integers are written as int."""
 
 _INT = (Sdf.ValueTypeNames.IntArray, Vt.IntArray, np.int32)
 
@@ -69,7 +69,7 @@ _FAMILIES = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)
 """Families of face subsets by role."""
 
 MATERIALS = "pdecodecMaterials"
-"""Scope of the subsets' materials, below the default prim, so that references to that include them."""
+"""Scope of the subsets' materials, below the default prim, so that references to this prim include them."""
 
 _ROLE_TYPES = {
     (COLOR, 3): (Sdf.ValueTypeNames.Color3fArray, Vt.Vec3fArray),
@@ -104,11 +104,11 @@ class ExtrasWriter:
         self._first: Any = None
 
     def write(self, item: MeshObject, drawn: ShapeForm, written: Sequence[str], at: Sequence[Any]) -> list[str]:
-        """Write the attributes of a run of frames, except those named in `written`; return notices about what cannot be
-        stored.
+        """Write the attributes of a run of frames, except those named in `written`; return notices about attributes
+        that USD cannot store.
 
-        `at` holds the time codes of the run's first and last frame, or USD's code for values without samples:
-        between samples of two runs, numbers would be interpolated.
+        `at` holds the time codes of the run's first and last frame, or USD's code for values without samples. Both
+        ends are written, because USD would interpolate numbers between samples of two runs.
         """
         self._first = at[0] if self._first is None else self._first
         put: set[str] = set()
@@ -121,7 +121,9 @@ class ExtrasWriter:
         return notices
 
     def _put_primvar(self, item: MeshObject, one: Parameter, at: Sequence[Any], put: set[str]) -> bool:
-        """Write a primvar; return False if no type fits it, or a primvar of its name is of another kind or in `put`."""
+        """Write a primvar; return False if no type fits it, or the primvar of its name has another type or is
+        in `put`.
+        """
         attribute, values, indices = one.attribute, one.values, one.indices
         name, interpolation = attribute.name, _INTERPOLATIONS[attribute.domain]
         if one.role == "label":
@@ -135,7 +137,7 @@ class ExtrasWriter:
             name = source_name(attribute, COLOR, "displayColor" if one.width == 3 else COLOR)
         elif one.role == UV:
             name = source_name(attribute, UV, "st")
-            # Interpolation is stored once for all runs.
+            # The primvar's interpolation is stored once for all runs.
             if at[0].IsDefault() and is_by_vertex(attribute, item.connectivity):
                 interpolation, indices = "vertex", None
         name = ":".join(map(valid_name, name.split(":")))
@@ -181,7 +183,7 @@ class ExtrasWriter:
         return subset
 
     def _write_own(self, connectivity: Connectivity, drawn: ShapeForm, at: Any) -> None:
-        """Write what USD's shapes cannot hold as attributes in pdecodec's namespace."""
+        """Write, as attributes in pdecodec's namespace, data that USD's shapes cannot hold."""
         arrays = {name: np.zeros(0, np.int32) for name in self._own}
         if drawn.gather is not None:
             arrays["vertex"] = drawn.gather
@@ -212,7 +214,7 @@ class FieldsWriter:
     def write(self, fields: Sequence[tuple[Field, NDArray[Any]]], codes: Sequence[float], first: Any) -> None:
         """Write values (frames, rows, components) at time codes; `first` is the code of the first frame of the file.
 
-        What earlier runs of frames had and this one has not becomes empty.
+        Fields that earlier runs had and this run lacks become empty.
         """
         for field, _ in fields:
             if field.name not in self._known:
@@ -229,7 +231,7 @@ class FieldsWriter:
                 self._known[name][0].Set(self._known[name][1](), codes[0])
 
     def _made(self, field: Field) -> tuple[Any, Any, Any]:
-        """Return the attribute or primvar of a field, the type of its arrays, and NumPy's type of its numbers."""
+        """Return the attribute or primvar of a field, the type of its arrays, and the NumPy type of its numbers."""
         if field.name in (VELOCITIES, ACCELERATIONS) and field.domain == "vertex" and direction_role(field):
             geometry = UsdGeom.PointBased(self._prim)
             is_speed = field.name == VELOCITIES

@@ -1,4 +1,4 @@
-"""Report USD's failures with a stage, and files that cannot be opened, which USD only skips."""
+"""Report USD's failures to compose a stage, and files that cannot be opened, which USD would skip."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: (?:parse error matching \S+ (?P<p
 """USD's message about text that it cannot parse; "matching" is followed by a name from its sources."""
 
 WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
-"""Beginning of USD's messages: a place in its own sources."""
+"""Start of USD's messages, which names a place in USD's own sources."""
 
 MISSING = re.compile(
     r"(?P<kind>asset|sublayer|(?P<arc>\w+) prim path) @(?P<file>[^@]*)@(?P<prim><[^>]*>)?(?: for (?P<by>\w+))?"
@@ -45,7 +45,7 @@ def stage_errors(path: Path) -> Iterator[None]:
                 what = f"does not parse {found['place']}" if found["place"] else f"is wrong: {found['what']}"
                 lines = [f"line {found['line']} {what}"]
         except UnicodeDecodeError:
-            # USD's message quotes the file.
+            # USD's message quotes the file, whose text is not UTF-8.
             lines = ["its text is not UTF-8"]
         reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
         raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error

@@ -19,18 +19,18 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
 SIDES = 32
-"""Sides of round shapes: they are off by half a percent of the radius."""
+"""Number of sides of round shapes; their surface is off by half a percent of the radius."""
 
 _AXES = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
-"""Order of the coordinates of a shape along Z that turns it to another axis."""
+"""Order of coordinates that turns a shape along Z to another axis."""
 
 _Solid = tuple[Mapping[str, Float64Array], list[list[int]], list[int]]
-"""Vectors (points, 3) by size, faces, and for each face the number of its smooth part."""
+"""Vectors (points, 3) for each size, faces, and the number of the smooth part that each face belongs to."""
 
 
 @dataclass(frozen=True, eq=False)
 class Implicit:
-    """Points of a shape, with the methods of a USD attribute.
+    """Points of an implicit shape, with the methods of a USD attribute.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ class Instancer:
 
     @property
     def turning(self) -> list[Any]:
-        """Attributes that do not move instances in straight lines."""
+        """Attributes that move instances along curves."""
         return [self.arrays.GetOrientationsAttr(), self.arrays.GetOrientationsfAttr(), self.arrays.GetScalesAttr()]
 
     def root(self, instance: int) -> Any:
@@ -90,7 +90,7 @@ def placed_in_scene(instances: Sequence[tuple[Instancer, int]], prim: Any, cache
 
 
 def open_instancer(prim: Any) -> Instancer | str:
-    """Return a prim as an instancer, or a text about what in it cannot be read."""
+    """Return a prim as an instancer, or a description of the feature that cannot be read."""
     arrays = UsdGeom.PointInstancer(prim)
     stage = prim.GetStage()
     roots = tuple(stage.GetPrimAtPath(path) for path in arrays.GetPrototypesRel().GetForwardedTargets())

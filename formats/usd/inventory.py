@@ -1,5 +1,5 @@
-"""Everything that a USD stage holds, and what happens to it. Whatever no reader here asks for is dropped, and named in
-a note.
+"""List everything that a USD stage holds, and what happens to it. Properties that no reader here uses are dropped, with
+a notice.
 
 Stages are listed as they are composed: prims, their properties and metadata, variants that are not selected, and the
 metadata of the stage.
@@ -24,7 +24,7 @@ from pdecodec.mesh.sequence import Fate as ContentFate
 
 
 class Fate(Enum):
-    """What happens to something that a file holds."""
+    """What happens to a thing that a file holds."""
 
     CODED = "coded"
     APPLIED = "applied to positions"
@@ -64,7 +64,7 @@ _IN_CONTENTS: dict[Fate, ContentFate] = {
     Fate.TOLD: "dropped",
     Fate.DROPPED: "dropped",
 }
-"""The same fates in the words that sequences of all formats use."""
+"""The same fates as sequences of all formats name them."""
 
 _EVERYWHERE = {
     "visibility": Fate.TOLD,
@@ -102,7 +102,7 @@ _BY_SHAPE = {
     "tetVertexIndices": "tetrahedra (their surface is kept)",
     "material:binding": "material",
 }
-"""What shapes call properties that they do not keep."""
+"""Names by which shapes report properties that they do not keep."""
 
 _STRUCTURE = ("", "Xform", "Scope", "SkelRoot")
 """Types of prims that only group other prims."""
@@ -175,7 +175,7 @@ class Inventory:
         return lost_textures(len(self._textures), [*self._textures])
 
     def contents(self) -> tuple[Content, ...]:
-        """Return all items: prims by their type, properties and metadata by their name."""
+        """Return all items: prims are listed by type, properties and metadata by name."""
         return tuple(
             Content(
                 f"{item.path} {item.key}" if item.key else item.path,
@@ -202,7 +202,7 @@ class Inventory:
                 prim = prim.GetParent()
 
     def _drop(self, path: str, key: str, kind: str, name: str, *, is_prim: bool = False) -> None:
-        """Note something that is dropped, under the word for its kind."""
+        """Note a thing that is dropped, under the word for its kind."""
         (self._prims if is_prim else self._names).setdefault(kind, {})[name] = None
         self.items.append(Item(path, key, Fate.DROPPED, kind if is_prim else name))
 
@@ -322,7 +322,7 @@ class Inventory:
 
 
 def _left_out_as(name: str, left_out: set[str]) -> str | None:
-    """Return what a shape calls a property that it does not keep; None if it keeps it."""
+    """Return the name by which a shape reports a property that it does not keep; None if it keeps it."""
     word = _BY_SHAPE.get(name, name.removeprefix("primvars:").removesuffix(":indices"))
     return next((one for one in left_out if one == word or one.startswith(f"{word} (")), None)
 

@@ -1,8 +1,7 @@
-"""Check the layers of a USD stage: they must be regular files in the folder of the first one, or in an allowed folder.
+"""Check the layers of a USD stage: they must be regular files in the folder of the root layer, or in an allowed folder.
 
-USD opens whatever a layer refers to, so layers are followed before a stage is made of them: each reference is
-checked before it is opened. Which layers a stage uses is known only then: those that it does not use may be
-anywhere.
+USD opens every file that a layer refers to, so layers are followed before a stage is made of them: each reference is
+checked before it is opened. Only then is it known which layers the stage uses; unused layers may be anywhere.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ def open_stage(path: Path) -> Any:
     """
     known = Sdf.Layer.Find(str(path))
     if known is not None:
-        # USD caches open files: this one may have been written again since.
+        # USD caches open files, and this file may have been written again since.
         known.Reload()
     scope = usd_scope(path)
-    layers, _ = _layers(path, scope)  # held so that USD does not read them again
+    layers, _ = _layers(path, scope)  # Keep a reference, so that USD does not read them again.
     stage = Usd.Stage.Open(str(path))
     for layer in stage.GetUsedLayers():
         _check(layer.realPath, scope)
@@ -49,7 +48,7 @@ def open_stage(path: Path) -> Any:
 
 
 def usd_scope(path: Path) -> FileScope:
-    """Return the scope in which the layers of a stage may be."""
+    """Return the scope in which the layers of a stage must be."""
     listed = os.environ.get(SEARCH_VARIABLE, "").split(os.pathsep)
     return FileScope(path, [folder for folder in listed if folder])
 
@@ -71,14 +70,14 @@ def check_package(file: Path, scope: FileScope) -> None:
 
 
 def _layers(path: Path, scope: FileScope) -> tuple[list[Any], dict[Path, None]]:
-    """Return the layers inside the scope that a file consists of, and the files of these and of value clips."""
+    """Return the layers inside the scope that a file consists of, and the files of these layers and of value clips."""
     left, layers, files, resolver = [str(path)], [], {path: None}, Ar.GetResolver()
     seen = set(left)
     while left:
         try:
             layer = Sdf.Layer.FindOrOpen(left.pop())
         except Tf.ErrorException:
-            continue  # USD reports it for the stage
+            continue  # USD reports this error for the stage.
         if not layer:
             continue
         layers.append(layer)

@@ -25,11 +25,11 @@ METADATA = f"{OWN}Metadata"
 """Custom data of a layer: metadata that USD cannot hold."""
 
 SAMPLED = f"{OWN}Sampled"
-"""Custom data of a layer: whether every frame is a sample, so that no motion lies between samples."""
+"""Custom data of a layer: whether every frame is a sample, so that motion between samples is linear."""
 
 TIME_RANGE, TIME_CODE_RATE = "time_range", "time_codes_per_second"
-"""Keys of metadata: first and last time [s] of a stage, if its frames do not span them, followed by those of
-the frames; and its time codes per second, if they differ from its frames per second.
+"""Keys of metadata: first and last time [s] of a stage, if its frames do not span them, followed by the first
+and last time of the frames; and its time codes per second, if they differ from its frames per second.
 """
 
 

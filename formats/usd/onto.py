@@ -45,7 +45,7 @@ def write_usd_onto(
             "a package does not hold a layer over another file; write a .usda or .usdc file", code="unsupported-feature"
         )
     place, below = path.parent.resolve(), original.root_layer
-    # In the same folder, names stay as they are.
+    # In the same folder, names of assets stay as they are.
     names: dict[str, str] = {}
 
     def anchored(text: str) -> str:
@@ -133,7 +133,7 @@ def _unpacked(source: Path, folder: Path) -> Path:
 
 
 class _Over:
-    """A stage whose root layer is written."""
+    """A stage that is written onto, and its root layer."""
 
     def __init__(
         self, sequence: MeshSequence, original: UsdSequence, fits: Sequence[Fitted], stage: Any, output: Output
@@ -217,7 +217,7 @@ class _PrimOver(ShapeOver):
         super().__init__(fit.own, placed, rows, None if shape.gather is None else item.connectivity.line_indices)
         if shape.skinning is not None:
             _let_go(prim)
-        # A scene that was carried has those of the same motion.
+        # A carried scene already has velocities and accelerations of the same motion.
         for attribute in () if is_filled else (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
             _silence(attribute)
         self._points, self._extent = geometry.CreatePointsAttr(), geometry.CreateExtentAttr()
@@ -245,7 +245,7 @@ def _silence(attribute: Any) -> None:
 
 
 def _let_go(prim: Any) -> None:
-    """Stop joints and blend shapes from deforming a prim; they themselves stay."""
+    """Stop joints and blend shapes from deforming a prim; the joints and blend shapes stay."""
     binding = UsdSkel.BindingAPI.Apply(prim)
     for name in (UsdSkel.Tokens.skelSkeleton, UsdSkel.Tokens.skelAnimationSource, UsdSkel.Tokens.skelBlendShapeTargets):
         prim.CreateRelationship(name, custom=False).SetTargets([])

@@ -2,7 +2,7 @@
 
 There is a frame at every time code at which anything in the scene is sampled. If transforms or skeletons do not move
 in straight lines, there are also frames between these at the stage's frame rate. On request, frames are at a given
-rate instead. Values that are not sampled at a frame are those that USD returns at its time code.
+rate instead. At frames without a sample, USD interpolates.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class UsdSequence(SceneSequence):
 
 
 def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array:
-    """Return the matrices (codes, 4, 4) that `place` gets from a cache of transforms at time codes."""
+    """Return the matrices (codes, 4, 4) that `place` returns for a cache of transforms at each time code."""
     cache, found = UsdGeom.XformCache(), []
     for code in codes.tolist():
         cache.SetTime(Usd.TimeCode(code))
@@ -183,8 +183,8 @@ def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array
 def _says_rate(stage: Any) -> bool:
     """Return whether a stage states its time codes per second.
 
-    If no layer states it, the caller may give it. If a layer below the root does, USD has already scaled its time
-    codes to those of the stage, 24 per second unless the root states another rate.
+    If no layer states a rate, the caller may give one. If a layer below the root states one, USD has already scaled
+    its time codes to those of the stage, 24 per second unless the root states another rate.
     """
     return any(layer.HasTimeCodesPerSecond() or layer.HasFramesPerSecond() for layer in stage.GetUsedLayers())
 

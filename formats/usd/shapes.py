@@ -35,23 +35,23 @@ from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
-"""USD's names of subdivision schemes, and ours."""
+"""USD's names of subdivision schemes, and pdecodec's."""
 
 _OF_SURFACES = (GROUP, MATERIAL, NORMAL_GROUP)
-"""Attributes of the surface of tetrahedra."""
+"""Attributes that the surface of tetrahedra keeps."""
 
 
 @dataclass(kw_only=True, eq=False)
 class UsdShape(Shape):
-    """A prim that can be read, its attribute of points, and what deforms them."""
+    """A prim that can be read, its attribute of points, and the skinning that deforms them."""
 
     prim: Any
     points: Any
     skinning: Skinning | None
     instances: Sequence[tuple[Instancer, int]] = ()
-    """The nested instances that it belongs to, innermost first."""
+    """The nested instances that the shape belongs to, innermost first."""
     described_at: Sequence[float] = ()
-    """Time codes at which its connectivity is sampled, if that changes."""
+    """Time codes at which its connectivity is sampled; empty if that is constant."""
 
     @property
     def placed_by(self) -> Any:
@@ -189,7 +189,7 @@ def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
 
 
 def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
-    """Open the surface of tetrahedra, the authored one, else the one that USD computes; every point is kept."""
+    """Open the surface of tetrahedra as authored, else as USD computes it; every point is kept."""
     tets = UsdGeom.TetMesh(prim)
     authored = tets.GetSurfaceFaceVertexIndicesAttr()
     at = scan.look(prim, [authored, tets.GetTetVertexIndicesAttr()])
@@ -199,7 +199,7 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     indices = np.array(surface, np.int32).reshape(-1)
     connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
     extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(tets, skinning), at=at)
-    # Data of elements belong to the tetrahedra, except for sets of faces.
+    # Data of elements belong to the tetrahedra, not to their surface; only sets of faces are kept.
     inner = [one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _OF_SURFACES]
     extras.attributes = [one for one in extras.attributes if not any(one is other for other in inner)]
     of_cells = [one for one in extras.fields if one.field.domain in ("face", "corner")]
@@ -245,7 +245,7 @@ def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None
 def open_points(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
     points = UsdGeom.Points(prim)
     ids = points.GetIdsAttr()
-    # Points without ids are different points if their number changes.
+    # If points have no ids and their number changes, they are different points.
     counted = ids.GetNumTimeSamples() < 2
     at = scan.look(prim, [points.GetPointsAttr() if counted else ids], by_size=counted)
     alone = _points_alone(points, at)

@@ -45,7 +45,7 @@ class Skinning:
 
     @property
     def sampled_by(self) -> tuple[str, bool]:
-        """Path of the animation, and whether it drives blend shapes: together they determine its time codes."""
+        """Path of the animation, and whether it drives blend shapes, which together determine its time codes."""
         return str(self._animation.GetPrim().GetPath()) if self._animation else "", self._shapes is not None
 
     def time_codes(self) -> list[float]:
@@ -58,7 +58,7 @@ class Skinning:
         return codes
 
     def deform(self, points: Float32Array, code: float) -> Float32Array:
-        """Deform points (vertices, 3) at rest in the prim's space to a time code.
+        """Deform points (vertices, 3), at rest in the prim's space, as they are at a time code.
 
         The result is in the skeleton's space if :attr:`has_joints`, else in the prim's.
         """

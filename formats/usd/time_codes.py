@@ -1,4 +1,4 @@
-"""Collect the time codes at which a USD scene is sampled: points, what deforms them, and the transforms above them."""
+"""Collect the time codes at which a USD scene is sampled: points, their skinning, and the transforms above them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class TimeCodes:
     Attributes
     ----------
     straight, curved : list of (codes,) float64
-        Between codes of `straight` points move in straight lines; between those of `curved` they may not.
+        Between codes of `straight`, points move in straight lines; between codes of `curved` they may not.
     """
 
     def __init__(self, shapes: Sequence[UsdShape]) -> None:

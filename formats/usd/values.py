@@ -23,12 +23,12 @@ ALWAYS = (-np.inf, np.inf)
 
 
 def codes_within(attribute: Any, span: tuple[float, float]) -> list[float]:
-    """Return the codes of an attribute's samples from the first of two codes, up to the second without it."""
+    """Return the codes of an attribute's samples in a span, including its start but not its end."""
     return [code for code in attribute.GetTimeSamples() if span[0] <= code < span[1]]
 
 
 def changes_with_time(attribute: Any, span: tuple[float, float] = ALWAYS) -> bool:
-    """Return whether an attribute has different values at different times: one sample, or equal ones, are constant."""
+    """Return whether an attribute's values change with time: one sample, or equal samples, are constant."""
     if attribute.HasSpline():
         return True
     codes = codes_within(attribute, span)

@@ -61,7 +61,7 @@ def shapes_again(shapes: Sequence[UsdShape], scan: ShapeScan) -> list[UsdShape]:
 
 
 def _opener(prim: Any) -> Callable[[Any, str, ShapeScan, Skinning | None], UsdShape | None] | None:
-    """Return the function that opens a prim of its type; None if there is none."""
+    """Return the function that opens prims of this type; None if there is none."""
     if str(prim.GetTypeName()) in IMPLICIT_TYPES:
         return open_implicit
     return next((open_prim for schema, open_prim in _OPENERS if prim.IsA(schema)), None)
@@ -70,7 +70,7 @@ def _opener(prim: Any) -> Callable[[Any, str, ShapeScan, Skinning | None], UsdSh
 def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -> list[UsdShape]:
     """Return the shapes at and below a prim; those of instancers once for each instance."""
     shapes: list[UsdShape] = []
-    # Prototypes may be below prims that no layer defines, so that they are not drawn themselves.
+    # Prototypes may be below prims that no layer defines, which keeps them from being drawn themselves.
     predicate = Usd.PrimIsActive & Usd.PrimIsLoaded if scan.within else Usd.PrimDefaultPredicate
     prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(predicate)))
     for prim in prims:
@@ -80,12 +80,12 @@ def _shapes_below(root: Any, skinned: Mapping[str, Skinning], scan: ShapeScan) -
         if imageable and prim.IsA(UsdGeom.Gprim) and imageable.ComputePurpose() not in _PURPOSES:
             scan.refusals.others[f"prim of purpose {imageable.ComputePurpose()}"] += 1
         elif prim.IsA(UsdGeom.PointInstancer):
-            # Prototypes below it are not placed by themselves.
+            # Prototypes below an instancer are drawn only by it.
             prims.PruneChildren()
             shapes += _instances(prim, name, skinned, scan)
         elif (open_prim := _opener(prim)) is not None:
             opened = open_prim(prim, name, scan, skinning)
-            # Shapes that change count for the times even if they are empty at first.
+            # Shapes whose connectivity changes contribute times even if they are empty at first.
             if opened is not None and (opened.connectivity.vertex_count or opened.described_at):
                 opened.hidden = _is_hidden(prim, scan.hidden)
                 shapes.append(opened)

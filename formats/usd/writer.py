@@ -62,7 +62,9 @@ MAX_STREAMED_BYTES = 2_000_000_000
 """Bytes of a layer beyond which Python's archives have 64-bit sizes, which USD does not read."""
 
 ZIP_HEADER_BYTES, PACKAGE_ALIGNMENT = 34, 64
-"""Bytes before a file's name and padding in an archive, including the padding's own header; USD's alignment of data."""
+"""Bytes before a file's name and padding in an archive, including the padding's own header; and USD's alignment
+of data.
+"""
 
 PADDING_FIELD = 0x1986
 """Number of the field that pads headers in USD's packages."""
@@ -117,7 +119,7 @@ def packed(file: Path, path: Path, *, alone: bool = False) -> Path:
     if alone and file.stat().st_size < MAX_STREAMED_BYTES:
         _stream_package(file, package)
         return package
-    # Packages note when their files were written: the same input gives the same bytes.
+    # Packages store the time at which their files were written; a fixed time makes equal input give equal bytes.
     oldest = time.mktime((1980, 1, 1, 0, 0, 0, 0, 1, -1))
     for one in file.parent.rglob("*"):
         os.utime(one, (oldest, oldest))
@@ -149,7 +151,7 @@ class _Stage:
         self._describe(paths)
         changes = len(sequence.runs) > 1
         prims = [stage.GetPrimAtPath(self._make_path(key, steps)) for key, steps in zip(keys, paths, strict=True)]
-        # Names that USD cannot hold are stored in the prims' custom data; those with a number appended are not.
+        # Report names that USD cannot hold; the original is stored in custom data only if no number was appended.
         self.notices += renamed((key.name, object_name(prim)) for key, prim in zip(keys, prims, strict=True))
         self._shapes = {
             key: _PrimWriter(prim, key, self._rate, changes=changes) for key, prim in zip(keys, prims, strict=True)
@@ -174,7 +176,7 @@ class _Stage:
         if axis == "X":
             text = "USD has no up axis X: none is written, programs take it as Y"
             self.notices.append(Notice(text, setting="up_axis", purpose="to turn it"))
-        # Unstated metadata are not authored: a reader would take them for facts.
+        # Metadata that the sequence does not state is not authored, because a reader would take it for a fact.
         if axis in ("Y", "Z"):
             UsdGeom.SetStageUpAxis(stage, axis)
         elif axis is None:
@@ -284,7 +286,7 @@ class _PrimWriter(ShapeWriter):
             [one for one in self.fields if speeds is None or not is_velocity(one[0])], codes, self._first
         )
         velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
-        # Outside of a block, every value that is set notifies the stage.
+        # Outside of a change block, every value that is set notifies the stage.
         with Sdf.ChangeBlock():
             self._write_points(*self._samples(points, codes, every=speeds is not None))
             if speeds is not None:
@@ -313,7 +315,7 @@ class _PrimWriter(ShapeWriter):
 
     def _write_points(self, points: Float32Array, codes: list[float]) -> None:
         for frame, (code, normals) in enumerate(zip(codes, self.normals_at(points), strict=True)):
-            # Coordinate by coordinate: minima along rows of three are ten times slower.
+            # Coordinate by coordinate, because minima along rows of three are ten times slower.
             axes = np.ascontiguousarray(points[frame].T)
             self._points.Set(vectors(points[frame]), code)
             self._extent.Set(vectors(np.stack([axes.min(axis=1), axes.max(axis=1)])), code)
@@ -334,8 +336,8 @@ class _PrimWriter(ShapeWriter):
             geometry.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(np.ascontiguousarray(numbers, np.int64)), at)
 
     def _describe_normals(self) -> None:
-        """Normals are by vertex if that suffices; with changing connectivity always by corner, as this is
-        stored once.
+        """Normals are per vertex if possible; if connectivity changes, always per corner, because their
+        interpolation is stored once.
         """
         if self.normals is None:
             if self._normals is not None:

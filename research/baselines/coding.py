@@ -63,7 +63,9 @@ def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
 
 
 def _write_columns(candidates: tuple[Int64Array, ...]) -> bytes:
-    """Write for each column, (rows, columns), the candidate of fewest bits: its index, and its numbers as a band."""
+    """Write for each column, (rows, columns), whichever candidate takes fewest bits: its index, and its values
+    as a band.
+    """
     bits = [np.log2(1.0 + np.abs(candidate)).sum(axis=0) for candidate in candidates]
     kind = np.argmin(bits, axis=0)
     writer = FieldWriter()

@@ -35,13 +35,15 @@ INDEX_BITS = 12
 """Bits per coordinate that encode the index of a vertex: three coordinates index 2**36 vertices."""
 
 ORDERS = ("FV", "VF")
-"""Orders of an axis: frames by vertices, or vertices by frames; neither is always better. One block of all
-three axes took about twice as many bytes on the two clips tried.
+"""Orders in which an axis is stored: frames by vertices, or vertices by frames. Which is smaller depends on the
+clip. One block of all three axes took about twice as many bytes on the two clips tried.
 """
 
 
 SPERR_MIN_SIDE = 2
-"""Smallest number of frames and of vertices that SPERR takes; shorter clips repeat their last ones."""
+"""Smallest number of frames and of vertices that SPERR accepts; shorter clips are padded with their last frame
+or vertex.
+"""
 
 PCODEC_LEVEL = 12
 """Pcodec's strongest level."""
@@ -88,11 +90,11 @@ class Meshopt(Baseline):
 
 
 class Draco(Baseline):
-    """Every frame as a mesh of its own, by edgebreaker: each contains the connectivity, which counts here.
+    """Every frame as a mesh of its own, by edgebreaker: each contains the connectivity, whose bytes count here.
 
-    Draco returns vertices in an order of its own, which depends on connectivity alone. So the decoder finds the
-    order again from a mesh in which the position of a vertex is its number. If Draco merges or leaves out vertices,
-    in that mesh or in a frame, all frames are coded as points in their original order instead, without faces.
+    Draco returns vertices in its own order, which depends on connectivity alone. The decoder finds this order by
+    decoding a mesh in which the position of each vertex is its index. If Draco merges or leaves out vertices, in
+    that mesh or in a frame, all frames are coded as points in their original order instead, without faces.
     """
 
     name = "Draco a frame"
@@ -134,8 +136,8 @@ class Draco(Baseline):
 
 
 class DracoWithFaces(Draco):
-    """Like :class:`Draco`, but its bytes always contain the faces. They are in their original order if Draco
-    would merge vertices.
+    """Like :class:`Draco`, but the bytes always contain the faces; if Draco would merge vertices, in their
+    original order.
     """
 
     def _faces_in_order(self, connectivity: Connectivity) -> NDArray[np.uint32] | None:
@@ -205,7 +207,7 @@ def _order_of(connectivity: Connectivity) -> Int64Array | None:
 
 
 def encode_fields(points: Float32Array, compress: Callable[[Float32Array], bytes]) -> bytes:
-    """Compress each axis of (frames, vertices, axes) float32 separately, in the order that takes fewer bytes."""
+    """Compress each axis of (frames, vertices, axes) float32 separately, in whichever order takes fewer bytes."""
     candidates = []
     for number, order in enumerate(ORDERS):
         writer = FieldWriter()
@@ -266,7 +268,7 @@ class Sz3(Baseline):
         from pysz import sz, szAlgorithm, szConfig, szErrorBoundMode
 
         ways = [(False, szAlgorithm.INTERP_LORENZO)]
-        if points.shape[2] == 1:  # a field: which way is best differs by a factor of three
+        if points.shape[2] == 1:  # A field with one axis: the best order and predictor differ by a factor of three.
             ways = [(flat, way) for flat in (False, True) for way in (ways[0][1], szAlgorithm.LORENZO_REG)]
 
         def encode(length: float) -> bytes:

@@ -145,7 +145,7 @@ class RawFloat32(_RawBaseline):
 
 
 class RawFloat16(_RawBaseline):
-    """The same in half precision, as game engines store vertex caches; its error is fixed."""
+    """Float16 positions, grouped and compressed likewise, as game engines store vertex caches; the error is fixed."""
 
     name = "float16 + zstd"
     source = "IEEE 754 binary16; RFC 8878"
@@ -187,11 +187,11 @@ class GridDifferences(Baseline):
 
     @abstractmethod
     def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
-        """Decode differences of this shape."""
+        """Decode differences of shape (frames, vertices, axes)."""
 
 
 class QuantiseDelta(GridDifferences):
-    """What studios typically write themselves: grid coordinates, differences in time, zstandard.
+    """Grid coordinates, differences in time, zstandard: what studios typically write themselves.
 
     Fields, of one axis, are written by frame or by row, whichever takes fewer bytes: sparse ones differ by half.
     """
@@ -200,7 +200,7 @@ class QuantiseDelta(GridDifferences):
     source = "common practice; RFC 8878"
 
     def write(self, writer: FieldWriter, differences: Int64Array) -> None:
-        narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time: its numbers resemble each other
+        narrow = narrowest(differences.transpose(0, 2, 1))  # one axis at a time, because values of one axis are similar
         orders = (narrow, narrow.transpose(2, 1, 0)) if narrow.shape[1] == 1 else (narrow,)
         packed = [squeeze(numbers, level=level_for(narrow.nbytes)) for numbers in orders]
         best = min(range(len(packed)), key=lambda number: len(packed[number]))

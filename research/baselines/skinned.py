@@ -29,7 +29,9 @@ AFFINE_BONES = 16
 """Clusters of the scheme like FAMC, as many as its reference software was measured with."""
 
 MODEL_SHARE = 0.25
-"""Step of translations and of the shape, divided by the given length: every vertex and frame has their error."""
+"""Step of translations and of the shape, divided by the given length. It is small because it affects every
+vertex and frame.
+"""
 
 COARSEST_WEIGHT = 1.0 / 16.0
 """Largest step of weights: the largest of four weights is at least a quarter and must not round to zero."""
@@ -94,8 +96,9 @@ def round_skinning(skinning: Skinning, blend: float, length: float, *, rigid: bo
 
 
 def blend_distance(points: Float32Array, skinning: Skinning) -> float:
-    """Return how far bones disagree: root mean square distance [scene units] from where a vertex goes to where
-    each of its bones alone would take it, over the vertices with several bones; 0 if there are none.
+    """Return how far bones disagree: the root mean square distance [scene units] between a vertex and the
+    places where each of its bones alone would move it, over the vertices with several bones; 0 if there are
+    none.
     """
     gram, _ = normal_equations(points.astype(np.float64), skinning.rest, skinning.transforms)
     weights = skinning.weights
@@ -124,7 +127,8 @@ def read_skinning(reader: FieldReader, connectivity: Connectivity) -> RoundedSki
 
 
 class RigidSkinning(Transform[RoundedSkinning]):
-    """A shape and rigid bones alone: motion that they do not explain is lost, so the error has a lower limit.
+    """A shape and rigid bones without corrections: motion that bones do not explain is lost, so the error has a
+    lower limit.
 
     Parameters
     ----------
@@ -184,7 +188,7 @@ class SkinningDecomposition(Baseline):
 
 @dataclass(frozen=True, eq=False)
 class CompensatedMotion:
-    """A skinning, and the temporal spectra of the motion that it misses.
+    """A skinning, and temporal spectra of the residual motion.
 
     Spectra are (kept, vertices, 3) int64 in steps of `step` [scene units], lowest frequency first; the highest are
     zero and left out.

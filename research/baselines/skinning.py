@@ -105,8 +105,9 @@ def normal_equations(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the least-squares equations of every vertex's weights.
 
-    These are Gram matrices of the positions to which bones would take the vertex, (vertices, bones, bones), and
-    products of those with its actual positions, (vertices, bones). Positions are relative to the vertex's first one.
+    The Gram matrices, (vertices, bones, bones), hold products of the positions to which each bone would take the
+    vertex; the right-hand sides, (vertices, bones), products of these with its actual positions. All positions are
+    relative to the vertex's first one.
     """
     extended = _homogeneous(rest)
     displaced = transforms - np.eye(3, 4)
@@ -125,7 +126,7 @@ def normal_equations(
 def simplex_solution(gram: Float64Array, product: Float64Array) -> Float64Array:
     """Minimise ``w @ gram @ w - 2 * product @ w`` over convex w, for each of (n, k, k) and (n, k); k is small.
 
-    Every set of bones is tried: the best one with positive weights only is the solution.
+    Tries every set of bones; the solution is the best one whose weights are all positive.
     """
     rows, size = product.shape
     best, least = np.zeros_like(product), np.full(rows, np.inf)
@@ -164,7 +165,7 @@ def _homogeneous(rest: Float64Array) -> Float64Array:
 
 
 def _seeds(moved: Float64Array, bones: int) -> Int64Array:
-    """Assign each vertex, (vertices,), to the nearest of some trajectories that differ much from each other."""
+    """Assign each vertex, (vertices,), to the nearest of `bones` trajectories that differ much from each other."""
     trajectories = moved.transpose(1, 0, 2).reshape(moved.shape[1], -1)
     nearest = np.full(len(trajectories), np.inf)
     cluster = np.zeros(len(trajectories), np.int64)
@@ -179,8 +180,8 @@ def _seeds(moved: Float64Array, bones: int) -> Int64Array:
 
 
 def _single_errors(moved: Float64Array, rest: Float64Array, transforms: Float64Array) -> Float64Array:
-    """Return the squared error of every vertex if it followed one bone alone, without the common term,
-    (vertices, bones).
+    """Return the squared error of every vertex if it followed one bone alone, (vertices, bones), up to a term
+    common to all bones.
     """
     errors = np.empty((len(rest), transforms.shape[1]))
     for start in range(0, len(rest), VERTEX_BLOCK):
@@ -208,13 +209,13 @@ def _fitted_transforms(moved: Float64Array, skinning: Skinning, *, rigid: bool) 
 
 
 def _best_transforms(wanted: Float64Array, rest: Float64Array, share: Float64Array, *, rigid: bool) -> Float64Array:
-    """Return least-squares transforms, (frames, 3, 4), from (vertices, 3) to (frames, vertices, 3); by
-    Procrustes if rigid.
+    """Return least-squares transforms, (frames, 3, 4), from points (vertices, 3) to (frames, vertices, 3); by
+    Procrustes analysis if `rigid`.
     """
     share = share / share.sum()
     centre, centres = share @ rest, share @ wanted
     around = rest - centre
-    # Around the centre the weighted sum is zero, so the translation need not be subtracted.
+    # Relative to the centre the weighted sum of points is zero, so the translation need not be subtracted.
     crossed = wanted.transpose(0, 2, 1) @ (around * share[:, None])
     if rigid:
         left, _, right = np.linalg.svd(crossed)

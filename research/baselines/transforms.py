@@ -29,14 +29,14 @@ MIN_VARIANCE_RATIO = 1e-14
 """A component whose variance, divided by the largest, is below this is only rounding error of the Gram matrix."""
 
 FACTOR_SHARE = 0.25
-"""Quantisation step of the other factor, times the largest coefficient, divided by the step of the coefficients."""
+"""Quantisation step of the second factor, times the largest coefficient, divided by the step of the coefficients."""
 
 COARSEST_FACTOR = 0.05
-"""Largest quantisation step of the other factor, whose columns have length 1."""
+"""Largest quantisation step of the second factor, whose columns have length 1."""
 
 MEAN_STEP = 0.125
-"""Quantisation step of the mean trajectory, divided by that of the coefficients: the mean is few numbers, and
-every vertex has their error.
+"""Quantisation step of the mean trajectory, divided by that of the coefficients. A fine step costs little,
+since the mean is few numbers, and its error affects every vertex.
 """
 
 LENGTH_RATIOS = (1.5, 2.0, 3.0, 4.5)
@@ -141,19 +141,19 @@ def quantise_columns(columns: Float64Array, step: float) -> tuple[Int64Array, In
 
 
 def factor_steps(quantised: Int64Array) -> Float64Array:
-    """Return the steps of the other factor of a product with `quantised`, (components,). A decoder computes the
-    same.
+    """Return the steps, (components,), of the factor that multiplies `quantised`. The decoder computes the same
+    steps.
     """
     steps: Float64Array = np.minimum(COARSEST_FACTOR, FACTOR_SHARE / np.abs(quantised).max(axis=0, initial=1))
     return steps
 
 
 class PrincipalShapes(Transform[RoundedComponents]):
-    """Principal shapes, each as long as its part of the motion and all coded with one step; weights of unit length,
-    predicted in time.
+    """Principal shapes, scaled by their share of the motion and coded with one step; weights of unit length, predicted
+    in time.
 
     The mean, which every frame uses once, is rounded to the step divided by the root of the number of frames. Shapes
-    are predicted across the mesh like positions; neither paper does that, and it only makes them smaller.
+    are predicted across the mesh like positions; neither paper does that, and it only saves bytes.
     """
 
     name = "principal components of shapes"
@@ -279,10 +279,10 @@ class FittedCoddyac(Coddyac):
 
 
 class Corrected(Baseline):
-    """Keeps a bound with any transform: a coarser transform, and quantised residuals of the vertices beyond the bound.
+    """Keep a bound with any transform: a coarser transform, and quantised residuals of the vertices beyond the bound.
 
-    None of the papers above has corrections, but the codec that they are compared with keeps its bound by residuals,
-    so they may have them too.
+    None of the papers above has corrections. The codec compared with them keeps its bound by residuals, so they get
+    residuals too.
 
     Parameters
     ----------
@@ -309,8 +309,8 @@ class Corrected(Baseline):
                 residuals = np.zeros(points.shape, np.int64)
                 residuals[beyond] = rounded(missing[beyond], grid_step(length))
                 coded = encode_bands(residuals.reshape(len(points), -1))
-                # A transform's bytes fall by a smaller factor than its length grows. Often that shows without coding
-                # that there is nothing to gain.
+                # A transform's bytes fall by a smaller factor than its length grows, which often shows without coding
+                # that a coarser transform cannot gain.
                 if smallest and len(coded) + len(of_transform) * before / coarser >= len(smallest):
                     break
                 of_transform, before = transform.write(quantised, connectivity), coarser

@@ -35,8 +35,8 @@ class Traversal:
     corners: Int64Array
 
     def residuals(self, values: Int64Array) -> Int64Array:
-        """Return values in the order of places, (vertices, columns) int64, minus the prediction of each place
-        from earlier places.
+        """Return values (vertices, columns) int64 in traversal order, each minus its prediction from earlier
+        vertices.
         """
         return self._predicted(values, undo=False)
 

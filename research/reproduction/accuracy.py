@@ -26,7 +26,7 @@ PIECES = 9
 
 
 def table_1_figure(findings: Findings) -> Figure:
-    """Chart both methods frame by frame, as printed and as found."""
+    """Chart both methods frame by frame, as the paper prints them and as measured here."""
     spline, fair = findings.spline(bspline.printed), findings.spline(bspline.fair)
     found, every = findings.printed_first, findings.printed_every
     columns: dict[str, Float64Array] = {}
@@ -130,10 +130,10 @@ def rate_map_figure(findings: Findings) -> Figure:
 
 @dataclass(frozen=True)
 class Match:
-    """How errors of B-splines, frame by frame, relate to those that Table 1 prints.
+    """Agreement, frame by frame, of the B-splines' errors with those that Table 1 prints.
 
-    Spearman's rank correlations of E_A and of E_M; and the smallest and the largest ratio of E_M to E_A, printed and
-    found.
+    Spearman's rank correlations of E_A and of E_M; and the smallest and the largest ratio of E_M to E_A, both
+    printed and measured.
     """
 
     average: float

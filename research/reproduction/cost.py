@@ -2,9 +2,9 @@
 
 Values that a decoder knows without storage, such as the index of a point along its curve, cost nothing here.
 
-Keyframes can be had in two ways. Taken from the full simulation, they cost as much as all frames, because the solver
-passes through every one. Simulated with a doubled step they cost half, but are different keyframes; and XPBD with
-that step gives the frames between as well, at the same price.
+There are two ways to obtain keyframes. Taken from the full simulation, they cost as much as all frames, because the
+solver passes through every one. Simulated with a doubled step they cost half, but are different keyframes; and XPBD
+with that step also gives the frames between them, at the same price.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def routes(rope: Rope) -> list[Route]:
 
 @dataclass(frozen=True)
 class Speed:
-    """A way to fit all curves and evaluate them at all frames.
+    """Timing of one way to fit all curves and evaluate them at all frames.
 
     CPU time of one thread [s]; and the mean error E_A, measured after alignment for the printed method, in the scene
     for the others.
@@ -168,7 +168,7 @@ def speeds(rope: Rope) -> list[Speed]:
         for curve, rebuilt in zip(aligned, found, strict=True):
             along = space_functions(coordinate_parameter(curve), PRINTED.r)
             for axis in range(3):
-                # Eq. 18: four functions of each time, eight of each u.
+                # Eq. 18: products of four functions of time and eight of u.
                 columns = (in_time[:, None, :, None] * along[:, :, axis, None, :]).reshape(*curve.shape[:2], CONSTANTS)
                 rows = columns[KEYFRAMES].reshape(-1, CONSTANTS)
                 rebuilt[..., axis] = columns @ solve(rows, curve[KEYFRAMES][..., axis].ravel())

@@ -81,7 +81,7 @@ def choices_figure(findings: Findings) -> Figure:
 
 
 def leak_figure(findings: Findings) -> Figure:
-    """Chart the accuracy that is left when the decoder is given less of the answer."""
+    """Chart how accuracy drops when the decoder is given less of the answer."""
     rungs = findings.rungs
 
     labels = Axis.of_rows([f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs])
@@ -198,7 +198,7 @@ def elimination_figure(findings: Findings) -> Figure:
 
 
 SMALLEST_SHOWN, LARGEST_SHOWN = 0.25, 8.0
-"""Multiples of Table 1 at which the colour scale ends."""
+"""Multiples of Table 1 at the two ends of the colour scale."""
 
 
 WHITE_TEXT_RATIO = 1.7

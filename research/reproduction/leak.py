@@ -1,4 +1,4 @@
-"""The leak of Eq. 24: the parameter is the answer itself, scaled to [0, 1]. And the motion that Eq. 23 removes.
+"""The leak of Eq. 24, whose parameter is the answer itself, scaled to [0, 1]; and the motion that Eq. 23 removes.
 
 One table separates the two: u known or not, each elimination kept or undone. Three more experiments show the leak.
 First, the decoder is given less and less of the answer. Second, the parameter alone, with two numbers per frame and
@@ -36,7 +36,7 @@ GIVEN_FRAMES: dict[Parameter, float] = {
     "arc length of frame 0": 0.0,
     "index": 0.0,
 }
-"""Fraction of the clip's coordinates that each parameter hands to the decoder."""
+"""Fraction of the clip's coordinates that the decoder is given with each parameter."""
 
 NO_FUNCTIONS = "u of Eq. 24 and no functions: low + u (high - low)"
 
@@ -81,7 +81,7 @@ KNOWN_TO_A_DECODER: dict[Parameter, str] = {
     "arc length of frame 0": "u by arc length, from a stored reference frame",
     "index": "u by index, nothing stored",
 }
-"""Rows of the table of choices."""
+"""Rows of the table of choices: u, and whether a decoder can know it."""
 
 ELIMINATIONS: dict[str, tuple[Removal, bool]] = {
     "nothing removed": ("none", False),
@@ -96,7 +96,7 @@ Choices = dict[tuple[Parameter, str], FrameErrors]
 
 
 def choose_one_at_a_time(curve: Float64Array, diameter: float) -> Choices:
-    """Measure every u with every elimination, kept or undone, all else as printed; curve (frames, points, 3) [m]."""
+    """Measure every u with every elimination, kept or undone, otherwise as printed; curve (frames, points, 3) [m]."""
     found: Choices = {}
     for parameter in KNOWN_TO_A_DECODER:
         for name, (removal, is_undone) in ELIMINATIONS.items():

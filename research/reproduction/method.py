@@ -63,8 +63,8 @@ CURVE_RANK_TOLERANCE = 1e-9
 """Smallest relative singular value: straight or planar curves leave a direction of Eq. 23 undetermined."""
 
 NO_TURN_WEIGHT = 1e-9 / 4.0
-"""Weight of no rotation, as a fraction of a curve's energy; it decides about a straight curve, which could spin
-freely.
+"""Weight of the identity rotation, as a fraction of a curve's energy. It settles the rotation of a straight
+curve, which could spin freely about its axis.
 """
 
 POINT_STRIDE = 16
@@ -246,7 +246,7 @@ def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
     """Return u of every frame, point and axis, (frames, points, 3 or 1): 1 where all axes share it."""
     frames, points, _ = aligned.shape
     if parameter.startswith("Eq. 24"):
-        # Across a straight curve Eq. 24 is 0 / 0, and there is only one number to fit: any u will do.
+        # Across a straight curve Eq. 24 is 0 / 0. Only one number is fitted there, so any u will do.
         literal = np.nan_to_num(coordinate_parameter(aligned), nan=0.0)
         if parameter == "Eq. 24, keyframes":
             return between_keyframes(literal)
@@ -318,7 +318,7 @@ def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] =
             total += float(((columns @ least_squares(columns, wanted) - wanted) ** 2).sum())
         return total
 
-    # At rate 0 the printed functions are dependent; only the set of all 32 has another basis here.
+    # At rate 0 the printed functions are dependent; only "all 32" is fitted in another basis here.
     tried = [rate for rate in rates if rate > 0 or variant.functions == "all 32"]
     alpha, r = min(product(tried, tried), key=error)
     return replace(variant, alpha=alpha, r=r)
@@ -366,9 +366,9 @@ def frame_errors(wanted: Float64Array, found: Float64Array, diameter: float) -> 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one variant with alpha and r chosen by the keyframes' error or fixed.
+    """Result of one variant, with alpha and r either fixed or chosen by the keyframes' error.
 
-    Errors as the paper measures them; and decoded, in the scene, with the keyframes' transformations alone.
+    Errors as the paper measures them; and errors in the scene, decoded with the keyframes' transformations alone.
     """
 
     variant: Variant

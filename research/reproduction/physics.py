@@ -1,4 +1,4 @@
-"""Where the physics helps and where it does not: a vibrating beam, and alpha tied to r by the scene's K/m.
+"""Where physics helps and where it does not: a vibrating beam, and alpha tied to r by the scene's K/m.
 
 The beam is the positive control: vibrating about its equilibrium in one mode, it moves by products of Eq. 18 if
 alpha is its frequency and r its wave number. On the rope, alpha is not free: below Eq. 12 it is ``r^2 sqrt(K/m)``,
@@ -27,9 +27,7 @@ POINTS = 104
 """Points of the vibrating curve."""
 
 PERIODS = np.linspace(0.1, 2.0, 20)
-"""Number of periods of the vibration in a clip of eleven frames, of which six are keyframes: these cannot
-resolve more than two.
-"""
+"""Numbers of periods of the vibration in a clip of eleven frames. Its six keyframes cannot resolve more than two."""
 
 PLAIN, TIED, SPLINES, TWO = (
     "polynomials",
@@ -42,7 +40,7 @@ TIED_RATES = np.linspace(0.5, 12.0, 24)
 """Values of r along the curve alpha = r^2 sqrt(K/m)."""
 
 FREE_ALPHAS = (0.0, 1.0, 2.0, 4.0, 8.0)
-"""Values of alpha among which the best is taken if alpha is free."""
+"""Values of alpha that are tried where alpha is free; the best one is charted."""
 
 
 def mode(u: Float64Array, beta: float) -> Float64Array:

@@ -56,7 +56,7 @@ _MESH = frozenset({"CONN", "ORDR", "ATTR"})
 """Sections with faces and their attributes."""
 
 _MODEL = frozenset({"TIME", "MODL", "GRUP", "COEF"})
-"""Sections that define the functions, and hold the numbers that multiply them."""
+"""Sections that define the functions and hold their coefficients."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,9 @@ class Point:
 
 
 def functions_of(model: str, pieces: int, segments: int, points: int) -> Factors:
-    """Return T and U of a model with 4 x 8 functions on each of the given pieces of curve and clip."""
+    """Return T and U of a model that divides clip and curve into `segments` and `pieces`, with 4 x 8 functions
+    on each.
+    """
     if model == SPLINES:
         return tuple(  # type: ignore[return-value]  # two, as there are two pairs below
             np.linalg.qr(
@@ -124,8 +126,8 @@ def measure_model(rope: Rope, model: str, pieces: int, segments: int) -> Point:
         seconds = min(seconds, time.process_time() - started)
     unrounded = frame_errors(curves, found, diameter)
     shape = constants.shape
-    # Start at a step of the largest error, which hardly shows with functions of length 1; halve it until it does not
-    # show.
+    # Start with a step of the largest error, which is harmless for functions of length 1; halve it until the error
+    # hardly grows.
     step = 4 * unrounded.largest * diameter
     while True:
         step /= 2

@@ -64,11 +64,11 @@ SECTIONS: tuple[tuple[str, str, tuple[Callable[[Findings], Figure], ...]], ...] 
         ),
     ),
 )
-"""Title, introduction and charts of each part, in the order of the page; the verdicts precede them."""
+"""Title, introduction and charts of each part, in the order of the page; the verdicts come before them."""
 
 
 def make_report(findings: Findings) -> Report:
-    """Return the page: verdicts first, then the charts they rest on."""
+    """Return the page: verdicts first, then the charts that support them."""
     settings = findings.rope.settings
     verdicts = judge(findings)
     sections = (

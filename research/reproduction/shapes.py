@@ -46,7 +46,7 @@ FRAMES_BETWEEN = (1, 3, 5, 7, 9)
 
 
 def figure_2(findings: Findings) -> Figure:
-    """Draw Figure 2: the simulation from frame 0 to frame 9."""
+    """Draw Figure 2: the simulated rope from frame 0 to frame 9."""
     curves = findings.rope.curves
     quads = _thinned_quads(findings)
     seen = {frame: as_seen(curves[:, frame].reshape(-1, 3)) for frame in FRAMES_SHOWN}
@@ -73,7 +73,7 @@ def figure_2(findings: Findings) -> Figure:
 
 
 def figure_3(findings: Findings) -> Figure:
-    """Draw Figure 3: the model."""
+    """Draw Figure 3: the model of the rope."""
     rope = findings.rope
     quads = polygons_of(rope.clip.connectivity)[0]
     seen = as_seen(rope.curves[:, 0].reshape(-1, 3))
@@ -195,9 +195,7 @@ def _plain(quads: Int32Array) -> Float64Array:
 
 
 def _colours(quads: Int32Array, shares: Float64Array | None) -> Float64Array:
-    """Return one colour per quad, by the largest of its vertices' errors, which are relative to the largest one
-    shown.
-    """
+    """Return one colour per quad, by the largest error of its vertices; errors are divided by the largest one shown."""
     return _plain(quads) if shares is None else heat_colours(shares[quads].max(axis=1))
 
 

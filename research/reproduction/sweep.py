@@ -35,7 +35,9 @@ PHASES = {"from rest": 0.0, "falling": 0.5, "in full swing": 1.0}
 """Start of a window [s]."""
 
 LEVEL_RATIO = 2.0
-"""Errors up to this factor above the paper's count as its level: rope, stiffness and frame are not the paper's."""
+"""Errors up to this multiple of Table 1 count as its level, because rope, stiffness and frame rate are not the
+paper's.
+"""
 
 METHODS: dict[str, Variant] = {
     "u of Eq. 24, Eq. 23 kept (as printed)": PRINTED,
@@ -61,8 +63,8 @@ class Cell:
 
 
 def times_table_1(errors: FrameErrors) -> float:
-    """Return the larger of mean E_A and largest E_M, each divided by that of Table 1: at most 1 if both are as
-    small as printed.
+    """Return the larger of mean E_A and largest E_M, each divided by that of Table 1: at most 1 if both are no
+    larger than printed.
     """
     return max(errors.mean / printed.PDE_MEAN, errors.largest / printed.PDE_LARGEST)
 
@@ -73,7 +75,7 @@ def sweep(settings: RopeSettings) -> list[Cell]:
     last = round(max(PHASES.values()) * FINE_RATE) + (FRAMES - 1) * FINE_RATE // FRAME_RATES[0]
     for turns in TURNS:
         points = simulate(settings, frames=last + 1, fps=FINE_RATE, turns=turns).points
-        fine = points[:, : settings.rings].astype(np.float64)  # the first curve
+        fine = points[:, : settings.rings].astype(np.float64)  # the first curve alone
         diameter = diameter_of(fine[0])
         for phase, seconds in PHASES.items():
             for rate in FRAME_RATES:

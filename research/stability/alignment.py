@@ -26,7 +26,7 @@ Align = Callable[[Float64Array, Float64Array], Float64Array]
 
 
 def kabsch_plain(moved: Float64Array, target: Float64Array) -> Float64Array:
-    """Return Kabsch's matrix as often written: without care for reflections or straight curves."""
+    """Return Kabsch's matrix as it is often written, ignoring reflections and straight curves."""
     left, _, right = np.linalg.svd(moved.T @ target)
     return np.asarray(left @ right)
 

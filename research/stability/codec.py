@@ -117,7 +117,7 @@ def stress_figure(side: int, frames: int) -> Figure:
 
 
 SINGLE_SPLINE = "auto, one spline"
-"""One spline through all decoded frames: how profile auto interpolated before it broke splines at discontinuities."""
+"""One spline through all decoded frames, as profile auto interpolated before it split splines at discontinuities."""
 
 
 def between_figure(side: int, samples: int) -> Figure:

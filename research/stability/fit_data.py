@@ -37,7 +37,7 @@ def _weights(known: Float64Array, at: Float64Array, rate: float, functions: int)
 
 
 def spline_weights(keyframes: Float64Array, at: Float64Array) -> Float64Array:
-    """Return the same weights for the cubic spline through the keyframes."""
+    """Return the same weights for the cubic spline through the keyframes, (times, keyframes)."""
     return np.asarray(CubicSpline(keyframes, np.eye(len(keyframes)))(at))
 
 

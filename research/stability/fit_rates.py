@@ -172,7 +172,7 @@ def condition_numbers(rate: float, points: int = 104) -> dict[str, float]:
     keys, u = times[is_key], np.linspace(0.0, 1.0, points)
     printed = _condition(time_functions(keys, rate)) * _condition(space_functions(u, rate))
     series = (unit_basis(keys, rate, TIME_FUNCTIONS), unit_basis(u, rate, SPACE_FUNCTIONS))
-    # The square of the factor's: computed from the matrix itself, the number would saturate at rounding.
+    # The square of the factor's condition number; computed from the product itself, it would saturate at rounding.
     return {
         "normal equations": printed**2,
         "32 printed columns": printed,
@@ -191,7 +191,8 @@ def condition_figure(count: int) -> Figure:
     rates = np.geomspace(SMALLEST, LARGEST, count)
     each = [condition_numbers(float(rate)) for rate in rates]
     found = {name: np.array([item[name] for item in each]) for name in each[0]}
-    # Time loses three and space seven orders of magnitude per order of rate: the slope far from rounding.
+    # Per factor of ten in the rate, time loses three orders of magnitude and space seven: the slope well above
+    # rounding.
     inner = (rates > 0.1) & (rates < 1.0)
     slope = np.polyfit(np.log10(rates[inner]), np.log10(found["32 printed columns"][inner]), 1)[0]
     colours = dict(zip(found, (ORANGE, PURPLE, BLUE, GREY), strict=True))

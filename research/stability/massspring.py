@@ -52,7 +52,7 @@ class Chain:
         return points
 
     def system(self) -> System:
-        """Return the same chain for the bundled solver."""
+        """Return this chain as a system of the bundled solver."""
         return hanging(self.positions(), mass=self.mass, compliance=1 / self.stiffness)[0]
 
     def forces(self, positions: Float64Array) -> Float64Array:
@@ -76,7 +76,7 @@ class Chain:
 
     @property
     def fall(self) -> float:
-        """Weight times length [J]: more than a fall from level to hanging can release."""
+        """Weight times length [J], which exceeds what a fall from level to hanging can release."""
         return self.links * self.mass * STANDARD_GRAVITY * self.length
 
 

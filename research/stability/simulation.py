@@ -40,7 +40,7 @@ DRAWN_DIVERGENCE = 1e3
 """Runs that diverged to infinity are drawn at this value."""
 
 TEST_STEPS = 300
-"""Steps within which a diverging chain must show it."""
+"""Number of steps within which a diverging chain must have diverged."""
 
 
 def energy_figure(seconds: float, step: float) -> Figure:

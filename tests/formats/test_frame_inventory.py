@@ -11,7 +11,7 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject, MeshSequence
 from tests.support.mesh_cases import connectivity_of
 
-KEPT = "(first at frame 1): the first frame's are kept"
+KEPT = "(first at frame 1): the values of the first frame are kept"
 RED, GREEN = "255 0 0", "0 255 0"
 CHANNELS = ("uchar red", "uchar green", "uchar blue")
 INDICES = "list uchar int vertex_indices"

@@ -1,4 +1,4 @@
-"""What an Alembic archive holds besides the motion of its shapes, listed with Alembic itself."""
+"""List, with Alembic itself, the content of an archive other than the motion of its shapes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _value(found: Any) -> Any:
 
 
 def listing(path: Path, moved: set[str]) -> dict[str, Any]:
-    """Return everything in an archive but the motion of the shapes `moved`, by where it is."""
+    """Return everything in an archive except the motion of the shapes `moved`, by its path."""
     archive = Abc.IArchive(str(path))
     facts = Abc.GetArchiveInfo(archive)
     found: dict[str, Any] = {"archive": (facts["appName"], facts["userDescription"])}

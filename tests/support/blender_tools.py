@@ -1,4 +1,4 @@
-"""Blender, for tests of how it shows files of our writer; they are skipped with its name if it is missing."""
+"""Run Blender in tests of how it shows files that we write; without Blender the tests are skipped."""
 
 from __future__ import annotations
 

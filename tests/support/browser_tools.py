@@ -1,4 +1,4 @@
-"""Node modules and a browser, for tests of glTF files and pages; these are skipped with the name of what is missing."""
+"""Node modules and a browser for tests of glTF files and pages; tests are skipped if one is missing, and name it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PATIENCE = 120
 
 
 def node_modules() -> Path:
-    """Return the folder with gltf-validator and three: PDECODEC_NODE_MODULES, or next to the scripts."""
+    """Return the folder with gltf-validator and three: PDECODEC_NODE_MODULES, or the one next to the scripts."""
     folder = Path(os.environ.get("PDECODEC_NODE_MODULES", BROWSER / "node_modules"))
     if shutil.which("node") is None:
         pytest.skip("node is not here")

@@ -1,4 +1,4 @@
-"""Damage for all code that reads bytes: truncated, extended, overwritten."""
+"""Damage to encoded data, for tests of all code that reads bytes: truncated, extended, overwritten."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spec.sealing import table_end, take_apart, take_runs
 
 
 def assert_cuts_are_refused(data: bytes, decode: Callable[[bytes], object]) -> None:
-    """Assert that data cut short (except to nothing) or with extra bytes raise CorruptFileError."""
+    """Assert that data that are cut short (but not empty) or have extra bytes raise CorruptFileError."""
     for size in range(1, len(data)):
         with pytest.raises(CorruptFileError):
             decode(data[:size])
@@ -48,7 +48,7 @@ def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], objec
 
 
 def place_in_run(data: bytes, run: int, kind: str) -> tuple[int, int]:
-    """Return offset and length of a section of a run in a file of runs."""
+    """Return offset and length of a section of one run, in a file of several runs."""
     parts = take_apart(data)
     kinds = [part.kind for part in parts]
     offset = table_end(parts) + sum(len(part.content) for part in parts[: kinds.index("RDAT")])

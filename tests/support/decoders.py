@@ -1,4 +1,4 @@
-"""Comparison of the library with the independent decoder of the specification."""
+"""Compare the library with the independent decoder of the specification."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def assert_same(other: independent.Animation, mine: Animation, times: list[float
 
 
 def assert_same_field(values: NDArray[Any], other: independent.Animation, index: int, times: Sequence[float]) -> None:
-    """Assert that a field has the same values at times, (times, ...): to the last bit at frames, unless its arithmetic
-    is free, and to rounding between them.
+    """Assert that a field has the same values at times, (times, ...): at frames to the last bit, unless the
+    specification leaves the arithmetic free; between frames to rounding.
     """
     numbers = np.abs(np.array(other.fields[index].frames, np.float64))
     margin = 2.0**-44 * numbers.max(initial=0.0, where=np.isfinite(numbers))

@@ -29,8 +29,7 @@ def write_exodus(
 ) -> None:
     """Write nodes, blocks of elements by number, and nodal variables, either (steps, nodes) or one number per step.
 
-    `listed` are further lists of names by the variables that hold them, `elements` variables (steps, elements) by
-    block.
+    `listed` maps variables to further lists of names; `elements` maps blocks to variables (steps, elements).
     """
     with h5py.File(path, "w") as file:
         for number in range(points.shape[1]):

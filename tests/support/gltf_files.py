@@ -1,4 +1,4 @@
-"""glTF files made by hand, and what viewers see in files."""
+"""Make glTF files by hand, and return what viewers see in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.three_player import PlayedMesh, play
 
 
 def few_functions() -> ArraySequence:
-    """Return a grid whose motion is three functions of time."""
+    """Return a grid whose motion consists of three functions of time."""
     rng = np.random.default_rng(5)
     time = np.arange(40) / 24
     curves = np.stack([np.sin((1 + k) * time) for k in range(3)], axis=1)

@@ -1,4 +1,4 @@
-"""What a glTF file holds besides the motion of its meshes, listed with pygltflib."""
+"""List, with pygltflib, the content of a glTF file other than the motion of its meshes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ _WRITTEN_ANEW = {"accessors", "bufferViews", "buffers", "meshes", "nodes", "scen
 
 
 class GltfListing:
-    """An open file; `nodes` counts those of the source, and `moved` are the nodes whose meshes are written anew."""
+    """An open file; `nodes` is the number of nodes of its source, and `moved` are the nodes whose meshes are
+    replaced.
+    """
 
     def __init__(self, path: Path) -> None:
         loaded = pygltflib.GLTF2().load(str(path))
@@ -57,7 +59,9 @@ class GltfListing:
         return [data[first + k * stride : first + k * stride + size] for k in range(entry["count"])]
 
     def rest(self, nodes: int, moved: set[int], chosen: int) -> dict[str, Any]:
-        """Return everything besides the motion of the moved nodes and animation `chosen`'s morph weights of them."""
+        """Return everything except the motion of the moved nodes, including their morph weights in animation
+        `chosen`.
+        """
         found = {key: value for key, value in self.root.items() if key not in _WRITTEN_ANEW and value}
         for kind in ("extensionsUsed", "extensionsRequired"):
             of_geometry = {"KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"}
@@ -75,7 +79,7 @@ class GltfListing:
             if max(one["joints"]) < nodes
         ]
         others = [one for k, one in enumerate(self.root.get("animations") or []) if k != chosen]
-        # The weights that animate a moved node belong to its old morph targets, which are replaced: their channels go.
+        # The weights that animate a moved node belong to morph targets that were replaced, so their channels are gone.
         found["animations"] = [one for other in others if (one := self._animation(other, moved))["channels"]]
         return found
 
@@ -90,7 +94,7 @@ class GltfListing:
         return {**entry, "primitives": [self.primitive(one) for one in entry["primitives"]]}
 
     def primitive(self, entry: dict[str, Any]) -> dict[str, Any]:
-        """Return a primitive's indices, attributes and settings besides those of motion."""
+        """Return a primitive's indices, attributes and settings, except its motion."""
         names = {k: v for k, v in (entry.get("attributes") or {}).items() if v is not None}
         own = {k: self.values(v) for k, v in names.items() if not k.startswith(_OF_MOTION)}
         indices = None if entry.get("indices") is None else self.values(entry["indices"])

@@ -29,7 +29,7 @@ def grid(rows: int, columns: int, *, closed: bool = False) -> Connectivity:
 
 @st.composite
 def connectivities(draw: st.DrawFn, most_vertices: int = 12) -> Connectivity:
-    """Any faces and lines: degenerate, non-manifold, with repeated vertices; many vertices may be unused."""
+    """Draw any faces and lines: degenerate, non-manifold, with repeated vertices; many vertices may be unused."""
     vertices = draw(st.integers(1, most_vertices))
     index = st.integers(0, vertices - 1)
     quad = st.lists(index, min_size=4, max_size=4)
@@ -40,7 +40,7 @@ def connectivities(draw: st.DrawFn, most_vertices: int = 12) -> Connectivity:
 
 @st.composite
 def mesh_objects(draw: st.DrawFn) -> list[MeshObject]:
-    """One to three objects without attributes."""
+    """Draw one to three objects without attributes."""
     parts = draw(st.lists(connectivities(), min_size=1, max_size=3))
     return [MeshObject(f"object {k}", part) for k, part in enumerate(parts)]
 

@@ -1,4 +1,4 @@
-"""A local server of a folder that serves byte ranges and counts them."""
+"""A local server of a folder that serves byte ranges and counts bytes and requests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 
 class Server(ThreadingHTTPServer):
-    """A server that counts the bytes of bodies, and the requests."""
+    """A server that counts requests, and the bytes of their bodies."""
 
     folder: Path
     gives_ranges = True

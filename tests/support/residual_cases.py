@@ -1,4 +1,4 @@
-"""Residuals of groups that several tests share."""
+"""Residuals of groups for several tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Raw = dict[int, dict[int, list[float]]]
 
 
 def of_frames(frames: list[tuple[list[int], list[list[int]]]], raw: Raw) -> Residuals:
-    """Return residuals, given places and steps of each frame, and raw vertices by frame and place."""
+    """Return residuals from the corrected places and the steps of each frame, and raw vertices by frame and place."""
     raw_places = [place for frame in range(len(frames)) for place in sorted(raw.get(frame, {}))]
     positions = [raw[frame][place] for frame in sorted(raw) for place in sorted(raw[frame])]
     return Residuals(
@@ -30,12 +30,12 @@ def of_frames(frames: list[tuple[list[int], list[list[int]]]], raw: Raw) -> Resi
 
 
 def none_of(frames: int) -> Residuals:
-    """Return the residuals of a group whose frames all keep the bound."""
+    """Return the residuals of a group whose frames all keep the bound: no corrections."""
     return of_frames([([], [])] * frames, {})
 
 
 def of_field(quantised: Int64Array, raw: Raw | None = None) -> Residuals:
-    """Return residuals from (frames, places, 3) steps: one wherever the three are not all zero."""
+    """Return residuals from (frames, places, 3) steps: a correction wherever the three are not all zero."""
     some = [np.flatnonzero(steps.any(axis=1)) for steps in quantised]
     frames = [(places.tolist(), steps[places].tolist()) for places, steps in zip(some, quantised, strict=True)]
     return of_frames(frames, raw or {})

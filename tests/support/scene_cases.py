@@ -26,7 +26,7 @@ WITH_EXTRA = {"abc": "alembic3d", "usd": "pxr", "usda": "pxr", "usdc": "pxr", "u
 
 
 def needed(extension: str) -> None:
-    """Skip the test if an extension needs a package that is missing, and name it."""
+    """Skip the test if a package that an extension needs is missing; the skip names the package."""
     if extension in WITH_EXTRA:
         pytest.importorskip(WITH_EXTRA[extension], reason=f"what .{extension} needs is not installed here")
 
@@ -38,7 +38,9 @@ def uv_with_seam(name: str = "uv") -> Attribute:
 
 
 def body(name: str = "root/arm/hand", attributes: Sequence[Attribute] | None = None) -> MeshObject:
-    """Return five vertices with a quad and a triangle; by default with a UV seam, a group, a material and colours."""
+    """Return an object of five vertices with a quad and a triangle; by default with a UV seam, a group, a
+    material and colours.
+    """
     default = (
         uv_with_seam(),
         Attribute("group", "face", np.array([1, 0], np.int32), labels=("left", "right")),
@@ -92,8 +94,8 @@ def volume(sequence: MeshSequence, frame: int = 0) -> float:
 
 
 def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
-    """Return parts that rotate, drift, stand still and bend, in this order again and again, several of them in
-    each object.
+    """Return objects that rotate, drift, stand still and bend, in this order again and again; the first is a
+    root, the others are parts of one tree.
     """
     rng, points, objects = np.random.default_rng(3), [], []
     for part in range(parts):
@@ -138,15 +140,15 @@ def broken_rules(path: Path) -> list[str]:
 def written(clip: MeshSequence, path: Path, **options: str) -> MeshSequence:
     """Write a sequence, and open it again."""
     write_sequence(clip, path)
-    # Options of any reader: mypy asks for the type of each parameter.
+    # The options are those of any reader, whose types mypy cannot tell.
     return open_sequence(path, **options)  # type: ignore[arg-type]
 
 
 def assert_same_scene(
     read: MeshSequence, written: MeshSequence, *, attributes: bool = True, error: float = 0.0
 ) -> None:
-    """Assert equal positions, to the bit or to an error over the largest one; times to a nanosecond; names,
-    faces, lines, attributes.
+    """Assert that two scenes are equal: positions to the bit or to a relative error, times to a nanosecond,
+    names, faces, lines, attributes.
     """
     assert [item.name for item in read.objects] == [item.name for item in written.objects]
     expected = written.read_frames(0, written.frame_count)
@@ -179,7 +181,7 @@ def assert_has_attributes(mine: MeshObject, attributes: Sequence[Attribute], *, 
 
 
 def meaning_of(attribute: Attribute) -> NDArray[Any]:
-    """Return the value of each element of an attribute: labels as text, integer colours divided by 255."""
+    """Return the value of each element of an attribute; labels as text, integer colours divided by 255."""
     values = expanded(attribute)
     if attribute.labels:
         return np.array([attribute.labels[row] if row >= 0 else "" for row in values])
@@ -187,6 +189,6 @@ def meaning_of(attribute: Attribute) -> NDArray[Any]:
 
 
 def array_of(data: Path, name: str) -> dict[str, NDArray[np.generic]]:
-    """Return a sequence of the shared data as arrays."""
+    """Return a sequence of the shared data as named arrays."""
     with np.load(data / "sequences" / f"{name}.npz") as archive:
         return dict(archive)

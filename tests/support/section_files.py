@@ -1,4 +1,4 @@
-"""Files with sections that a test codes itself, to see what the library decodes from a section."""
+"""Files with sections that a test codes itself, to test how the library decodes them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec.decoder.groups import SHAPES, TRAJECTORIES
 from spec.sealing import Part, Row, seal, take_apart
 
 PLENTY = 2**52
-"""Memory limit [bytes] that no test reaches."""
+"""Memory limit [bytes] too large for any test to reach."""
 
 
 @cache

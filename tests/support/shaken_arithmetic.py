@@ -1,4 +1,4 @@
-"""The plain decoder with other arithmetic: every floating-point result may be off by one unit in the last place."""
+"""The plain decoder with disturbed arithmetic: every floating-point result may be off by one unit in the last place."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Shake = Callable[[Any], Any]
 
 
 class Renamer(ast.NodeTransformer):
-    """Makes the decoder's modules import each other under another package's name."""
+    """Make the decoder's modules import each other under another package's name."""
 
     def __init__(self, package: str) -> None:
         self._package = package
@@ -40,7 +40,7 @@ class Renamer(ast.NodeTransformer):
 
 
 class Shaker(Renamer):
-    """Wraps sums, differences, products, quotients, powers and function calls in a call of `shake`."""
+    """Wrap sums, differences, products, quotients, powers and function calls in a call of `shake`."""
 
     def __init__(self, package: str, exempt: set[str]) -> None:
         super().__init__(package)
@@ -92,7 +92,7 @@ def shaker(seed: int) -> Shake:
 
 
 def matrix_product(shake: Shake) -> Callable[[Any, Any], Any]:
-    """Return a product of arrays like `@`, with `shake` around every product and every sum, in another order."""
+    """Return a product of arrays like `@`, with `shake` applied to every product and every sum, in another order."""
 
     def multiplied(one: Any, other: Any) -> Any:
         if one.dtype.kind != "f" and other.dtype.kind != "f":

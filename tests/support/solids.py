@@ -20,7 +20,9 @@ CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1,
 
 
 def elements(kind: str, size: int, *, quadratic: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (nodes, 3) and cells (cells, nodes) of a cube of `size` hexahedra a side, divided into a kind."""
+    """Return points (nodes, 3) and cells (cells, nodes) of a cube of `size` hexahedra per side, divided into
+    cells of a kind.
+    """
     points: dict[tuple[float, ...], int] = {}
 
     def node(place: np.ndarray) -> int:
@@ -40,7 +42,7 @@ def elements(kind: str, size: int, *, quadratic: bool) -> tuple[np.ndarray, np.n
 
 
 def solid_sequence(*kinds: str, size: int = 2, frames: int = 4, quadratic: bool = False) -> ArraySequence:
-    """Return one object of several kinds of solids side by side, then two triangles and a line on top of the last."""
+    """Return one object of several kinds of solids in a row, with two triangles and a line on top of the last solid."""
     cells, points, first = Cells(vtk=True, solids="keep"), list[np.ndarray](), 0
     labels = []
     for number, kind in enumerate(kinds):

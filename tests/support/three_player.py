@@ -1,4 +1,4 @@
-"""glTF files as three.js plays them in headless Chromium; tests are skipped with the name of what is missing."""
+"""Play glTF files with three.js in headless Chromium; tests are skipped if one is missing, and name it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class PlayedMesh:
 
 
 class _Server(http.server.ThreadingHTTPServer):
-    """Serves the page, the modules and the files, and receives the page's results."""
+    """A server of the page, the modules and the files, which also receives the page's results."""
 
     def __init__(self, files: Sequence[tuple[Path, Sequence[float]]], modules: Path, *, draw: bool) -> None:
         self.files, self.modules, self.draw = files, modules, draw
@@ -115,7 +115,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 def play(
     files: Sequence[tuple[Path, Sequence[float]]], profile: Path, *, draw: bool, patience: float = PATIENCE
 ) -> list[list[PlayedMesh] | str]:
-    """Return the primitives of each file at times [s], or why there are none. With `draw`, the page also draws them.
+    """Return the primitives of each file at times [s], or the reason why there are none. With `draw`, the page also
+    draws them.
 
     Skips the test if there is no browser or no three.js.
     """

@@ -1,4 +1,4 @@
-"""What a USD stage holds besides the motion of its meshes, listed with USD itself."""
+"""List, with USD itself, the content of a stage other than the motion of its meshes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _plain(value: Any) -> Any:
 
 
 def listing(path: Path, moved: set[str]) -> dict[str, Any]:
-    """Return everything in a stage but the motion of the prims `moved`, by where it is."""
+    """Return everything in a stage except the motion of the prims `moved`, by its path."""
     stage = Usd.Stage.Open(str(path))
     found: dict[str, Any] = {}
     for name, value in stage.GetPseudoRoot().GetAllMetadata().items():
@@ -39,7 +39,7 @@ def listing(path: Path, moved: set[str]) -> dict[str, Any]:
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
         place = str(prim.GetPath())
         left_out = _OF_MOTION | _OF_SKELETONS if place in moved else set()
-        # Implicit shapes become meshes, and moved instances prims of their own.
+        # Implicit shapes become meshes, and moved instances become separate prims.
         changed = ("apiSchemas", "instanceable", *(("typeName",) if place in moved else ()))
         metadata = {k: v for k, v in prim.GetAllMetadata().items() if k not in changed}
         found[place] = _plain({**metadata, "children": [child.GetName() for child in prim.GetAllChildren()]})
@@ -57,7 +57,7 @@ def listing(path: Path, moved: set[str]) -> dict[str, Any]:
 
 
 def others_in_package(path: Path) -> dict[str, bytes]:
-    """Return the names of all files of a package, and the content of those that are no layers."""
+    """Return the names of all files of a package, with the content of those that are not layers."""
     with zipfile.ZipFile(path) as package:
         names = package.namelist()
         return {name: b"" if name.endswith((".usdc", ".usda", ".usd")) else package.read(name) for name in names}
