@@ -63,7 +63,7 @@ MUCH_OUTPUT = 10 * 10**9
     "--onto",
     metavar="ORIGINAL",
     help="Write a copy of ORIGINAL with everything in it (materials, textures, cameras, skeletons, custom "
-    "attributes), but with this motion instead of its own. For Alembic, USD, glTF and OBJ; OUT has the "
+    "attributes), but with this motion instead of its own. For Alembic, USD, glTF, OBJ and Exodus; OUT has the "
     "same format.",
 )
 @click.option(

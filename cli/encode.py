@@ -144,7 +144,7 @@ this large for the file to grow linearly from there on: the first few frames pre
     default="keep",
     show_default=True,
     help="keep: the file also carries what surrounds the motion in IN (cameras, materials, textures, custom data), for "
-    "Alembic, USD, glTF and OBJ; decoding to that format brings it back. drop: the motion alone.",
+    "Alembic, USD, glTF, OBJ and Exodus; decoding to that format brings it back. drop: the motion alone.",
 )
 @click.option(
     "--effort",

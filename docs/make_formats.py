@@ -66,15 +66,16 @@ CONVENTIONS = """\
   corners with a lookup, where programs know no others; those of faces and objects come back as what they were. Face
   sets are materials, as Blender shows them; groups of a mesh that has materials are a parameter. Where face sets of
   another program share faces, the last one by name is the material of a face, and the sets are groups besides.
-- **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
-  they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one
-  name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are brought into
-  the spaces of their shapes. Skeletons and blend shapes stay and no longer deform what is moved. USD: the root layer is
-  copied, other files are named from the new place; `--layer` writes points, normals and velocities alone, over the
-  original as a sublayer. glTF: meshes under nodes that move, and those that move rigidly, go to the scene's root, and
-  tangents are left out. Alembic: properties that its Python library has no type for, and bounds of children, are left
-  out, with a note; moved instances become separate objects. OBJ: every frame is the original's first with other
-  numbers.
+- **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic, OBJ and Exodus files are written again with
+  all that they have, whether it is read here or not, and another motion. Objects must be those of the original; those
+  of one name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are
+  brought into the spaces of their shapes. Skeletons and blend shapes stay and no longer deform what is moved. USD: the
+  root layer is copied, other files are named from the new place; `--layer` writes points, normals and velocities
+  alone, over the original as a sublayer. glTF: meshes under nodes that move, and those that move rigidly, go to the
+  scene's root, and tangents are left out. Alembic: properties that its Python library has no type for, and bounds of
+  children, are left out, with a note; moved instances become separate objects. OBJ: every frame is the original's
+  first with other numbers. Exodus: nodes keep their coordinates and get other displacements; other variables have the
+  values of the original's step before.
 - **Positions** are float32; what is stored as float64, as text, or comes from transforms is rounded. `encode`,
   `convert` and `compare` print how far that moves positions if it exceeds the bound, or a millionth of the diagonal,
   as in scenes far from their origin. It is not measured for OFF and STL text, nor for OBJ nearer to the origin.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,15 @@ _NOUNS = {"Camera": "camera", "Light": "light", "Material": "material"}
 class AlembicFamily:
     """Cutting and filling of Alembic archives."""
 
-    def strip(self, original: AlembicSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+    def strip(
+        self,
+        original: AlembicSequence,
+        source: Path,
+        fits: Sequence[Fitted],
+        *,
+        exact_uvs: bool,
+        fields: Collection[str],
+    ) -> Stripped:
         """Return the file of an archive without coded arrays."""
         data = bytearray(read_regular(source))
         known: dict[bytes, list[Any]] = {}

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from pdecodec.codec.sections.scene import Carrier, name_fault
+from pdecodec.codec.sections.scene import CUTS, Carrier, name_fault
 from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import ErrorCode, InputError, damaged
 from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
@@ -29,11 +29,14 @@ from pdecodec.formats.base.registry import Format, load
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import move_into, output_exists, partial_folder, publish, write_errors
 
-CUTS, FILES = "cuts", "files/"
-"""Names of the stream that says what was cut out, and of those that are files."""
+FILES = "files/"
+"""Beginning of the names of streams that are files."""
 
 COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 """Names of the arrays of faces that the decoder knows."""
+
+_OF_READING = ("clip", "displacement", "solids")
+"""Options of reading that a carrier records."""
 
 _COMPANION_ENDINGS = (
     *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin", ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".avif", ".webp"),
@@ -59,13 +62,16 @@ class Stripped:
     root : str
         The file that names the others.
     cuts : dict
-        JSON object from which :meth:`Family.fill` restores the arrays, and ``clip``, the animation that was read.
+        JSON object from which :meth:`Family.fill` restores the arrays, and options with which the file was read:
+        ``clip``, ``displacement``, ``solids``.
     contents : dict of str to int
         Things that the coded mesh does not hold, by a noun in the singular, with their numbers.
     companions : tuple of str
         Those of `files` that a written file names again, and that therefore come to lie next to it.
     outside : tuple of str
         Files that are named, and that are not among `files`.
+    fields : tuple of str
+        Names of the fields whose values were cut: :func:`write_onto` writes them anew, like the motion.
     """
 
     files: dict[str, bytes]
@@ -74,6 +80,7 @@ class Stripped:
     contents: dict[str, int]
     companions: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
 
 
 def is_carried_name(name: str) -> bool:
@@ -115,10 +122,13 @@ def arrays_of(item: MeshObject, *, exact_uvs: bool = True) -> Iterator[tuple[tup
 class Family(Protocol):
     """How the files of a format are cut and filled: a class that the format's entry names."""
 
-    def strip(self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped | None:
+    def strip(
+        self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+    ) -> Stripped | None:
         """Cut the arrays of coded objects out of the files of an open sequence; None if there is nothing else.
 
-        `exact_uvs` says whether the decoder returns texture coordinates to the last bit.
+        `exact_uvs` says whether the decoder returns texture coordinates to the last bit; `fields` are the names of the
+        coded fields.
         """
 
     def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
@@ -148,7 +158,7 @@ class CarriedFile:
         """Return itself: shapes that are not coded stay in the carrier."""
         return self
 
-    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier | None:
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Carrier | None:
         """Return the carrier of a sequence made of the file; None if there is nothing but its mesh.
 
         Raises
@@ -162,14 +172,15 @@ class CarriedFile:
         family: Family = load(self._entry, self._entry.carrier, "read", self._path)()
         fits, _ = match_objects(sequence, original, self._path)
         with _damage_named():
-            found = family.strip(original, self._path, fits, exact_uvs=exact_uvs)
+            found = family.strip(original, self._path, fits, exact_uvs=exact_uvs, fields=fields)
         if found is None:
             return None
         contents = {noun: count for noun, count in found.contents.items() if count}
         if not contents and all(one.fate != "dropped" for one in original.contents):
             return None
         cuts = json.dumps(
-            {**found.cuts, "root": found.root, "companions": found.companions}, separators=(",", ":")
+            {**found.cuts, "root": found.root, "companions": found.companions, "fields": found.fields},
+            separators=(",", ":"),
         ).encode()
         files = {CUTS: cuts, **{f"{FILES}{name}": data for name, data in found.files.items()}}
         return Carrier.of(self._entry.name, contents.items(), found.outside, files)
@@ -215,6 +226,8 @@ def write_scene(
                 path.write_bytes(files[FILES + name])
             if cuts["root"] not in names or not set(cuts["companions"]) <= set(names):
                 raise damaged("the scene does not hold all of its files")
+            if absent := set(cuts.get("fields", ())) - {one.name for one in sequence.fields}:
+                raise InputError(f"it needs the field {min(absent)!r}", code="object-missing")
             with _damage_named():
                 family.fill(folder, cuts, sequence.objects, where.suffix)
             if bad := next((name for name in cuts["companions"] if not is_companion_name(name)), None):
@@ -229,8 +242,10 @@ def write_scene(
             root = (folder / cuts["root"]).rename(
                 free_name(folder / f"original{Path(cuts['root']).suffix}", place.name)
             )
-            clip = str(cuts["clip"]) if "clip" in cuts and "clip" in entry.options else None
-            found = write_onto(sequence, root, folder / place.name, clip=clip, is_filled=True, **options)
+            reading: dict[str, Any] = {
+                name: str(cuts[name]) for name in _OF_READING if name in cuts and name in entry.options
+            }
+            found = write_onto(sequence, root, folder / place.name, is_filled=True, **reading, **options)
         except InputError as error:
             if error.code in OF_OUTPUT:
                 raise

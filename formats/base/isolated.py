@@ -6,7 +6,7 @@ This costs the start of a process, and copying every frame.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -110,10 +110,10 @@ class _IsolatedScene:
         """Return itself: shapes that are not coded stay in the carrier."""
         return self
 
-    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier | None:
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Carrier | None:
         """Return the carrier; None if the file holds only meshes."""
         names = [item.name for item in sequence.objects]
-        data = call_about_file(self._worker, self._path, _carry, names, exact_uvs)["scene"].tobytes()
+        data = call_about_file(self._worker, self._path, _carry, names, exact_uvs, list(fields))["scene"].tobytes()
         return decode_scene(data) if data else None
 
 
@@ -158,12 +158,13 @@ def _open(
     return {**arrays_of(sequence, sequence.fps), **facts, "told": np.frombuffer(json.dumps(told).encode(), np.uint8)}
 
 
-def _carry(path: Path, names: list[str], exact_uvs: bool) -> dict[str, Any]:
+def _carry(path: Path, names: list[str], exact_uvs: bool, fields: list[str]) -> dict[str, Any]:
     """Cut the arrays of objects out of a file in a worker; return section SCEN."""
     if path not in _opened:
         raise InputError("the worker process that had it open has ended; open it again", code="worker-ended")
     scene = _opened[path].carried
-    carrier = None if scene is None else scene.carrier(ObjectSelection(_opened[path], names), exact_uvs=exact_uvs)
+    chosen = ObjectSelection(_opened[path], names)
+    carrier = None if scene is None else scene.carrier(chosen, exact_uvs=exact_uvs, fields=fields)
     data = b"" if carrier is None else encode_scene(carrier)
     return {"scene": np.frombuffer(data, np.uint8)}
 

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,8 @@ def write_onto(
     path: str | os.PathLike[str],
     *,
     clip: str | None = None,
+    displacement: str | None = None,
+    solids: Literal["surface", "keep"] | None = None,
     layer: bool = False,
     overwrite: bool = False,
     fps: float | None = None,
@@ -78,11 +80,14 @@ def write_onto(
     sequence : MeshSequence
         In the space of the original's scene.
     original : path
-        An Alembic, USD, glTF or OBJ file; of OBJ sequences the first frame is taken.
+        An Alembic, USD, glTF, OBJ or Exodus file; of OBJ sequences the first frame is taken.
     path : path
         Another file of that format, or for OBJ a pattern or a folder.
     clip : str, optional
         The animation of the original that the motion replaces, if it has several (glTF). Default: the first.
+    displacement, solids
+        Exodus: how the original is read, see :func:`pdecodec.open_sequence`. Default: its solids are cells if the
+        sequence has cells.
     layer : bool
         USD: write only a layer over the original, which it refers to: points, normals and velocities.
     overwrite, fps, velocities, progress, meshopt, straight
@@ -121,8 +126,11 @@ def write_onto(
     asked: dict[str, Any] = {"meshopt": meshopt, "straight": straight}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, "glTF", where)
-    if clip is not None and "clip" not in entry.options:
-        raise misplaced("clip", "glTF", where)
+    reading: dict[str, Any] = {"clip": clip, "displacement": displacement, "solids": solids}
+    for name in (name for name, value in reading.items() if value is not None and name not in entry.options):
+        raise misplaced(name, "glTF" if name == "clip" else "Exodus", where)
+    if solids is None and "solids" in entry.options and any(one.connectivity.cell_count for one in sequence.objects):
+        reading["solids"] = "keep"
     if velocities is not None and not entry.holds_velocities:
         raise SettingsError(
             f"{entry.title} holds no velocities; leave them out, or write a separate file",
@@ -154,7 +162,7 @@ def write_onto(
     )
     with (
         asset_folders_allowed(asset_folders),
-        open_sequence(source, clip=clip, skip_unsupported=True) as there,
+        open_sequence(source, **reading, skip_unsupported=True) as there,
         naming_file(where),
     ):
         _check_space(placed, there, source)

@@ -11,7 +11,7 @@ import binascii
 import copy
 import json
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,9 @@ ByteArray = NDArray[np.uint8]
 class GltfFamily:
     """Cutting and filling of glTF files."""
 
-    def strip(self, original: GltfSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+    def strip(
+        self, original: GltfSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+    ) -> Stripped:
         """Return the file's parts without coded arrays."""
         file = original.file
         root = copy.deepcopy(dict(file.root))

@@ -7,7 +7,7 @@ what the decoder computes gives the same again.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ class ObjFamily:
     """Removes coded data from OBJ files for the carried scene, and puts it back."""
 
     def strip(
-        self, original: MeshSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool
+        self, original: MeshSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
     ) -> Stripped | None:
         """Return the text of the first frame without geometry, and libraries; None without libraries."""
         first = find_frames(source, ".obj").paths[0]

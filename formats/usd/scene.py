@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,9 @@ _NOUNS = {"Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
 class UsdFamily:
     """Cutting and filling of USD stages."""
 
-    def strip(self, original: UsdSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool) -> Stripped:
+    def strip(
+        self, original: UsdSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+    ) -> Stripped:
         """Return the layers of a stage without coded arrays, and the other files of a package."""
         stage = original.stage
         shapes = [original.shapes[one.index] for one in fits]

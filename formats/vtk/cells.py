@@ -82,6 +82,9 @@ _FLAT: Mapping[tuple[str, int], tuple[int, ...]] = {
 """Nodes along the border of cells that are not solid, by kind and number of nodes."""
 
 
+FLAT_PLACES = {3: [0, 1, 2], 4: [0, 1, 2, 3], 6: [0, 2, 4, 1, 3, 5], 8: [0, 2, 4, 6, 1, 3, 5, 7]}
+"""Places along the border of the nodes of triangles and quads, by number of nodes, of cells without a node inside."""
+
 EXODUS_PLACES: Mapping[tuple[str, int], Int64Array] = {
     ("wedge", 15): np.array([*range(9), 12, 13, 14, 9, 10, 11]),
     ("wedge", 18): np.array([*range(9), 12, 13, 14, 9, 10, 11, 15, 16, 17]),
@@ -106,6 +109,8 @@ class Cells:
     ----------
     has_cells : bool
         Whether :meth:`connectivity` returns cells: there are solids to keep, or it was set to True.
+    is_reversed : bool
+        Whether :meth:`connectivity` reversed solids of a kind, because their volume is negative.
     owners : (faces,) int64
         Cell of each face that :meth:`connectivity` returned last, counted in the order of adding.
     count : int
@@ -114,7 +119,7 @@ class Cells:
 
     def __init__(self, *, vtk: bool = False, solids: Solids = "surface") -> None:
         self._vtk, self._keep = vtk, solids == "keep"
-        self.has_cells = False
+        self.has_cells = self.is_reversed = False
         self._added: list[tuple[str, Int64Array]] = []
         self._faces: list[tuple[Int64Array, Int64Array]] = []
         self._lines: list[Int64Array] = []
@@ -240,6 +245,7 @@ class Cells:
         volumes = dict.fromkeys(_SOLIDS, 0.0)
         for kind, rows, _ in self._solids:
             volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)
+        self.is_reversed = min(volumes.values()) < 0
         for kind, rows, numbers in self._solids:
             for face, border in self._sides(kind, rows.shape[1]):
                 if volumes[kind] < 0:

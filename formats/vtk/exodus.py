@@ -7,7 +7,7 @@ variables that Exodus' own programs use as displacements, see :func:`displacemen
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, damaged
-from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE, check_stored, linked_item
+from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE, check_stored
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import BLOCK, Cells, Solids, node_attribute
@@ -30,11 +30,11 @@ from pdecodec.formats.vtk.exodus_variables import (
     vectors_of,
 )
 from pdecodec.formats.vtk.motion import choose_vectors, contents_of, motion_notices, not_kept_data
+from pdecodec.formats.vtk.netcdf_variables import Variables
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import DTYPES, Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
-from pdecodec.system.reading import FileScope, open_regular
 
 KINDS = {
     "triangle": ("TRI", "TRIANGLE", "TRISHELL"),
@@ -102,10 +102,10 @@ class ExodusSequence(MeshSequence):
     def __init__(
         self, path: Path, *, fps: float | None, displacement: str | None = None, solids: Solids | None = None
     ) -> None:
-        self._path, self._asked, self._solids = path, displacement, solids or "surface"
-        self._variables: Any = None
+        self._path, self.asked, self.solids = path, displacement, solids or "surface"
+        self.variables: Any = None
         try:
-            self._variables = _Variables(path)
+            self.variables = Variables(path)
             self._open(fps)
         except HDF5_DAMAGE as error:
             self.close()
@@ -115,41 +115,41 @@ class ExodusSequence(MeshSequence):
             raise
 
     def _open(self, fps: float | None) -> None:
-        if "coord" in self._variables:
+        if "coord" in self.variables:
             coordinates = self._numbers("coord")
         else:
-            coordinates = np.stack(
-                [self._numbers(f"coord{axis}") for axis in "xyz" if f"coord{axis}" in self._variables]
-            )
-        self._rest = np.zeros((coordinates.shape[1], 3))
-        self._rest[:, : len(coordinates)] = coordinates.T
-        times = self._numbers("time_whole") if "time_whole" in self._variables else np.zeros(0)
+            coordinates = np.stack([self._numbers(f"coord{axis}") for axis in AXES if f"coord{axis}" in self.variables])
+        self.axes = len(coordinates)
+        self.rest = np.zeros((coordinates.shape[1], 3))
+        self.rest[:, : len(coordinates)] = coordinates.T
+        times = self._numbers("time_whole") if "time_whole" in self.variables else np.zeros(0)
         nodal = self._names("name_nod_var")
         vectors = vectors_of(nodal, len(coordinates))
-        chosen = choose_vectors(
-            list(vectors), self._asked, self._path, defined=displacements(vectors, len(coordinates))
-        )
+        chosen = choose_vectors(list(vectors), self.asked, self._path, defined=displacements(vectors, len(coordinates)))
         offered = [name for name, found in vectors.items() if len(found) >= len(coordinates)]
-        self.notices = motion_notices(chosen, offered, self._asked, moves=times.size < 2)
+        self.notices = motion_notices(chosen, offered, self.asked, moves=times.size < 2)
         used: list[str] = []
-        self._moving = {}
+        self._moving, self.moving = dict[int, Any](), dict[int, str]()
         for axis, number in ({} if chosen is None else vectors[chosen]).items():
-            self._moving[axis] = self._variables[f"vals_nod_var{number}"]
+            self.moving[axis] = f"vals_nod_var{number}"
+            self._moving[axis] = self.variables[self.moving[axis]]
             self._check_variable(self._moving[axis], times.size, nodal[number - 1])
             used.append(nodal[number - 1])
         cells, spans = self._cells()
-        connectivity, self._gather = cells.connectivity(self._rest)
+        self.cells, self.spans = cells, spans
+        connectivity, self.gather = cells.connectivity(self.rest)
         numbers = self._numbers_of_nodes()
-        if self._gather is not None:
-            numbers = numbers[self._gather]
-        is_plain = self._gather is None and np.array_equal(numbers, np.arange(1, numbers.size + 1))
+        if self.gather is not None:
+            numbers = numbers[self.gather]
+        is_plain = self.gather is None and np.array_equal(numbers, np.arange(1, numbers.size + 1))
         attributes = () if is_plain else (node_attribute(numbers),)
         blocks = self._block_names(spans, cells.owners)
         if cells.has_cells:
             blocks = (*blocks, self._blocks_of_cells(spans))
         self.objects = (MeshObject("mesh", connectivity, (*attributes, *blocks)),)
         kept = self._find_fields(times, len(coordinates), used, spans, None if cells.has_cells else cells.owners)
-        if times.size and (self._moving or self._stored):
+        self.has_steps = bool(times.size and (self._moving or self.stored))
+        if self.has_steps:
             self.times, self.fps, notices = timing_of_stored(times, fps)
             lacking = [letter for axis, letter in enumerate(AXES[: len(coordinates)]) if axis not in self._moving]
             if self._moving and lacking:
@@ -162,13 +162,13 @@ class ExodusSequence(MeshSequence):
             "blocks": [label for attribute in blocks for label in attribute.labels],
             "times": ["time_whole"] if times.size else [],
         }
-        lost = self._dropped(kept)
+        self.lost = lost = self._dropped(kept)
         self.list_contents = lambda: contents_of(self.objects, kept, lost)
         self.notices = (
             *notices,
             *self.notices,
             *not_kept_data(lost),
-            *cells.left_out_notices(self._gather, len(self._rest)),
+            *cells.left_out_notices(self.gather, len(self.rest)),
             *(cells.inner_notice("elements", "element variables") if kept["element variables"] else ()),
         )
         self.metadata = {}
@@ -182,12 +182,12 @@ class ExodusSequence(MeshSequence):
         these are kept as cells; those of blocks that lack it are NaN. Variables that move the mesh are in `used`, and
         are no fields.
         """
-        self._stored: dict[str, StoredField] = {}
+        self.stored: dict[str, StoredField] = {}
         kept = {"nodal variables": list(used), "element variables": list[str]()}
         if not self._moving and not _are_steps(times):
             return kept
         whole = slice(None)
-        nodes = Part(whole if self._gather is None else self._gather, whole, "vals_nod_var{}", len(self._rest))
+        nodes = Part(whole if self.gather is None else self.gather, whole, "vals_nod_var{}", len(self.rest))
         faces = []
         cells = np.arange(max((span.stop for span in spans.values()), default=0)) if owners is None else owners
         for number, span in spans.items():
@@ -197,22 +197,22 @@ class ExodusSequence(MeshSequence):
                 faces.append(Part(cells[own] - span.start, own, f"vals_elem_var{{}}eb{number}", size))
 
         def find(name: str, part: Part) -> Any:
-            return self._variables[name] if self._has_values(name, times.size, part) else None
+            return self.variables[name] if self._has_values(name, times.size, part) else None
 
         others = ["" if name in used else name for name in self._names("name_nod_var")]
-        kept["nodal variables"] += store_fields(self._stored, "vertex", others, axes, [nodes], find)
+        kept["nodal variables"] += store_fields(self.stored, "vertex", others, axes, [nodes], find)
         kept["element variables"] += store_fields(
-            self._stored, "cell" if owners is None else "face", self._names("name_elem_var"), axes, faces, find
+            self.stored, "cell" if owners is None else "face", self._names("name_elem_var"), axes, faces, find
         )
-        self.fields = tuple(one.field for one in self._stored.values())
+        self.fields = tuple(one.field for one in self.stored.values())
         return kept
 
     def _has_values(self, name: str, steps: int, part: Part) -> bool:
         """Return whether a variable has a value for every step and element of a part, all of them in the file."""
-        if name not in self._variables:
+        if name not in self.variables:
             return False
         try:
-            variable = self._variables[name]
+            variable = self.variables[name]
             self._check_variable(variable, steps, name)
         except InputError:
             return False
@@ -224,7 +224,7 @@ class ExodusSequence(MeshSequence):
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         try:
-            return self._stored[field.name].read(start, stop, field.row_count(self.objects), _fill_of)
+            return self.stored[field.name].read(start, stop, field.row_count(self.objects), fill_of)
         except HDF5_DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
 
@@ -244,7 +244,7 @@ class ExodusSequence(MeshSequence):
     def _blocks_of_cells(self, spans: Mapping[int, slice]) -> Attribute:
         """Return the block of each cell; blocks without names are called by their numbers."""
         names = self._names("eb_names")
-        ids = np.asarray(self._variables["eb_prop1"][:]).tolist() if "eb_prop1" in self._variables else []
+        ids = np.asarray(self.variables["eb_prop1"][:]).tolist() if "eb_prop1" in self.variables else []
         labels = [
             (names[block - 1] if block <= len(names) else "") or str(ids[block - 1] if block <= len(ids) else block)
             for block in spans
@@ -258,37 +258,37 @@ class ExodusSequence(MeshSequence):
         Blocks without names lose nothing but their numbers.
         """
         places = dict(_VARIABLES)
-        for place in self._variables:
+        for place in self.variables:
             if re.fullmatch(r"name_.+_var", place):  # later versions have variables of assemblies and blobs
                 places.setdefault(place, f"{place[5:-4]} variables")
         kinds = {
             kind: [name for name in self._names(place) if name not in kept.get(kind, ())]
             for place, kind in places.items()
         }
-        kinds["records"] = [name for name in _RECORDS if name in self._variables and not self._is_ours()]
+        kinds["records"] = [name for name in _RECORDS if name in self.variables and not self.is_ours()]
         kinds["blocks"] = [name for name in self._names("eb_names") if name and name not in kept["blocks"]]
         for kind, names, pattern in _SETS:
-            numbers = sorted(int(found[1]) for place in self._variables if (found := re.fullmatch(pattern, place)))
+            numbers = sorted(int(found[1]) for place in self.variables if (found := re.fullmatch(pattern, place)))
             listed = dict(enumerate(self._names(names), 1))
             kinds[kind] = [
                 listed.get(number) or str(number) for number in sorted({*numbers, *(k for k in listed if listed[k])})
             ]
-        return kinds | {"other arrays": [name for name in self._variables if not _KNOWN.fullmatch(name)]}
+        return kinds | {"other arrays": [name for name in self.variables if not _KNOWN.fullmatch(name)]}
 
-    def _is_ours(self) -> bool:
+    def is_ours(self) -> bool:
         """Return whether the only record is that of our writer, which need not be kept."""
-        records = np.asarray(self._variables["qa_records"][:]) if "qa_records" in self._variables else np.zeros(0)
+        records = np.asarray(self.variables["qa_records"][:]) if "qa_records" in self.variables else np.zeros(0)
         return records.ndim == 3 and len(records) == 1 and _text(records[0, 0]) == PROGRAM
 
     def _names(self, place: str) -> list[str]:
         """Return the names that an array of the file lists; empty if the array does not exist."""
-        return [_text(row) for row in np.asarray(self._variables[place][:])] if place in self._variables else []
+        return [_text(row) for row in np.asarray(self.variables[place][:])] if place in self.variables else []
 
     def _numbers(self, name: str) -> Float64Array:
-        variable = self._variables[name]
+        variable = self.variables[name]
         self._check_variable(variable, None, name)
         values = np.asarray(variable[:], np.float64)
-        if (values == _fill_of(variable)).any():
+        if (values == fill_of(variable)).any():
             raise damaged(f"{name} has values that were never written; export it again", path=self._path)
         return values
 
@@ -298,29 +298,29 @@ class ExodusSequence(MeshSequence):
             raise damaged(
                 f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
             )
-        if isinstance(variable, h5py.Dataset):
-            check_stored(variable, self._variables.scope)
+        if isinstance(variable, h5py.Dataset) and not self.variables.is_cut:
+            check_stored(variable, self.variables.scope)
 
     def _numbers_of_nodes(self) -> Int64Array:
         """Return the file's node numbers (nodes,); counted from 1 if it has none."""
-        if "node_num_map" in self._variables:
-            return np.asarray(self._variables["node_num_map"][:], np.int64)
-        return np.arange(1, len(self._rest) + 1)
+        if "node_num_map" in self.variables:
+            return np.asarray(self.variables["node_num_map"][:], np.int64)
+        return np.arange(1, len(self.rest) + 1)
 
     def _cells(self) -> tuple[Cells, dict[int, slice]]:
         """Return the elements, and which of them each block has."""
-        cells, spans = Cells(solids=self._solids), dict[int, slice]()
+        cells, spans = Cells(solids=self.solids), dict[int, slice]()
         # A block without elements has no such variable, but the next one may.
-        numbers = sorted(int(key[7:]) for key in self._variables if re.fullmatch(r"connect\d+", key))
+        numbers = sorted(int(key[7:]) for key in self.variables if re.fullmatch(r"connect\d+", key))
         for number in numbers:
-            block = self._variables[f"connect{number}"]
+            block = self.variables[f"connect{number}"]
             self._check_variable(block, None, f"connect{number}")
             rows = np.asarray(block[:], np.int64) - 1
             name = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
             kind = next((kind for kind, names in KINDS.items() if name in names), None)
             if name == "NSIDED" and rows.ndim == 1:
                 first = cells.count
-                cells.add_polygons(np.asarray(self._variables[f"ebepecnt{number}"][:], np.int64), rows)
+                cells.add_polygons(np.asarray(self.variables[f"ebepecnt{number}"][:], np.int64), rows)
                 spans[number] = slice(first, cells.count)
                 continue
             if name == "SHELL":
@@ -338,26 +338,26 @@ class ExodusSequence(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
-        points = np.repeat(self._rest[None], stop - start, axis=0)
+        points = np.repeat(self.rest[None], stop - start, axis=0)
         try:
             for axis, values in self._moving.items():
                 moved = np.asarray(values[start:stop], np.float64)
-                unwritten = np.flatnonzero((moved == _fill_of(values)).any(axis=1))
+                unwritten = np.flatnonzero((moved == fill_of(values)).any(axis=1))
                 if unwritten.size:
                     message = f"displacements along {AXES[axis]} were never written; export it again"
                     raise InputError(message, code="damaged-input", path=self._path, frame=start + int(unwritten[0]))
                 points[:, :, axis] += moved
         except HDF5_DAMAGE as error:
             raise InputError(f"cannot be read ({error})", code="unreadable", path=self._path, frame=start) from error
-        return to_float32(points if self._gather is None else points[:, self._gather])
+        return to_float32(points if self.gather is None else points[:, self.gather])
 
     def close(self) -> None:
-        self._moving, self._stored = {}, {}
-        if self._variables is not None:
-            self._variables.close()
+        self._moving, self.stored = {}, {}
+        if self.variables is not None:
+            self.variables.close()
 
 
-def _fill_of(variable: Any) -> float:
+def fill_of(variable: Any) -> float:
     """Return the value that netCDF returns for unwritten values of a variable; NaN if there is none."""
     own = variable.attrs.get("_FillValue") if hasattr(variable, "attrs") else getattr(variable, "_FillValue", None)
     fill = NETCDF_FILL.get(dtype_of(variable).str[1:], np.nan) if own is None else float(np.asarray(own).reshape(-1)[0])
@@ -367,44 +367,6 @@ def _fill_of(variable: Any) -> float:
 def _are_steps(times: Float64Array) -> bool:
     """Return whether times are finite and increase."""
     return bool(times.size and np.isfinite(times).all() and (np.diff(times) > 0).all())
-
-
-class _Variables(Mapping[str, Any]):
-    """The arrays of a file by name, read when they are sliced."""
-
-    def __init__(self, path: Path) -> None:
-        self.scope = FileScope(path)
-        self._opened: dict[str, Any] = {}
-        with open_regular(path) as file:
-            classic = file.read(3) == b"CDF"
-        if classic:
-            from scipy.io import netcdf_file
-
-            self._held: Any = dict(netcdf_file(path, "r", mmap=False).variables)
-        else:
-            self._held = h5py.File(path, "r")
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._opened:
-            found = self._held[name] if isinstance(self._held, dict) else linked_item(self._held, name, self.scope)
-            if found is None:
-                raise KeyError(name)
-            self._opened[name] = found
-        return self._opened[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._held if isinstance(self._held, dict) else self._held.get(name, getlink=True) is not None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._held)
-
-    def __len__(self) -> int:
-        return len(self._held)
-
-    def close(self) -> None:
-        self._opened = {}
-        if not isinstance(self._held, dict):
-            self._held.close()
 
 
 def _kind_of(block: Any) -> Any:

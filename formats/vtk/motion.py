@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, Notice, damaged
-from pdecodec.formats.base.frame_changes import kept_of
+from pdecodec.formats.base.frame_changes import kept_of, not_kept
 from pdecodec.mesh.sequence import Content, Fate, MeshObject
 
 NO_DISPLACEMENT = "none"
@@ -84,7 +84,7 @@ def not_kept_data(names: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
     if not listed:
         return ()
     head = ", ".join(listed[:-1])
-    return (f"{head} and {listed[-1]} are not kept" if head else f"{listed[0]} are not kept",)
+    return not_kept([f"{head} and {listed[-1]}" if head else listed[0]], "{} are not kept")
 
 
 def contents_of(

@@ -20,6 +20,11 @@ _WITHOUT_VARIABLE = "This is a netCDF dimension without variable{:10d}"
 """Name by which netCDF knows that a scale is only a dimension."""
 
 
+def dimension_name(size: int) -> str:
+    """Return the name of the scale of a dimension that has no variable."""
+    return _WITHOUT_VARIABLE.format(size)
+
+
 class NetcdfWriter:
     """A netCDF-4 file that is being written.
 
@@ -48,7 +53,7 @@ class NetcdfWriter:
             chunks=(1024,) if unlimited else None,
             track_times=False,
         )
-        scale.make_scale(_WITHOUT_VARIABLE.format(size))
+        scale.make_scale(dimension_name(size))
         scale.attrs["_Netcdf4Dimid"] = np.int32(len(self._sizes))
         self._sizes[name] = size
         if unlimited:

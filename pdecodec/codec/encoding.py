@@ -24,7 +24,7 @@ from pdecodec.codec.presets import PresetName, normal_limit, normals_measured, p
 from pdecodec.codec.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.run_encoder import encode_runs, make_encoder
 from pdecodec.codec.sections.scene import Carrier, encode_scene
-from pdecodec.codec.settings import EncodeOptions, EncodeSettings, check_one_target
+from pdecodec.codec.settings import DROP, EncodeOptions, EncodeSettings, check_one_target
 from pdecodec.errors import InputError, MissingExtraError, SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
@@ -182,7 +182,11 @@ def _scene_of(sequence: MeshSequence, settings: EncodeSettings) -> _Scene:
     if settings.order == "free":
         return _Scene(note="it needs the order of vertices and faces, which is free")
     try:
-        carrier: Carrier | None = sequence.carried.carrier(sequence, exact_uvs=settings.uv_tolerance is None)
+        carrier: Carrier | None = sequence.carried.carrier(
+            sequence,
+            exact_uvs=settings.uv_tolerance is None,
+            fields=[one.name for one in sequence.fields if settings.fields.get(one.name) != DROP],
+        )
     except (InputError, MissingExtraError) as error:
         return _Scene(note=error.message)
     if carrier is None:

@@ -8,7 +8,7 @@ passes through.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -350,10 +350,10 @@ class SceneSource(Protocol):
     @property
     def family(self) -> str | None: ...
 
-    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Any:
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Any:
         """Return what a `.pdeanim` file of `sequence`, which comes from it, is to carry; None if that is nothing.
 
-        `exact_uvs` says whether that file keeps texture coordinates to the last bit.
+        `exact_uvs` says whether that file keeps texture coordinates to the last bit, `fields` which fields it keeps.
         """
 
     def of_some_objects(self) -> SceneSource | None:

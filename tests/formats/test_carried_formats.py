@@ -7,18 +7,24 @@ import struct
 import zipfile
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import h5py
 import numpy as np
 import pytest
 
 import pdecodec
+from pdecodec.cli.main import run
+from pdecodec.codec.sections.scene import Carrier
 from pdecodec.errors import InputError
 from pdecodec.formats import write_sequence
 from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.formats.vtk.exodus import ExodusSequence
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.selection import FrameSelection
+from tests.support.exodus_files import write_exodus
+from tests.support.exodus_listing import exodus_listing
 from tests.support.gltf_listing import GltfListing
 from tests.support.scene_cases import SPACE, body, needed, scene
 
@@ -259,6 +265,134 @@ def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
             list(_blocks(tree))
 
 
+EXODUS = ("block_crush_1.ex2", "aero_blunt_wedge_wall_test3.ex2", "test-assembly.exo", "cylinder.exo", "ADeDA.e",
+          "read_exodus_QUAD8.e", "read_exodus_PRISM18.e", "mesh_with_low_order_edge_blocks.e")  # fmt: skip
+"""Some of the shared Exodus files: all kinds of sets, variables and elements."""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("solids", ["surface", "keep"])
+@pytest.mark.parametrize("name", EXODUS)
+def test_everything_in_an_exodus_file_but_its_motion_comes_back(
+    tmp_path: Path, shared_data: Path, name: str, solids: Literal["surface", "keep"]
+) -> None:
+    source = shared_data / "interop/exodus" / name
+    with pdecodec.open_sequence(source, solids=solids) as read:
+        report = pdecodec.encode(read, tmp_path / "a.pdeanim")
+    assert report.scene_bytes
+    exodus_comes_back(tmp_path, source, report)
+
+
+def exodus_comes_back(tmp_path: Path, source: Path, report: pdecodec.EncodeReport) -> None:
+    """Write the scene of ``a.pdeanim`` and compare it with the file that it was encoded from."""
+    out = tmp_path / f"b{source.suffix}"
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        cells = "keep" if any(item.connectivity.cell_count for item in animation.objects) else "surface"
+        with pdecodec.open_sequence(source, solids=cells) as read:
+            assert isinstance(read, ExodusSequence)
+            coded = {f"coord{axis}" for axis in ("", *"xyz")} | set(read.moving.values())
+            # Float32 variables are written as such.
+            off = {one.name: one.bound + 1e-7 * max(abs(one.smallest), abs(one.largest)) for one in report.fields}
+            names = {id(read.variables[key]): key for key in read.variables}
+            bounds = {
+                names[id(array)]: off[name]
+                for name, stored in read.stored.items()
+                for _, arrays in stored.parts
+                for array in arrays
+            }
+        assert pdecodec.write_sequence(animation, out) == ()
+        with pdecodec.open_sequence(out, solids=cells) as read:
+            found = read.read_frames(0, animation.frame_count)
+            expected = animation.read_frames(0, animation.frame_count)
+            assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
+    (before, values), (after, again) = exodus_listing(source), exodus_listing(out)
+    assert after == before
+    for key, old in values.items():
+        if key not in coded:
+            assert np.array_equal(again[key], old) or np.abs(again[key] - old).max() <= bounds[key] * 1.001
+
+
+def exodus_shot(path: Path) -> Path:
+    """Write a hexahedron and a shell with a node that nothing uses, sets, records and variables of all kinds."""
+    points = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))] + [[9, 9, 9]], float)
+    rise = np.linspace(0, 1, 27).reshape(3, 9)
+    moves = {f"displ_{axis}": rise * number for number, axis in enumerate("xyz")}
+    cells = {1: [[*range(1, 9)]]}
+    write_exodus(
+        path, {**moves, "heat": rise}, points=points, blocks=cells, kind="HEX8", elements={"load": {1: rise[:, :1]}},
+        listed={"eb_names": ["box"], "ns_names": ["rim"], "name_glo_var": ["energy"]},
+    )  # fmt: skip
+    with h5py.File(path, "a") as file:
+        file.attrs["title"] = np.bytes_(b"a shot")
+        file["node_ns1"], file["vals_glo_var"] = np.array([1, 2], np.int32), rise[:, :1]
+        for name in ("vals_nod_var2", "vals_nod_var4"):
+            values = file.pop(name)[()]
+            layout = {"maxshape": (None, 9), "chunks": (2, 4), "compression": "gzip", "shuffle": True}
+            file.create_dataset(name, data=values, **layout)
+    return path
+
+
+@pytest.mark.parametrize("solids", ["surface", "keep"])
+def test_exodus_files_come_back_with_sets_and_inner_nodes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], solids: str
+) -> None:
+    source = exodus_shot(tmp_path / "a.e")
+    assert run(["encode", str(source), "-o", str(tmp_path / "a.pdeanim"), "--solids", solids]) == 0
+    assert "scene: 1 global variable, 1 node set, 1 title: " in capsys.readouterr().err
+    with pdecodec.open_sequence(source, solids=solids) as read:
+        report = pdecodec.encode(read, tmp_path / "a.pdeanim", overwrite=True)
+    exodus_comes_back(tmp_path, source, report)
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        few = FrameSelection(animation, [0, 2])
+        assert pdecodec.write_sequence(few, tmp_path / "c.e") == ()
+        _, before = exodus_listing(source)
+        _, after = exodus_listing(tmp_path / "c.e")
+        assert np.array_equal(after["vals_glo_var"], before["vals_glo_var"][[0, 2]])
+        if solids == "surface":  # the last node is on no face
+            assert np.array_equal(after["vals_nod_var2"][:, 8], before["vals_nod_var2"][[0, 2], 8])
+        assert np.array_equal(after["time_whole"], [0, 0.2])
+    assert run(["decode", str(tmp_path / "a.pdeanim"), "-o", str(tmp_path / "d.e"), "--fps", "20"]) == 0
+    assert "variables hold the values of the step before: vals_glo_var" in capsys.readouterr().err
+    assert run(["encode", str(tmp_path / "a.pdeanim"), "-o", str(tmp_path / "b.pdeanim"), "--field", "heat=drop"]) == 0
+    assert "it needs the field 'heat'" in capsys.readouterr().err
+
+
+def test_cells_of_a_hostile_exodus_scene_are_written_to_no_other_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = exodus_shot(tmp_path / "a.e")
+    with pdecodec.open_sequence(source, solids="keep") as read:
+        pdecodec.encode(read, tmp_path / "a.pdeanim")
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        files, clip = animation.carried.files(2**20), animation.to_array()
+    other = tmp_path / "other.h5"
+    out = tmp_path / "out"
+    out.mkdir()
+    for kind in ("link", "raw data", "soft link", "group", "no file"):
+        with h5py.File(other, "w") as file:
+            file["cells"] = np.zeros((1, 8), np.int32)
+        before = other.read_bytes()
+        (tmp_path / "b.e").write_bytes(files["files/scene.exo"])
+        with h5py.File(tmp_path / "b.e", "a") as file:
+            del file["connect1"]
+            if kind == "link":
+                file["connect1"] = h5py.ExternalLink(str(other), "cells")
+            elif kind == "raw data":
+                file.create_dataset("connect1", (1, 8), np.int32, external=[(str(other), 2048, 32)])
+            elif kind == "soft link":
+                file["connect1"] = h5py.SoftLink("/coordx")
+            elif kind == "group":
+                file.create_group("connect1")
+        content = b"" if kind == "no file" else (tmp_path / "b.e").read_bytes()
+        clip.carried = Carrier.of("exodus", [], [], {**files, "files/scene.exo": content})
+        pdecodec.encode(clip, tmp_path / "b.pdeanim", overwrite=True)
+        assert run(["decode", str(tmp_path / "b.pdeanim"), "-o", str(out / "b.e"), "--overwrite"]) == 0
+        assert "scene of the file is left out: " in capsys.readouterr().err
+        assert other.read_bytes() == before
+        assert [one.name for one in out.iterdir()] == ["b.e"]
+
+
 OBJ = """# made by hand
 mtllib my looks.mtl
 o left
@@ -342,7 +476,7 @@ def test_obj_files_without_materials_carry_nothing(tmp_path: Path) -> None:
     assert (report.scene_bytes, report.scene_note) == (0, "")
 
 
-@pytest.mark.parametrize("extension", ["abc", "usda", "usdz", "glb", "gltf", "obj"])
+@pytest.mark.parametrize("extension", ["abc", "usda", "usdz", "glb", "gltf", "obj", "exo"])
 @pytest.mark.parametrize("as_one", [True, False])
 def test_what_we_wrote_has_no_scene_or_one_that_comes_back(tmp_path: Path, extension: str, as_one: bool) -> None:
     needed(extension)

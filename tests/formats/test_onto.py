@@ -55,7 +55,7 @@ def assert_moves(path: Path, clip: MeshSequence, asset_folders: Sequence[Path] =
             assert np.abs(found - own).max() < CLOSE * max(1, np.abs(expected).max())
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
+@pytest.mark.parametrize("extension", [*EXTENSIONS, "exo"])
 def test_a_file_of_ours_gets_another_motion_and_keeps_the_rest(tmp_path: Path, extension: str) -> None:
     needed(extension)
     original = scene([body(), body("root/arm/nail", ())], frames=1 if extension == "obj" else 5, **SPACE)

@@ -6,9 +6,10 @@ writes the motion back onto them.
 
 from __future__ import annotations
 
+import json
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,12 @@ from pdecodec.errors import InputError, LimitError
 
 if TYPE_CHECKING:
     from pdecodec.mesh.sequence import MeshSequence
+
+CUTS = "cuts"
+"""Name of the stream that says what was cut out of the files."""
+
+MAX_CUTS = 2**28
+"""Largest size of that stream when it is only passed on [bytes]."""
 
 MAX_STREAMS = 2**16
 """Most streams, kinds of contents and outside paths."""
@@ -113,14 +120,24 @@ class Carrier:
         streams = tuple(SceneStream.of(name, data) for name, data in files.items())
         return cls(family, texts[:MAX_STREAMS], tuple(map(_shown, outside))[:MAX_STREAMS], streams)
 
-    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool) -> Carrier:
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Carrier:
         """Return itself: it is passed on as it is; InputError if it needs what is coded otherwise."""
         if not exact_uvs:
             raise InputError("it needs the texture coordinates to the last bit", code="unsupported-feature")
+        if absent := self._fields() - set(fields):
+            raise InputError(f"it needs the field {min(absent)!r}", code="unsupported-feature")
         return self
 
     def of_some_objects(self) -> None:
         """Return None: the shapes of all other objects would be missing."""
+
+    def _fields(self) -> set[str]:
+        """Return the names of the fields that were cut out of the files, which are written anew."""
+        try:
+            (cuts,) = (json.loads(one.content()) for one in self.streams if one.name == CUTS and one.size <= MAX_CUTS)
+            return {name for name in cuts.get("fields", ()) if isinstance(name, str)}
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            return set()  # whoever writes the scene names the damage
 
     @property
     def size(self) -> int:
