@@ -1,8 +1,8 @@
-/** Colours of a field for three.js, and which row of a field each drawn vertex shows. */
+/** Colours of a field for three.js. */
 import { Color, SRGBColorSpace } from "three";
 
 import { PdeanimError } from "./errors.js";
-import { COLORMAPS, countRowsBefore, reduceRows, runsOf } from "./fields.js";
+import { COLORMAPS, reduceRows, runsOf, splitsVertices } from "./fields.js";
 
 const STEPS = 256;
 
@@ -59,7 +59,7 @@ export class FieldColours {
 
   /** Whether faces that share a vertex may differ there, so that each corner of a triangle needs a vertex of its own. */
   splits(run) {
-    return ["faces", "corners"].includes(this.in(run)?.domain);
+    return splitsVertices(this.in(run));
   }
 
   /** The geometry's attribute to fill, and its numbers per vertex: colours, or without a colour map the values. */
@@ -87,21 +87,4 @@ export class FieldColours {
       for (let axis = 0; axis < 3; axis++) array[3 * k + axis] = table[3 * step + axis];
     }
   }
-}
-
-/**
- * Return the row of a field for each drawn vertex of an object, -1 for none. `sources` are their vertices in the object;
- * `corners`, of split triangles, their corners among those of all faces.
- */
-export function rowsOfDrawn(field, run, object, sources, corners) {
-  const rows = new Int32Array(sources.length).fill(-1);
-  if (!field?.objects.includes(object)) return rows;
-  const first = countRowsBefore(run, field, object);
-  if (field.domain === "vertices") return rows.map((_, k) => first + sources[k]);
-  if (field.domain === "object") return rows.fill(first);
-  if (!corners) return rows;
-  if (field.domain === "corners") return rows.map((_, k) => first + corners[k]);
-  const faces = [];
-  run.object(object).faceSizes.forEach((size, face) => faces.push(...Array(size).fill(face)));
-  return rows.map((_, k) => first + faces[corners[k]]);
 }

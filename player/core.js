@@ -1,4 +1,5 @@
 import { CODES, PdeanimError } from "./errors.js";
+import { fetchOrThrow } from "./source.js";
 
 /**
  * Layout of the C interface's structures (core/bindings/c/include/pdeanim.h) on a 32-bit machine: size and field
@@ -7,25 +8,43 @@ import { CODES, PdeanimError } from "./errors.js";
 const ERROR = { bytes: 280, status: 0, offset: 8, frame: 16, text: 24 };
 const OPTIONS = { bytes: 24, size: 0, maxMemory: 8, threads: 16 };
 
+/** First bytes of a WebAssembly module: servers answer some wrong addresses with a page. */
+const WASM_MAGIC = 0x0061736d;
+
 const decoder = new TextDecoder();
 
 /** @type {Promise<WebAssembly.Module> | null} */
 let compiled = null;
 
-/** Compile the module once. `bytes` is the module, if `pdeanim.wasm` is not next to this script. */
-export function compile(bytes) {
-  compiled ??= bytes ? WebAssembly.compile(bytes) : compileFile(new URL("./pdeanim.wasm", import.meta.url));
+/** Compile the module once. `from` holds its bytes or its address, if `pdeanim.wasm` is not next to this script. */
+export function compile(from) {
+  compiled ??= compileModule(from).catch((error) => {
+    compiled = null;  // the next call may name another address
+    throw error;
+  });
   return compiled;
 }
 
-async function compileFile(address) {
-  if (address.protocol === "file:" && globalThis.process?.versions?.node) {
-    const { readFile } = await import("node:fs/promises");
-    return WebAssembly.compile(await readFile(address));
+async function compileModule(from) {
+  if (from && typeof from !== "string" && !(from instanceof URL)) return WebAssembly.compile(from);
+  const address = from ?? new URL("./pdeanim.wasm", import.meta.url);
+  const bytes = await fetchModule(address);
+  if (new DataView(bytes).getUint32(0) !== WASM_MAGIC) {
+    throw new PdeanimError(
+      `${address} is not the decoder: copy pdeanim.wasm there, or pass its address or bytes to compile()`,
+      "read-failed",
+    );
   }
-  const response = await fetch(address);
-  if (!response.ok) throw new PdeanimError(`${address}: the server answered ${response.status}`, "read-failed");
-  return WebAssembly.compile(await response.arrayBuffer());
+  return WebAssembly.compile(bytes);
+}
+
+async function fetchModule(address) {
+  if (String(address).startsWith("file:") && globalThis.process?.versions?.node) {
+    const name = "node:fs/promises";  // not a literal: bundlers for browsers would look for it
+    const { readFile } = await import(/* webpackIgnore: true */ /* @vite-ignore */ name);
+    return new Uint8Array(await readFile(new URL(address))).buffer;
+  }
+  return (await fetchOrThrow(address)).arrayBuffer();
 }
 
 /** An instance of the decoder with its own memory, for one file. */
@@ -119,6 +138,9 @@ export class Core {
 
   /** Allocate `count` numbers, let `work(address)` fill them, and return a copy (or `out`, if given). */
   readArray(Type, count, work, out) {
+    if (out && !(out.length >= count)) {
+      throw new PdeanimError(`out has ${out.length} numbers; it needs ${count} (${Type.name})`, "argument");
+    }
     const at = this.functions.malloc(Math.max(count, 1) * Type.BYTES_PER_ELEMENT);
     if (!at) throw new PdeanimError("not enough memory for the result", "no-memory");
     try {

@@ -25,6 +25,9 @@ export function countRowsBefore(run, { domain, objects }, object) {
   return before.reduce((sum, owner) => sum + countRows(run.object(owner), domain), 0);
 }
 
+/** Whether faces that share a vertex may differ there, so that each corner of a triangle needs a vertex of its own. */
+export const splitsVertices = (field) => ["faces", "corners"].includes(field?.domain);
+
 /** Return one number for each row: a component, or the magnitude of all (`component` null). */
 export function reduceRows(values, components, component) {
   const found = new Float64Array(values.length / components);
@@ -39,4 +42,21 @@ export function reduceRows(values, components, component) {
     found[row] = Math.sqrt(sum);
   }
   return found;
+}
+
+/**
+ * Return the row of a field for each drawn vertex of an object, -1 for none. `sources` are their vertices in the object;
+ * `corners`, of split triangles, their corners among those of all faces.
+ */
+export function rowsOfDrawn(field, run, object, sources, corners) {
+  const rows = new Int32Array(sources.length).fill(-1);
+  if (!field?.objects.includes(object)) return rows;
+  const first = countRowsBefore(run, field, object);
+  if (field.domain === "vertices") return rows.map((_, k) => first + sources[k]);
+  if (field.domain === "object") return rows.fill(first);
+  if (!corners) return rows;
+  if (field.domain === "corners") return rows.map((_, k) => first + corners[k]);
+  const faces = [];
+  run.object(object).faceSizes.forEach((size, face) => faces.push(...Array(size).fill(face)));
+  return rows.map((_, k) => first + faces[corners[k]]);
 }

@@ -7,7 +7,6 @@
  * and writes positions and normals in drawing order. Both buffers serve as vertex attributes of any draw call. The
  * decoder evaluates groups that do not fit, and their positions are uploaded.
  */
-import { cornersAround, trianglesOf } from "./mesh.js";
 import {
   GroupedMotion,
   MAX_FIELD_BYTES,
@@ -16,98 +15,10 @@ import {
   findFramesAround,
   packWeights,
 } from "./motion.js";
-
-/** Width of a texture in vertices. Every graphics processor supports it; any other supported width works as well. */
-const TEXTURE_WIDTH = 1024;
-
-/** Largest number of functions of time in a group: a uniform block holds so many weights on every device. */
-const MAX_FUNCTIONS = 1024;
+import { DRAWN_SHADER, MAX_FUNCTIONS, NO_FRAGMENTS, SUM_SHADER, TEXTURE_WIDTH } from "./gpu-shaders.js";
 
 /** Extra zero weights after the last function: the shader takes four weights at once. */
 const WEIGHT_PADDING = 3;
-
-const SUM_SHADER = `#version 300 es
-precision highp float;
-precision highp int;
-precision highp sampler2D;
-precision highp usampler2D;
-precision highp sampler2DArray;
-in vec3 before;
-uniform sampler2DArray fields;
-uniform sampler2D corrections;
-uniform usampler2D starts;
-uniform int functions;
-uniform bool hasAxes;
-uniform bool hasCorrections;
-uniform vec2 frames;
-uniform vec2 shares;
-layout(std140) uniform Weights { vec4 weights[${MAX_FUNCTIONS}]; };
-out vec3 position;
-
-ivec2 place(int index) { return ivec2(index % ${TEXTURE_WIDTH}, index / ${TEXTURE_WIDTH}); }
-
-vec3 correctionAt(float frame, uint begin, uint end) {
-  while (begin < end) {
-    uint middle = (begin + end) / 2u;
-    vec4 found = texelFetch(corrections, place(int(middle)), 0);
-    if (found.w == frame) return found.xyz;
-    if (found.w < frame) begin = middle + 1u; else end = middle;
-  }
-  return vec3(0.0);
-}
-
-void main() {
-  ivec2 here = place(gl_VertexID);
-  vec3 moved = vec3(0.0);
-  if (hasAxes) {
-    for (int k = 0; k < functions; k++) moved += weights[k].x * texelFetch(fields, ivec3(here, k), 0).xyz;
-  } else {
-    for (int k = 0; k < functions; k += 4) {
-      vec4 four = texelFetch(fields, ivec3(here, k / 4), 0);
-      moved += four.x * weights[k].xyz + four.y * weights[k + 1].xyz;
-      moved += four.z * weights[k + 2].xyz + four.w * weights[k + 3].xyz;
-    }
-  }
-  if (hasCorrections) {
-    uint begin = texelFetch(starts, here, 0).x;
-    uint end = texelFetch(starts, place(gl_VertexID + 1), 0).x;
-    moved += shares.x * correctionAt(frames.x, begin, end);
-    if (shares.y > 0.0) moved += shares.y * correctionAt(frames.y, begin, end);
-  }
-  position = before + moved;
-}`;
-
-const DRAWN_SHADER = `#version 300 es
-precision highp float;
-precision highp int;
-precision highp sampler2D;
-precision highp usampler2D;
-uniform sampler2D positions;
-uniform usampler2D starts;
-uniform usampler2D others;
-in uint source;
-out vec3 position;
-out vec3 normal;
-
-ivec2 place(int index) { return ivec2(index % ${TEXTURE_WIDTH}, index / ${TEXTURE_WIDTH}); }
-vec3 at(uint vertex) { return texelFetch(positions, place(int(vertex)), 0).xyz; }
-
-void main() {
-  position = at(source);
-  int begin = int(texelFetch(starts, place(int(source)), 0).x);
-  int end = int(texelFetch(starts, place(int(source) + 1), 0).x);
-  vec3 sum = vec3(0.0);
-  for (int k = begin; k < end; k++) {
-    uvec2 pair = texelFetch(others, place(k), 0).xy;
-    sum += cross(at(pair.x) - position, at(pair.y) - position);
-  }
-  float size = length(sum);
-  normal = size > 0.0 ? sum / size : vec3(0.0);
-}`;
-
-const NO_FRAGMENTS = `#version 300 es
-precision highp float;
-void main() {}`;
 
 /** Compile and link a program; `outputs` names the variables that transform feedback captures. */
 export function makeProgram(gl, vertex, fragment, outputs = []) {
@@ -155,12 +66,6 @@ export class GpuMotion extends GroupedMotion {
     this.#reference = this.#buffer(size, animation.reference());
     this.#sums = [this.#buffer(size), this.#buffer(size)];
     this.#latest = this.#sums[0];
-    this.drawn = drawn.map((sources) => ({
-      count: sources.length,
-      sources: this.#buffer(sources.byteLength, sources),
-      positions: this.#buffer(12 * sources.length),
-      normals: this.#buffer(12 * sources.length),
-    }));
     // The last binding point: other users of a shared context are unlikely to take it.
     this.#block = gl.getParameter(gl.MAX_UNIFORM_BUFFER_BINDINGS) - 1;
     this.#weights = gl.createBuffer();
@@ -169,10 +74,8 @@ export class GpuMotion extends GroupedMotion {
     gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), this.#block);
     this.#array = gl.createVertexArray();
     this._begin();
-    const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, this.vertexCount);
-    this.#starts = this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1);
-    this.#others = this.#texture(gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT, others, 2);
     this.#positionTexture = this.#texture(gl.RGB32F, gl.RGB, gl.FLOAT, new Float32Array(3 * this.vertexCount), 3);
+    for (const sources of drawn) this.addDrawn(sources);
   }
 
   #sum;
@@ -181,11 +84,10 @@ export class GpuMotion extends GroupedMotion {
   #reference;
   #sums;
   #latest;
+  #copied = null;
   #block;
   #weights;
   #array;
-  #starts;
-  #others;
   #positionTexture;
 
   /** Whether a group's fields fit into a texture. */
@@ -202,10 +104,15 @@ export class GpuMotion extends GroupedMotion {
   }
 
   _uploadPositions(positions) {
-    const { gl } = this;
     this.#latest = this.#sums[0];
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.#latest);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 0, positions);
+    this.#copied = null;
+    this._upload(this.#latest, positions);
+  }
+
+  _upload(buffer, values) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
   }
 
@@ -221,10 +128,9 @@ export class GpuMotion extends GroupedMotion {
 
   close() {
     const { gl } = this;
-    this._dropGroups();
-    const drawn = this.drawn.flatMap(({ sources, positions, normals }) => [sources, positions, normals]);
-    for (const buffer of [this.#reference, ...this.#sums, ...drawn, this.#weights]) gl.deleteBuffer(buffer);
-    for (const texture of [this.#starts, this.#others, this.#positionTexture]) gl.deleteTexture(texture);
+    super.close();
+    for (const buffer of [this.#reference, ...this.#sums, this.#weights]) gl.deleteBuffer(buffer);
+    gl.deleteTexture(this.#positionTexture);
     gl.deleteVertexArray(this.#array);
     gl.deleteTransformFeedback(this.#feedback);
     gl.deleteProgram(this.#sum);
@@ -237,11 +143,11 @@ export class GpuMotion extends GroupedMotion {
     const program = this.#sum;
     const uniform = (name) => gl.getUniformLocation(program, name);
     let before = this.#reference;
+    this.#copied = null;
     near.forEach((index, pass) => {
       const group = this._group(index);
       gl.useProgram(program);
-      const place = this.#attribute(program, "before", before);
-      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+      this.#attributes([before, 3]);
       gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, this.#weights);
       gl.bufferSubData(gl.UNIFORM_BUFFER, 0, packWeights(animation, time, index, WEIGHT_PADDING));
       this.#bind(program, "fields", 0, gl.TEXTURE_2D_ARRAY, group.fields);
@@ -259,35 +165,43 @@ export class GpuMotion extends GroupedMotion {
     gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, null);
   }
 
-  _writeDrawn() {
+  _writeDrawn(pairs) {
     const { gl } = this;
     const program = this.#draw;
-    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.#latest);
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.#positionTexture);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, countTextureRows(this.vertexCount), gl.RGB, gl.FLOAT, 0);
-    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
+    if (this.#copied !== this.#latest) {
+      gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.#latest);
+      gl.activeTexture(gl.TEXTURE0);
+      gl.bindTexture(gl.TEXTURE_2D, this.#positionTexture);
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, countTextureRows(this.vertexCount), gl.RGB, gl.FLOAT, 0);
+      gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
+      this.#copied = this.#latest;
+    }
     gl.useProgram(program);
     this.#bind(program, "positions", 0, gl.TEXTURE_2D, this.#positionTexture);
-    this.#bind(program, "starts", 1, gl.TEXTURE_2D, this.#starts);
-    this.#bind(program, "others", 2, gl.TEXTURE_2D, this.#others);
-    for (const { count, sources, positions, normals } of this.drawn) {
-      const place = this.#attribute(program, "source", sources);
-      gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
+    for (const { count, sources, fans, stored, around, positions, normals } of pairs) {
+      this.#bind(program, "starts", 1, gl.TEXTURE_2D, around.starts);
+      this.#bind(program, "others", 2, gl.TEXTURE_2D, around.others);
+      this.#attributes([sources, 1], [fans, 1], [stored, 3]);
       this.#run(count, positions, normals);
     }
   }
 
-  /**
-   * Bind a buffer as the only attribute of a program, ready for `vertexAttribPointer`; return the attribute's location.
-   */
-  #attribute(program, name, buffer) {
+  /** Bind buffers to the first locations of attributes: integers with one component, floats with three. */
+  #attributes(...bound) {
     const { gl } = this;
-    const place = gl.getAttribLocation(program, name);
     gl.bindVertexArray(this.#array);
-    gl.enableVertexAttribArray(place);
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    return place;
+    for (let place = 0; place < 3; place++) {
+      const [buffer, components] = bound[place] ?? [];
+      if (!buffer) {
+        gl.disableVertexAttribArray(place);
+        gl.vertexAttrib3f(place, 0, 0, 0);
+        continue;
+      }
+      gl.enableVertexAttribArray(place);
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      if (components === 1) gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
+      else gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+    }
   }
 
   /** Run the current program once per vertex; write each output to its own buffer. */
@@ -365,6 +279,30 @@ export class GpuMotion extends GroupedMotion {
       corrections: this.#texture(gl.RGBA32F, gl.RGBA, gl.FLOAT, rows, 4),
       starts: this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1),
     };
+  }
+
+  _store(values) {
+    return this.#buffer(values.byteLength, values);
+  }
+
+  _allocate(size) {
+    return this.#buffer(size);
+  }
+
+  _free(buffer) {
+    this.gl.deleteBuffer(buffer);
+  }
+
+  _storeAround(starts, others) {
+    const { gl } = this;
+    return {
+      starts: this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1),
+      others: this.#texture(gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT, others, 2),
+    };
+  }
+
+  _freeAround({ starts, others }) {
+    for (const texture of [starts, others]) this.gl.deleteTexture(texture);
   }
 
   #buffer(size, values) {

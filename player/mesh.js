@@ -58,17 +58,18 @@ export function edgesOf(objects) {
 
 /**
  * List the two other vertices of each triangle around each vertex; pairs `starts[v]` to `starts[v + 1] - 1` belong to
- * `v`.
+ * `v`. With `fans`, the fan of each corner of the triangles, the same around each of `count` fans: a fan is the corners
+ * at a vertex that share a normal.
  */
-export function cornersAround(triangles, vertexCount) {
-  const starts = new Uint32Array(vertexCount + 1);
-  for (const vertex of triangles) starts[vertex + 1]++;
-  for (let vertex = 0; vertex < vertexCount; vertex++) starts[vertex + 1] += starts[vertex];
+export function cornersAround(triangles, count, fans = triangles) {
+  const starts = new Uint32Array(count + 1);
+  for (const fan of fans) starts[fan + 1]++;
+  for (let fan = 0; fan < count; fan++) starts[fan + 1] += starts[fan];
   const next = starts.slice();
   const others = new Uint32Array(2 * triangles.length);
   for (let corner = 0; corner < triangles.length; corner += 3) {
     for (let k = 0; k < 3; k++) {
-      const place = 2 * next[triangles[corner + k]]++;
+      const place = 2 * next[fans[corner + k]]++;
       others[place] = triangles[corner + ((k + 1) % 3)];
       others[place + 1] = triangles[corner + ((k + 2) % 3)];
     }
@@ -76,8 +77,11 @@ export function cornersAround(triangles, vertexCount) {
   return { starts, others };
 }
 
-/** Compute unit normals of vertices: the normalised sum of the normals of their triangles, weighted by area. */
-export function normalsOf(positions, triangles, out = new Float32Array(positions.length)) {
+/**
+ * Compute unit normals of vertices, or of the fans that corners of triangles belong to: the normalised sum of the normals
+ * of their triangles, weighted by area.
+ */
+export function normalsOf(positions, triangles, out = new Float32Array(positions.length), fans = triangles) {
   out.fill(0);
   for (let corner = 0; corner < triangles.length; corner += 3) {
     const a = 3 * triangles[corner];
@@ -92,9 +96,12 @@ export function normalsOf(positions, triangles, out = new Float32Array(positions
     const x = uy * vz - uz * vy;
     const y = uz * vx - ux * vz;
     const z = ux * vy - uy * vx;
-    add(out, a, x, y, z);
-    add(out, b, x, y, z);
-    add(out, c, x, y, z);
+    for (let k = 0; k < 3; k++) {
+      const at = 3 * fans[corner + k];
+      out[at] += x;
+      out[at + 1] += y;
+      out[at + 2] += z;
+    }
   }
   for (let at = 0; at < out.length; at += 3) {
     const length = Math.sqrt(out[at] ** 2 + out[at + 1] ** 2 + out[at + 2] ** 2) || 1;
@@ -103,12 +110,6 @@ export function normalsOf(positions, triangles, out = new Float32Array(positions
     out[at + 2] /= length;
   }
   return out;
-}
-
-function add(out, at, x, y, z) {
-  out[at] += x;
-  out[at + 1] += y;
-  out[at + 2] += z;
 }
 
 /** Describe an object that has only lines or only vertices, as `splitAtUvSeams` describes one with faces. */
@@ -121,10 +122,38 @@ export function describeFaceless(object) {
 }
 
 /**
- * Split vertices at UV seams, as three.js needs it: the source of each vertex, the indices, and the UVs or null.
- * `isSplit`: give each corner of each triangle a vertex of its own, and say which corner of the faces it is.
+ * Return the names of an object's materials, the order of its triangles (`faces`: the face of each) in which those of one
+ * material stand together, and the range of corners of each. Without materials there is one, called "", and no range.
  */
-export function splitAtUvSeams(attributes, object, triangles, isSplit) {
+export function materialsOf(attributes, faces) {
+  const material = attributes.find(({ name, domain, labels }) => name === "material" && domain === "faces" && labels?.length);
+  if (!material) return { names: [""], order: null, groups: [] };
+  const { values, indices, labels } = material;
+  const rowOf = (face) => (indices ? indices[face] : face);
+  const labelOf = (triangle) => Number(values[rowOf(faces[triangle])] ?? -1);
+  const order = Uint32Array.from(faces, (_, triangle) => triangle).sort((a, b) => labelOf(a) - labelOf(b) || a - b);
+  const names = [];
+  const groups = [];
+  order.forEach((triangle, place) => {
+    const name = labels[labelOf(triangle)] ?? "";
+    if (names.at(-1) !== name) {
+      groups.push({ start: 3 * place, count: 0, materialIndex: names.length });
+      names.push(name);
+    }
+    groups.at(-1).count += 3;
+  });
+  return names.length > 1 ? { names, order, groups } : { names, order: null, groups: [] };
+}
+
+/**
+ * Split vertices at UV seams, as three.js needs it: the source of each vertex, the indices, and the UVs or null.
+ * `isSplit`: give each corner of each triangle a vertex of its own, and say which corner of the faces it is. `order`: which
+ * triangle to draw at each place, if not in order.
+ */
+export function splitAtUvSeams(attributes, object, unordered, isSplit, order = null) {
+  const arrange = (corners) =>
+    order ? Uint32Array.from(corners, (_, k) => corners[3 * order[Math.floor(k / 3)] + (k % 3)]) : corners;
+  const triangles = arrange(unordered);
   const uv = attributes.find((attribute) => attribute.columns === 2 && attribute.name.toLowerCase().startsWith("uv"));
   const isMapped = uv?.domain === "corners" || uv?.domain === "vertices";
   if (!isMapped && !isSplit) {
@@ -132,8 +161,8 @@ export function splitAtUvSeams(attributes, object, triangles, isSplit) {
     return { kind: "Mesh", sources, index: triangles, uvs: null };
   }
   const rowOf = (element) => (uv.indices ? uv.indices[element] : element);
-  const split = isSplit ? listTriangleCorners(object) : null;
-  const corners = uv?.domain === "corners" ? (split ?? listTriangleCorners(object)) : triangles;
+  const split = isSplit ? arrange(listTriangleCorners(object)) : null;
+  const corners = uv?.domain === "corners" ? (split ?? arrange(listTriangleCorners(object))) : triangles;
   const numbers = new Map();
   const sources = [];
   const uvs = [];
@@ -175,7 +204,7 @@ export function changingUvs(run, object) {
 }
 
 /** Return which corner of the faces each corner of the triangles is. */
-function listTriangleCorners({ faceSizes }) {
+export function listTriangleCorners({ faceSizes }) {
   const found = [];
   let corner = 0;
   for (const size of faceSizes) {

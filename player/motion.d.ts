@@ -1,5 +1,18 @@
 import type { PdeAnimation } from "./pdeanim.js";
 
+/** Which corners of triangles share a normal: those of one fan. */
+export interface Fans {
+  /** The fan of each drawn vertex. */
+  of: Uint32Array;
+  /** Normals of drawn vertices, kept where the triangles of a fan have no area. */
+  stored: Float32Array;
+  /** Vertices of the triangles, and the fan of each of their corners. */
+  triangles: Uint32Array;
+  corners: Uint32Array;
+  /** Number of fans. */
+  count: number;
+}
+
 /** One pair of buffers to draw from: positions and normals of listed vertices, as vertex attributes of three floats. */
 export interface DrawnBuffers<Buffer> {
   count: number;
@@ -26,8 +39,13 @@ export abstract class GroupedMotion<Buffer> {
   prefetch(group: number): void;
   /** Upload the group that follows a time [s], if there is one. */
   prefetchAfter(time: number): void;
-  /** Compute positions and normals at a time [s]. */
-  evaluate(time: number): void;
+  /** Add a pair of buffers for listed vertices; without `fans`, all corners at a vertex share a normal. */
+  addDrawn(sources: Uint32Array, fans?: Fans | null): DrawnBuffers<Buffer>;
+  removeDrawn(pair: DrawnBuffers<Buffer>): void;
+  /** Compute positions and normals at a time [s] into pairs of buffers; by default all. */
+  evaluate(time: number, pairs?: DrawnBuffers<Buffer>[]): void;
+  /** Fill one pair of buffers with given positions and normals of its vertices. */
+  write(pair: DrawnBuffers<Buffer>, positions: Float32Array, normals: Float32Array): void;
   /** Show the given positions and compute their normals. */
   show(positions: Float32Array): void;
   close(): void;

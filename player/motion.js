@@ -7,10 +7,15 @@
  * positions are uploaded.
  */
 
+import { cornersAround, trianglesOf } from "./mesh.js";
+
 /** Largest size of one group's fields [bytes]. */
 export const MAX_FIELD_BYTES = 2 ** 28;
 
-/** Number of groups to keep. Two contribute at the border between them; the third is the next one. */
+/**
+ * Number of groups to keep for each time that is shown. Two contribute at the border between them; the third is the next
+ * one.
+ */
 const MAX_KEPT_GROUPS = 3;
 
 /**
@@ -21,10 +26,11 @@ const NEGLIGIBLE_AFTER_FRAMES = 16;
 /**
  * One animation (one run of frames) on a graphics processor.
  *
- * Subclasses offer `fits(index)`, whether a group's fields fit, and `close()`. They also implement, for this class:
+ * Subclasses offer `fits(index)`, whether a group's fields fit, and extend `close()`. They also implement, for this class:
  * `_begin()`, called before each piece of work; `_uploadGroup(index)` and `_dropGroup(uploaded)`; `_addGroups(time,
- * near)`, which sums groups; `_uploadPositions(positions)`; and `_writeDrawn()`, which computes normals and fills the
- * buffers of `drawn`.
+ * near)`, which sums groups; `_uploadPositions(positions)`; and `_writeDrawn(pairs)`, which computes normals and fills
+ * pairs of buffers. Buffers: `_store(values)`, `_allocate(size)` for vertices, `_upload(buffer, values)`, `_free(buffer)`;
+ * `_storeAround(starts, others)` and `_freeAround(stored)` keep the result of `cornersAround`.
  */
 export class GroupedMotion {
   /** @param {import("./pdeanim.js").PdeAnimation} animation */
@@ -32,9 +38,61 @@ export class GroupedMotion {
     this.animation = animation;
     this.vertexCount = animation.vertexCount;
     this.isOnGpu = false;
+    this.drawn = [];
   }
 
   #groups = new Map();
+  #around = new Map();
+  #time = null;
+
+  /**
+   * Add a pair of buffers, for positions and normals of the listed vertices, in order. `fans`: `{ of, stored, triangles,
+   * corners, count }`, if not all corners at a vertex share a normal: the fan of each listed vertex and the normal that it
+   * keeps where its triangles have no area; the triangles' vertices, the fan of each of their corners, and the number of fans.
+   */
+  addDrawn(sources, fans = null) {
+    this._begin();
+    const own = this._store(sources);
+    const pair = {
+      count: sources.length,
+      time: null,
+      sources: own,
+      fans: fans ? this._store(fans.of) : own,
+      stored: fans ? this._store(fans.stored) : null,
+      around: this.#uploadAround(fans),
+      positions: this._allocate(12 * sources.length),
+      normals: this._allocate(12 * sources.length),
+    };
+    this.drawn.push(pair);
+    return pair;
+  }
+
+  removeDrawn(pair) {
+    this.drawn.splice(this.drawn.indexOf(pair), 1);
+    const { sources, fans, stored, positions, normals } = pair;
+    for (const buffer of new Set([sources, fans, stored, positions, normals])) if (buffer) this._free(buffer);
+  }
+
+  /** Upload the triangles around vertices, or around fans; pairs with the same corners share them. */
+  #uploadAround(fans) {
+    const key = fans?.corners ?? null;
+    if (!this.#around.has(key)) {
+      const { animation, vertexCount } = this;
+      const { starts, others } = fans
+        ? cornersAround(fans.triangles, fans.count, fans.corners)
+        : cornersAround(trianglesOf(animation.objects).triangles, vertexCount);
+      this.#around.set(key, this._storeAround(starts, others));
+    }
+    return this.#around.get(key);
+  }
+
+  /** Free groups and pairs of buffers. */
+  close() {
+    for (const index of [...this.#groups.keys()]) this.#drop(index);
+    for (const pair of [...this.drawn]) this.removeDrawn(pair);
+    for (const stored of this.#around.values()) this._freeAround(stored);
+    this.#around.clear();
+  }
 
   /** Positions of the first pair of buffers: all vertices, unless the constructor was given other lists. */
   get positions() {
@@ -72,24 +130,33 @@ export class GroupedMotion {
     if (next < animation.groupCount) this.prefetch(next);
   }
 
-  /** Compute positions and normals at a time [s] into the buffers of `drawn`. */
-  evaluate(time) {
+  /** Compute positions and normals at a time [s] into pairs of buffers; by default all. */
+  evaluate(time, pairs = this.drawn) {
     this._begin();
-    const near = this.groupsNear(time);
-    this.isOnGpu = near.every((index) => this.fits(index));
-    if (this.isOnGpu) {
-      this._addGroups(time, near);
-    } else {
-      this._uploadPositions(this.animation.positions(time));
+    for (const pair of pairs) pair.time = time;
+    if (time !== this.#time) {
+      const near = this.groupsNear(time);
+      this.isOnGpu = near.every((index) => this.fits(index));
+      if (this.isOnGpu) this._addGroups(time, near);
+      else this._uploadPositions(this.animation.positions(time));
+      this.#time = time;
     }
-    this._writeDrawn();
+    this._writeDrawn(pairs);
   }
 
   /** Show the given positions and compute their normals. */
   show(positions) {
     this._begin();
     this._uploadPositions(positions);
-    this._writeDrawn();
+    this.#time = null;
+    this._writeDrawn(this.drawn);
+  }
+
+  /** Fill one pair of buffers with given positions and normals of its vertices. */
+  write(pair, positions, normals) {
+    this._begin();
+    this._upload(pair.positions, positions);
+    this._upload(pair.normals, normals);
   }
 
   /** Return a group as `_uploadGroup` returned it. Upload the group only if it is not kept. */
@@ -99,14 +166,11 @@ export class GroupedMotion {
       this.#groups.delete(index);
     } else {
       found = this._uploadGroup(index);
-      if (this.#groups.size >= MAX_KEPT_GROUPS) this.#drop(this.#groups.keys().next().value);
+      const times = new Set(this.drawn.map(({ time }) => time));
+      if (this.#groups.size >= MAX_KEPT_GROUPS * times.size) this.#drop(this.#groups.keys().next().value);
     }
     this.#groups.set(index, found);  // insertion order: the latest used comes last
     return found;
-  }
-
-  _dropGroups() {
-    for (const index of [...this.#groups.keys()]) this.#drop(index);
   }
 
   #drop(index) {

@@ -47,8 +47,8 @@ export interface OpenOptions {
   maxMemory?: number;
   /** Options for `fetch`, such as headers. */
   request?: RequestInit;
-  /** The WebAssembly module, if `pdeanim.wasm` is not next to the script. */
-  wasm?: BufferSource;
+  /** The WebAssembly module or its address, if `pdeanim.wasm` is not next to the script. */
+  wasm?: BufferSource | string | URL;
 }
 
 export interface AnimatedObject {
@@ -134,8 +134,8 @@ export interface EvaluateOptions {
   out?: Float32Array;
 }
 
-/** Compile the decoder before the first `open`. */
-export function compile(bytes?: BufferSource): Promise<WebAssembly.Module>;
+/** Compile the decoder before the first `open`; `from`: its bytes or address, if it is not next to the script. */
+export function compile(from?: BufferSource | string | URL): Promise<WebAssembly.Module>;
 
 /** A deforming mesh that can be evaluated at any time. */
 export class PdeAnimation {

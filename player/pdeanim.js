@@ -47,8 +47,8 @@ export class PdeAnimation {
   /**
    * Open a file, given its bytes, its URL or a source. From a URL only the headers are read.
    * @param {ArrayBuffer | ArrayBufferView | string | URL | MemorySource | HttpSource} from
-   * @param {{ maxMemory?: number, request?: RequestInit, wasm?: BufferSource }} options most memory [bytes] that decoding may
-   *     take; options for `fetch`; the WebAssembly module, if it is not next to this script
+   * @param {{ maxMemory?: number, request?: RequestInit, wasm?: BufferSource | string | URL }} options most memory [bytes]
+   *     that decoding may take; options for `fetch`; the WebAssembly module or its address, if it is not next to this script
    * @returns {Promise<PdeAnimation>}
    */
   static async open(from, options = {}) {

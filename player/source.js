@@ -3,6 +3,16 @@ import { PdeanimError } from "./errors.js";
 /** Size of a request [bytes]: a few milliseconds on a slow line, and enough for all headers of most files. */
 const BLOCK_BYTES = 1 << 16;
 
+/** Fetch an address; throw our error if the host is refused, unknown or answers with an error. */
+export async function fetchOrThrow(address, request) {
+  const response = await fetch(address, request).catch((cause) => {
+    const reason = cause.cause?.message ?? cause.message;
+    throw Object.assign(new PdeanimError(`${address}: no answer from the server (${reason})`, "read-failed"), { cause });
+  });
+  if (!response.ok) throw new PdeanimError(`${address}: the server answered ${response.status}`, "read-failed");
+  return response;
+}
+
 /** A whole file in memory. */
 export class MemorySource {
   /** @param {ArrayBuffer | ArrayBufferView} data */
@@ -80,8 +90,7 @@ export class HttpSource {
   async #fetchBlocks(first, behind) {
     const headers = new Headers(this.request.headers);
     headers.set("Range", `bytes=${first * BLOCK_BYTES}-${behind * BLOCK_BYTES - 1}`);
-    const response = await fetch(this.address, { ...this.request, headers });
-    if (!response.ok) throw new PdeanimError(`${this.address}: the server answered ${response.status}`, "read-failed");
+    const response = await fetchOrThrow(this.address, { ...this.request, headers });
     const tag = response.headers.get("ETag");
     if (this.size && tag !== this.#tag) {
       throw new PdeanimError(`${this.address}: the file has changed on the server; open it again`, "read-failed");

@@ -1,4 +1,5 @@
-import type { Group, Loader, WebGLRenderer } from "three";
+import type { Group, Loader, Object3D, WebGLRenderer } from "three";
+import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
@@ -34,6 +35,15 @@ export class DeformingGroup extends Group {
    * that you set later need it, too. Objects without the field, and values that are no numbers, are grey.
    */
   setField(name: string | null, options?: FieldColourOptions): void;
+  /** The vertex of the file's object that each vertex of a mesh is. */
+  sourcesOf(mesh: Object3D): Uint32Array;
+  /**
+   * Take materials from a glTF file that `GLTFLoader` has loaded: by their names, or by the names of meshes. UVs turn to
+   * glTF's convention (V down), which its textures expect.
+   */
+  useMaterialsFrom(gltf: Pick<GLTF, "scene">): void;
+  /** Return a group that shares the decoder and the materials, with a time of its own. */
+  clone(recursive?: boolean): this;
   /** Whether the graphics processor computed the shape that is shown. */
   readonly isOnGpu: boolean;
   /** Upload the next group of frames, when there is time to spare. */
@@ -45,6 +55,8 @@ export class DeformingGroup extends Group {
 export class PDEAnimLoader extends Loader<DeformingGroup> {
   /** Evaluate on the graphics processor of this renderer, which must be the one that draws; null: use the decoder. */
   setRenderer(renderer: WebGLRenderer | WebGPURenderer | null): this;
+  /** Give what is loaded from now on the materials of a glTF file; null: none. See `DeformingGroup`. */
+  useMaterialsFrom(gltf: Pick<GLTF, "scene"> | null): this;
   load(
     url: string,
     onLoad: (group: DeformingGroup) => void,

@@ -7,7 +7,6 @@
  * serve as vertex buffers of any draw call. The decoder evaluates groups that do not fit, and their positions are
  * uploaded.
  */
-import { cornersAround, trianglesOf } from "./mesh.js";
 import {
   GroupedMotion,
   MAX_FIELD_BYTES,
@@ -82,6 +81,8 @@ const DRAWN_SHADER = `
 @group(0) @binding(3) var<storage, read> sources: array<u32>;
 @group(0) @binding(4) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(5) var<storage, read_write> normals: array<f32>;
+@group(0) @binding(6) var<storage, read> fans: array<u32>;
+@group(0) @binding(7) var<storage, read> stored: array<f32>;
 
 fn pointAt(vertex: u32) -> vec3f {
   return vec3f(points[3u * vertex], points[3u * vertex + 1u], points[3u * vertex + 2u]);
@@ -94,11 +95,19 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
   let vertex = sources[place];
   let here = pointAt(vertex);
   var sum = vec3f(0.0);
-  for (var k = starts[vertex]; k < starts[vertex + 1u]; k++) {
+  let fan = fans[place];
+  for (var k = starts[fan]; k < starts[fan + 1u]; k++) {
     sum += cross(pointAt(others[k].x) - here, pointAt(others[k].y) - here);
   }
   let size = length(sum);
-  let normal = select(vec3f(0.0), sum / size, size > 0.0);
+  var normal = sum / size;
+  if (size == 0.0) {
+    normal = vec3f(0.0);
+    // Without fans of their own, vertices have no stored normals.
+    if (3u * place + 2u < arrayLength(&stored)) {
+      normal = vec3f(stored[3u * place], stored[3u * place + 1u], stored[3u * place + 2u]);
+    }
+  }
   for (var axis = 0u; axis < 3u; axis++) {
     positions[3u * place + axis] = here[axis];
     normals[3u * place + axis] = normal[axis];
@@ -130,18 +139,10 @@ export class WebGpuMotion extends GroupedMotion {
     this.#sum = this.#pipeline(SUM_SHADER);
     this.#draw = this.#pipeline(DRAWN_SHADER);
     const { vertexCount } = this;
-    this.#reference = this.#storage(animation.reference());
+    this.#reference = this._store(animation.reference());
     this.#sums = [this.#empty(12 * vertexCount), this.#empty(12 * vertexCount)];
     this.#latest = this.#sums[0];
-    const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, vertexCount);
-    this.#starts = this.#storage(starts);
-    this.#others = this.#storage(others);
-    this.drawn = drawn.map((sources) => ({
-      count: sources.length,
-      sources: this.#storage(sources),
-      positions: this.#empty(12 * sources.length, USAGE.vertex),
-      normals: this.#empty(12 * sources.length, USAGE.vertex),
-    }));
+    for (const sources of drawn) this.addDrawn(sources);
     const most = animation.groups.reduce((count, { functionCount }) => Math.max(count, functionCount), 0);
     this.#weights = this.#empty(16 * most);
     this.#frame = device.createBuffer({ size: 32, usage: USAGE.uniform | USAGE.copyTarget });
@@ -152,8 +153,6 @@ export class WebGpuMotion extends GroupedMotion {
   #reference;
   #sums;
   #latest;
-  #starts;
-  #others;
   #weights;
   #frame;
 
@@ -168,7 +167,11 @@ export class WebGpuMotion extends GroupedMotion {
 
   _uploadPositions(positions) {
     this.#latest = this.#sums[0];
-    this.device.queue.writeBuffer(this.#latest, 0, positions);
+    this._upload(this.#latest, positions);
+  }
+
+  _upload(buffer, values) {
+    this.device.queue.writeBuffer(buffer, 0, values);
   }
 
   /** Read the first buffer of positions. */
@@ -186,10 +189,8 @@ export class WebGpuMotion extends GroupedMotion {
   }
 
   close() {
-    this._dropGroups();
-    const drawn = this.drawn.flatMap(({ sources, positions, normals }) => [sources, positions, normals]);
-    const own = [this.#reference, ...this.#sums, this.#starts, this.#others, this.#weights, this.#frame];
-    for (const buffer of [...own, ...drawn]) buffer.destroy();
+    super.close();
+    for (const buffer of [this.#reference, ...this.#sums, this.#weights, this.#frame]) buffer.destroy();
   }
 
   _addGroups(time, near) {
@@ -212,11 +213,12 @@ export class WebGpuMotion extends GroupedMotion {
     });
   }
 
-  _writeDrawn() {
-    const common = [this.#latest, this.#starts, this.#others].map(whole);
-    const runs = this.drawn.map(({ count, sources, positions, normals }) => {
+  _writeDrawn(pairs) {
+    const runs = pairs.map(({ count, sources, fans, stored, around, positions, normals }) => {
+      const common = [this.#latest, around.starts, around.others].map(whole);
       const own = [{ buffer: sources, size: 4 * count }, whole(positions), whole(normals)];
-      return [this.#draw, [...common, ...own], count];
+      const others = [whole(fans), stored ? { buffer: stored, size: 12 * count } : { buffer: around.starts, size: 4 }];
+      return [this.#draw, [...common, ...own, ...others], count];
     });
     this.#dispatch(runs);
   }
@@ -228,9 +230,9 @@ export class WebGpuMotion extends GroupedMotion {
       functionCount,
       hasAxes: axisCount === 3 ? 1 : 0,
       hasCorrections: rows.length > 0 ? 1 : 0,
-      fields: this.#storage(this.animation.fields(index)),
-      corrections: this.#storage(rows),
-      starts: this.#storage(starts),
+      fields: this._store(this.animation.fields(index)),
+      corrections: this._store(rows),
+      starts: this._store(starts),
     };
   }
 
@@ -259,7 +261,23 @@ export class WebGpuMotion extends GroupedMotion {
     device.queue.submit([encoder.finish()]);
   }
 
-  #storage(values) {
+  _allocate(size) {
+    return this.#empty(size, USAGE.vertex);
+  }
+
+  _free(buffer) {
+    buffer.destroy();
+  }
+
+  _storeAround(starts, others) {
+    return { starts: this._store(starts), others: this._store(others) };
+  }
+
+  _freeAround({ starts, others }) {
+    for (const buffer of [starts, others]) buffer.destroy();
+  }
+
+  _store(values) {
     const buffer = this.#empty(values.byteLength);
     this.device.queue.writeBuffer(buffer, 0, values);
     return buffer;

@@ -1,5 +1,7 @@
 /** Fields on the page: what there is to choose, values and ranges, and which row each drawn vertex shows. */
-import { COLORMAPS, countRows, reduceRows, runsOf } from "pdeanim/fields.js";
+import { COLORMAPS, countRowsBefore, reduceRows, rowsOfDrawn, runsOf, splitsVertices } from "pdeanim/fields.js";
+import { listTriangleCorners } from "pdeanim/mesh.js";
+import { listVertices } from "pdeanim/motion.js";
 
 /** Colours at equal distances along a range. */
 export const MAPS = {
@@ -41,42 +43,23 @@ export function listChoices(animation) {
   });
 }
 
-/** Return which row of a field each drawn vertex shows, -1 for none, and the first row of each object.
- *
- * Values of faces and corners differ on both sides of an edge: there, drawn vertices are the corners of triangles, in
- * the order of `trianglesOf`.
+/**
+ * Return which row of a field each drawn vertex shows, -1 for none, and the first row of each object. `isSplit`: drawn
+ * vertices are the corners of triangles, in the order of `trianglesOf`.
  */
-export function rowsOfDrawn(animation, { domain, objects }) {
-  const owners = new Set(objects);
-  const isSplit = domain === "faces" || domain === "corners";
-  const list = animation.objects;
-  const triangles = ({ faceSizes }) => faceSizes.reduce((sum, size) => sum + Math.max(size - 2, 0), 0);
-  const count = isSplit ? 3 * list.reduce((sum, object) => sum + triangles(object), 0) : animation.vertexCount;
-  const rows = new Int32Array(count).fill(-1);
-  const starts = [];
-  let row = 0;
-  let at = 0;
-  list.forEach((object, index) => {
-    starts.push(row);
-    const { vertexCount, faceSizes } = object;
-    const isOwner = owners.has(index);
-    if (!isSplit) {
-      for (let v = 0; v < vertexCount && isOwner; v++) rows[at + v] = domain === "object" ? row : row + v;
-      at += vertexCount;
-    } else if (!isOwner) {
-      at += 3 * triangles(object);
-    } else {
-      let first = 0;
-      faceSizes.forEach((size, face) => {
-        for (let k = 1; k + 1 < size; k++) {
-          for (const corner of [0, k, k + 1]) rows[at++] = row + (domain === "faces" ? face : first + corner);
-        }
-        first += size;
-      });
-    }
-    if (isOwner) row += countRows(object, domain);
+function listRows(run, field) {
+  const isSplit = splitsVertices(field);
+  const rows = run.objects.map((object, index) => {
+    const corners = isSplit ? listTriangleCorners(object) : null;
+    return rowsOfDrawn(field, run, index, corners ?? listVertices(object), corners);
   });
-  return { rows, starts, isSplit };
+  const all = new Int32Array(rows.reduce((sum, { length }) => sum + length, 0));
+  let at = 0;
+  for (const own of rows) {
+    all.set(own, at);
+    at += own.length;
+  }
+  return { rows: all, starts: rows.map((_, index) => countRowsBefore(run, field, index)), isSplit };
 }
 
 /** One choice of `listChoices` as it is shown. */
@@ -156,7 +139,7 @@ export class ShownField {
   /** Which row each drawn vertex of a run shows. */
   rows(time) {
     const run = this.animation.at(time);
-    if (!this.#rows.has(run)) this.#rows.set(run, rowsOfDrawn(run, this.#in(run)));
+    if (!this.#rows.has(run)) this.#rows.set(run, listRows(run, this.#in(run)));
     return this.#rows.get(run);
   }
 }

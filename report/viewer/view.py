@@ -22,7 +22,7 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.player import FOLDER
 
-SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "fields.js", "mesh.js", "motion.js", "gpu.js")
+SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "fields.js", "mesh.js", "motion.js", "gpu-shaders.js", "gpu.js")
 """Scripts of the player that the page needs."""
 
 MAX_STEPS = 32767

@@ -301,11 +301,11 @@ const read = async (attribute) => [...(attribute.array?.length ? attribute.array
 
 const meshes = (clip) =>
   Promise.all(
-    clip.children.map(async ({ name, geometry, userData }) => ({
-      name,
-      points: await read(geometry.attributes.position),
-      normals: await read(geometry.attributes.normal),
-      sources: [...userData.pdeanim.sources],
+    clip.children.map(async (mesh) => ({
+      name: mesh.name,
+      points: await read(mesh.geometry.attributes.position),
+      normals: await read(mesh.geometry.attributes.normal),
+      sources: [...clip.sourcesOf(mesh)],
     })),
   );
 

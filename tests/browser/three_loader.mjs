@@ -18,7 +18,7 @@ const found = steps.map((text) => {
     normals: [...mesh.geometry.attributes.normal.array],
     uvs: mesh.geometry.attributes.uv ? [...mesh.geometry.attributes.uv.array] : null,
     index: mesh.geometry.index ? [...mesh.geometry.index.array] : null,
-    sources: [...mesh.userData.pdeanim.sources],
+    sources: [...group.sourcesOf(mesh)],
     material: mesh.material.type,
     vertexColors: mesh.material.vertexColors,
     colors: mesh.geometry.attributes.color ? [...mesh.geometry.attributes.color.array] : null,

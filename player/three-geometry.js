@@ -1,0 +1,150 @@
+/** A geometry of three.js whose positions and normals come from the decoder or from a graphics processor. */
+import { Box3, BufferAttribute, BufferGeometry, Sphere, Vector3 } from "three";
+
+import { DecodedRun, gatherRows, release, retain } from "./decoded.js";
+
+export class MovingGeometry extends BufferGeometry {
+  #graphics = null;
+  #motion = null;
+  #pair = null;
+  #shown = null;
+  #isDisposed = false;
+
+  /**
+   * @param {{ animation: import("./pdeanim.js").PdeAnimation, run: import("./pdeanim.js").PdeAnimation, sources: Uint32Array,
+   *     fans?: object, hasNormals?: boolean, bounds?: Box3 }} shape the open file and one of its runs of frames, the run's vertex
+   *     of each drawn vertex, which corners share a normal (see `GroupedMotion.addDrawn`), whether there are normals, and a
+   *     box around all times, if it is known
+   */
+  constructor(shape) {
+    super();
+    this.shape = { fans: null, hasNormals: true, bounds: null, ...shape };
+    this.decoded = DecodedRun.of(shape.run);
+    retain(shape.animation);
+    this.#takeFromDecoder();
+  }
+
+  /** Whether the graphics processor computed the shape that is shown. */
+  get isOnGpu() {
+    return this.#pair !== null && this.#motion.isOnGpu && this.#shown?.weight === 1;
+  }
+
+  /** Whether drawing takes buffers of a graphics processor. */
+  get hasGpuBuffers() {
+    return this.#pair !== null;
+  }
+
+  /** Evaluate with `graphicsOf(renderer)` from now on if the clip fits there, otherwise with the decoder. */
+  setGraphics(graphics) {
+    const { run, sources, fans, hasNormals } = this.shape;
+    if (graphics === this.#graphics || this.#isDisposed) return;
+    this.#freeBuffers();
+    this.#graphics = graphics?.holds(run) ? graphics : null;
+    if (!this.#graphics) {
+      this.#takeFromDecoder();
+    } else {
+      this.dispatchEvent({ type: "dispose" });  // the renderer's copies of the decoder's arrays
+      this.#motion = graphics.borrow(run, this);
+      this.#pair = graphics.work(() => this.#motion.addDrawn(sources, fans));
+      const attribute = (buffer, read) => graphics.attribute(buffer, sources.length, (k, axis) => read(k, axis));
+      this.setAttribute("position", attribute(this.#pair.positions, (k, axis) => this.#points[3 * sources[k] + axis]));
+      if (hasNormals) this.setAttribute("normal", attribute(this.#pair.normals, (k, axis) => this.#normal(k, axis)));
+    }
+    if (this.#shown) this.show(this.#shown.time, this.#shown.weight);
+  }
+
+  /** Show the shape at a time [s] of the file; with a `weight`, that share of the way from the first frame's shape. */
+  show(time, weight = 1) {
+    if (this.#isDisposed) return;
+    this.#shown = { time, weight };
+    if (this.#pair && weight === 1) {
+      this.#graphics.work(() => this.#motion.evaluate(time, [this.#pair]));
+    } else if (this.#pair) {
+      const count = 3 * this.shape.sources.length;
+      const [points, normals] = [new Float32Array(count), new Float32Array(count)];
+      this.#gather(points, normals);
+      this.#graphics.work(() => this.#motion.write(this.#pair, points, normals));
+    } else {
+      const { position, normal } = this.attributes;
+      this.#gather(position.array, normal?.array);
+      position.needsUpdate = true;
+      if (normal) normal.needsUpdate = true;
+    }
+    if (this.shape.bounds) return;
+    this.boundingSphere = null;
+    this.boundingBox = null;
+  }
+
+  /** Upload everything again after a lost context. */
+  restore() {
+    const graphics = this.#graphics;
+    this.#graphics = this.#motion = this.#pair = null;
+    this.setGraphics(graphics);
+  }
+
+  /** Upload the next group of frames. */
+  prefetch() {
+    if (this.#pair && this.#shown) this.#graphics.work(() => this.#motion.prefetchAfter(this.#shown.time));
+  }
+
+  /** Free everything for good; the last geometry of a file closes its decoder. */
+  dispose() {
+    super.dispose();
+    if (this.#isDisposed) return;
+    this.#freeBuffers();
+    this.#isDisposed = true;
+    release(this.shape.animation);
+  }
+
+  /** Compute the box through the attributes' getters: three.js reads arrays, which are not there on a graphics processor. */
+  computeBoundingBox() {
+    this.boundingBox = this.shape.bounds?.clone() ?? new Box3().setFromBufferAttribute(this.attributes.position);
+  }
+
+  computeBoundingSphere() {
+    const { bounds } = this.shape;
+    const { position } = this.attributes;
+    const box = bounds ?? new Box3().setFromBufferAttribute(position);
+    this.boundingSphere = box.getBoundingSphere(new Sphere());
+    if (bounds) return;
+    const point = new Vector3();
+    this.boundingSphere.radius = 0;
+    for (let index = 0; index < position.count; index++) {
+      const distance = this.boundingSphere.center.distanceTo(point.fromBufferAttribute(position, index));
+      this.boundingSphere.radius = Math.max(this.boundingSphere.radius, distance);
+    }
+  }
+
+  get #points() {
+    const { time, weight } = this.#shown;
+    return this.decoded.points(time, weight);
+  }
+
+  #normal(index, axis) {
+    const { sources, fans } = this.shape;
+    const { time, weight } = this.#shown;
+    const values = this.decoded.normals(time, weight, fans);
+    return values[3 * (fans ? fans.of : sources)[index] + axis];
+  }
+
+  #gather(points, normals) {
+    const { sources, fans } = this.shape;
+    const { time, weight } = this.#shown;
+    gatherRows(points, this.#points, sources);
+    if (normals) gatherRows(normals, this.decoded.normals(time, weight, fans), fans?.of ?? sources, fans?.stored);
+  }
+
+  #takeFromDecoder() {
+    const { sources, hasNormals } = this.shape;
+    const attribute = () => new BufferAttribute(new Float32Array(3 * sources.length), 3);
+    this.setAttribute("position", attribute());
+    if (hasNormals) this.setAttribute("normal", attribute());
+  }
+
+  #freeBuffers() {
+    if (!this.#pair) return;
+    this.#graphics.work(() => this.#motion.removeDrawn(this.#pair));
+    this.#graphics.giveBack(this.shape.run, this);
+    this.#graphics = this.#motion = this.#pair = null;
+  }
+}
