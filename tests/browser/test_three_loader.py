@@ -17,46 +17,11 @@ from pdecodec.mesh.fields import FieldDomain
 from spec.accepted import with_attributes
 from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
-from tests.support.browser_tools import node_modules
 from tests.support.driven_browser import Browser, browsing
 from tests.support.remote_server import serving
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAYER = ROOT / "player"
-
-
-def npm(*arguments: str | Path, folder: Path) -> str:
-    if shutil.which("npm") is None:
-        pytest.skip("npm is not here")
-    command = ["npm", *map(str, arguments)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-@pytest.fixture(scope="module")
-def three() -> Path:
-    """Return the folder of three.js."""
-    folder = node_modules() / "three"
-    if not folder.is_dir():
-        pytest.skip("three.js is not here; npm install --prefix tests/browser")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def site(three: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with three.js and the player, packed and unpacked again, in node_modules."""
-    folder: Path = tmp_path_factory.mktemp("site")
-    modules = folder / "node_modules"
-    modules.mkdir()
-    packed = json.loads(npm("pack", "--json", "--pack-destination", folder, folder=PLAYER))[0]
-    names = {item["path"] for item in packed["files"]}
-    assert {"pdeanim.wasm", "pdeanim.js", "pdeanim.d.ts", "three.js", "README.md", "LICENSE"} <= names
-    assert not {name for name in names if "__init__" in name or name.startswith("view/")}
-    shutil.unpack_archive(folder / packed["filename"], modules, "gztar")
-    (modules / "package").rename(modules / "pdeanim")
-    (modules / "three").symlink_to(three)
-    return folder
 
 
 def loaded(site: Path, path: Path, *steps: float | dict[str, Any]) -> dict[str, Any]:
