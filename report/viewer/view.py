@@ -22,7 +22,17 @@ from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.player import FOLDER
 
-SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "fields.js", "mesh.js", "motion.js", "gpu-shaders.js", "gpu.js")
+SCRIPTS = (
+    "pdeanim.js",
+    "core.js",
+    "errors.js",
+    "source.js",
+    "fields.js",
+    "mesh.js",
+    "motion.js",
+    "gpu-shaders.js",
+    "gpu.js",
+)
 """Scripts of the player that the page needs."""
 
 MAX_STEPS = 32767
@@ -184,6 +194,6 @@ def _imports(folder: Path) -> dict[str, str]:
     found = {}
     for name, path in files.items():
         # A data address has no folder, so relative imports are replaced by names.
-        text = re.sub(r'from "\./(\w+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
+        text = re.sub(r'from "\./([\w-]+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
         found[name] = "data:text/javascript;base64," + _in_base64(text.encode())
     return {"pdeanim": found["pdeanim/pdeanim.js"], **found}

@@ -211,7 +211,9 @@ globalThis.drawn = () => [renderer.info.render.triangles, renderer.info.render.f
 def test_a_fresh_page_follows_the_readme_alone(site: Path, tmp_path: Path) -> None:
     blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
     (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
-    (script,) = [block.removeprefix("js\n") for block in blocks if "PDEAnimLoader" in block and block.startswith("js")]
+    (script,) = [
+        block.removeprefix("js\n") for block in blocks if "import { PDEAnimLoader }" in block and block.startswith("js")
+    ]
     script = script.replace('import * as THREE from "three";\n', "")
     (site / "index.html").write_text(PAGE.replace("{imports}", imports).replace("{script}", script))
     encode(two_sheets(), site / "cloth.pdeanim", tolerance=1e-4, overwrite=True)
