@@ -23,6 +23,7 @@ from pdecodec.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from pdecodec.codec.settings import EncodeSettings
     from pdecodec.mesh.sequence import MeshSequence
 
 
@@ -54,6 +55,7 @@ def _convert(
     meshopt: bool,
     straight: bool,
     rigid: bool | None,
+    motion: EncodeSettings | None,
     scene: str,
     dry_run: bool,
     overwrite: bool,
@@ -77,7 +79,7 @@ def _convert(
         job = job.with_frames(sequence, dry_run=dry_run)
         bound = (
             None
-            if velocities and not rigid
+            if (velocities and not rigid) or motion
             else rigid_bound(whole, asked.scale, job.output, rigid, with_scene=scene == "keep")
         )
         # Notices about materials and textures do not apply if OUT, a glTF file, keeps them.
@@ -89,7 +91,7 @@ def _convert(
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
             more |= {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": bound}
-            more |= {"scene": scene}
+            more |= {"scene": scene, "motion": motion}
             more |= {"looks_of": whole} if is_gltf(path) else {}
             return write_sequence(chosen, path, velocities=speeds, **more)
 

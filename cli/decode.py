@@ -36,6 +36,7 @@ from pdecodec.errors import InputError, PdecodecError, SettingsError
 if TYPE_CHECKING:
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.salvaging import Salvage
+    from pdecodec.codec.settings import EncodeSettings
     from pdecodec.codec.source import DecodeLimits
     from pdecodec.formats.base.choosing import InputOptions
     from pdecodec.mesh.sequence import MeshSequence
@@ -233,6 +234,7 @@ class _Writing(_Part):
     meshopt: bool
     straight: bool
     rigid: bool | None
+    motion: EncodeSettings | None
     onto: str | None
     clip: str | None
     layer: bool
@@ -241,8 +243,8 @@ class _Writing(_Part):
     def check(self) -> None:
         if self.onto is None and (self.layer or self.clip):
             raise SettingsError(f"{'--layer' if self.layer else '--clip'} is for --onto; leave it out")
-        if self.onto is not None and (self.quantize or self.web):
-            name = "--web" if self.web else "--quantize"
+        if self.onto is not None and (self.quantize or self.web or self.motion):
+            name = "--web" if self.web else "--quantize" if self.quantize else "--motion"
             raise SettingsError(f"{name} would move the nodes of the original; leave it out, or --onto")
         if self.rigid and (self.onto is not None or self.velocities):
             other = "--onto" if self.onto else "--velocities"
@@ -259,7 +261,7 @@ class _Writing(_Part):
 
     def rigid_bound(self, source: MeshSequence, scale: float, output: str) -> float | None:
         """Return the bound within which objects count as rigid; None if rigid parts are not to be found."""
-        if self.onto is not None or self.velocities:
+        if self.onto is not None or self.velocities or self.motion:
             return None
         return rigid_bound(source, scale, output, self.rigid, with_scene=self.scene == "keep")
 
@@ -283,7 +285,7 @@ class _Writing(_Part):
             )
         from pdecodec.formats import write_sequence
 
-        settings = self._settings("web", "quantize", "meshopt", "straight")
+        settings = self._settings("web", "quantize", "meshopt", "straight", "motion")
         return write_sequence(sequence, path, rigid=bound, scene=self.scene, **settings, **options)
 
     def _settings(self, *names: str) -> dict[str, Any]:

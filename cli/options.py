@@ -246,6 +246,46 @@ place_options = option_group(
 input_options = option_group(frames_option, objects_option, read_options, place_options)
 """All fields of :class:`pdecodec.formats.base.choosing.InputOptions`."""
 
+
+def motion_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add ``--motion`` and its bound, as one argument `motion`: settings of the encoder, or None."""
+
+    @functools.wraps(command)
+    def settled(
+        *arguments: Any, motion: bool, tolerance: float | None, max_error: float | None, effort: str, **options: Any
+    ) -> None:
+        from pdecodec.codec.settings import EncodeSettings
+
+        if not motion and (tolerance is not None or max_error is not None):
+            name = "--max-error" if tolerance is None else "--tolerance"
+            raise SettingsError(f"{name} is for --motion or a .pdeanim OUT; leave it out")
+        if motion and options["rigid"]:
+            raise SettingsError(
+                "--rigid moves nodes, and --motion vertices; leave one out", code="conflicting-settings"
+            )
+        chosen = EncodeSettings(tolerance=tolerance, max_error=max_error, effort=effort) if motion else None  # type: ignore[arg-type]
+        command(*arguments, motion=chosen, **options)
+
+    return option_group(
+        click.option(
+            "--motion",
+            is_flag=True,
+            help="glTF: store a .pdeanim file that moves the meshes (extension PDECODEC_mesh_motion) instead of morph "
+            "targets. Viewers without the extension show the first frame. A .pdeanim IN is not encoded again, unless "
+            "an error is given.",
+        ),
+        click.option(
+            "--tolerance",
+            type=fraction,
+            metavar="X|P%",
+            help="With --motion: largest error of a vertex, as a fraction of the diagonal of frame 0's bounding box.  "
+            "[default: 0.001]",
+        ),
+        click.option("--max-error", type=float, metavar="X", help="With --motion: the same in scene units."),
+        effort_option("With --motion: how many ways to encode are compared."),
+    )(settled)
+
+
 write_options = option_group(
     velocities_option,
     click.option(
@@ -280,6 +320,7 @@ write_options = option_group(
         "moving nodes. In glTF, objects of several rigid parts become skins. A note gives the error.  "
         "[default: on for glTF and Alembic]",
     ),
+    motion_options,
 )
 """What to write besides positions, and how compactly: options of :func:`pdecodec.formats.write_sequence`."""
 

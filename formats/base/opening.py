@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError, naming_file
 from pdecodec.formats.base.attribute_roles import VELOCITIES, is_velocity
@@ -37,6 +37,9 @@ from pdecodec.system.arguments import as_number, as_path, as_positive, shown
 from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted
+
+if TYPE_CHECKING:
+    from pdecodec.codec.settings import EncodeSettings
 
 _FORMAT_OPTIONS = ("mesh", "clip", "displacement", "solids")
 """Options of :func:`open_sequence` that are refused for formats that do not use them."""
@@ -193,6 +196,7 @@ def write_sequence(
     straight: bool = False,
     looks_of: MeshSequence | None = None,
     rigid: float | None = None,
+    motion: EncodeSettings | None = None,
     scene: Literal["keep", "drop"] = "keep",
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
@@ -230,6 +234,10 @@ def write_sequence(
         glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as moving
         nodes, in glTF objects of several such parts as skins; a notice gives the largest error. 0: only objects that
         move rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
+    motion : EncodeSettings, optional
+        glTF: instead of morph targets, store a `.pdeanim` file that moves the meshes (PDECODEC_mesh_motion), encoded
+        with these settings. Without a tolerance, that of an animation is stored without encoding it again. Vertices and
+        faces stand in another order, and faces are triangles. Viewers without the extension show the first frame.
     scene : {"keep", "drop"}
         Of an animation that carries its scene (cameras, materials, custom data) in this format: write the scene with
         the motion, as :func:`pdecodec.formats.write_onto` does, or the meshes alone. `quantize`, `web` and `rigid`
@@ -263,6 +271,7 @@ def write_sequence(
                 straight=straight,
                 looks_of=looks_of,
                 rigid=rigid,
+                motion=motion,
                 scene=scene,
             )
     where = as_path(path)
@@ -292,11 +301,12 @@ def write_sequence(
             setting="rigid",
         )
     asked: dict[str, Any] = {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": rigid}
+    asked["motion"] = motion
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, _users(name), where)
     unwritten: tuple[str, ...] = ()
     is_carried = scene == "keep" and carries_scene_of(sequence, entry)
-    moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
+    moving = next((name for name in ("web", "quantize", "rigid", "motion") if asked[name]), None)
     if is_carried and moving is not None:
         unwritten = (f"the scene of the file is left out: {moving} would move its nodes",)
     elif is_carried:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, unreadable
 from pdecodec.mesh.arrays import Float32Array
@@ -18,6 +18,9 @@ from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.reading import open_regular
 from pdecodec.system.storage import RemoteFile
 from pdecodec.system.whole_output import whole_file
+
+if TYPE_CHECKING:
+    from pdecodec.codec.settings import EncodeSettings
 
 Transforms = Literal["bake", "keep"]
 """What happens to the transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
@@ -61,6 +64,8 @@ class Output:
     rigid : float or None
         Distance [scene units] within which objects count as rigid and become moving nodes; None and 0 take only those
         that are exactly rigid.
+    motion : EncodeSettings or None
+        Write motion as a `.pdeanim` file inside the output, for formats that list this option.
     looks_of : MeshSequence or None
         An open file of the same format: its materials, with their textures, are written for materials of the same name.
     layer : bool
@@ -80,6 +85,7 @@ class Output:
     meshopt: bool = False
     straight: bool = False
     rigid: float | None = None
+    motion: EncodeSettings | None = None
     looks_of: MeshSequence | None = None
     layer: bool = False
     is_filled: bool = False

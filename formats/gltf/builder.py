@@ -27,6 +27,10 @@ MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
 """Version of meshoptimizer's vertex codec that the extension prescribes, and its longest rows [bytes]."""
 
 
+ROUNDED_BITS, EXPONENT_RANGE = 16, (-100, 100)
+"""Bits of the largest value of a rounded column, without its sign; exponents that meshoptimizer's filter can hold."""
+
+
 VERTEX_DATA, INDEX_DATA = 34962, 34963
 """glTF's codes for the content of a buffer view (``target``): vertex attributes, vertex indices."""
 
@@ -108,10 +112,18 @@ class GltfBuilder:
         entries.append(entry)
         return len(entries) - 1
 
-    def view(self, data: NDArray[Any], target: int | None = None, *, triangles: bool = False) -> int:
+    def view(
+        self,
+        data: NDArray[Any],
+        target: int | None = None,
+        *,
+        triangles: bool = False,
+        coded: NDArray[Any] | None = None,
+    ) -> int:
         """Add a buffer view with one row per item of an array and return its index.
 
-        If `triangles` is true, compression may rotate the order of each triangle's corners.
+        If `triangles` is true, compression may rotate the order of each triangle's corners. `coded` is what is
+        compressed in place of `data`, in the form of meshoptimizer's exponential filter.
         """
         entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
         stride = data.nbytes // max(1, len(data))
@@ -120,7 +132,7 @@ class GltfBuilder:
         if data.ndim == 2 and data.dtype.kind in "iu":
             # Rows are padded to multiples of four bytes, so the stride has to be declared.
             entry["byteStride"] = stride
-        packed = self._packed(data, stride, triangles=triangles)
+        packed = self._packed(data if coded is None else coded, stride, triangles=triangles)
         if packed is None:
             entry["byteOffset"] = self._append(np.ascontiguousarray(data).data)
         else:
@@ -129,6 +141,8 @@ class GltfBuilder:
             self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
             place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
             entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
+            if coded is not None:
+                entry["extensions"][MESHOPT]["filter"] = "EXPONENTIAL"
         return self.add("bufferViews", entry)
 
     def _append(self, data: bytes | memoryview) -> int:
@@ -154,13 +168,39 @@ class GltfBuilder:
             return None
         return (mode, found) if len(found) < data.nbytes else None
 
-    def floats(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
-        """Add an accessor of float32 rows, on request with their minimum and maximum, and return its index."""
+    def floats(
+        self,
+        values: ArrayLike,
+        *,
+        target: int | None = None,
+        bounds: bool = False,
+        coded: NDArray[Any] | None = None,
+    ) -> int:
+        """Add an accessor of float32 rows, on request with their minimum and maximum, and return its index.
+
+        `coded` is as for :meth:`view`.
+        """
         rows = np.ascontiguousarray(values, "<f4")
         table = rows.reshape(len(rows), -1) if rows.size else rows.reshape(len(rows), 1)
         limits = {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()} if bounds else {}
         kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
-        return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target), **limits)
+        return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target, coded=coded), **limits)
+
+    def rounded(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
+        """Add an accessor of float32 rows (n, k) like :meth:`floats`, rounded if that makes compression better.
+
+        Each column is rounded to a power of two, :data:`ROUNDED_BITS` bits below its largest value.
+        """
+        rows = np.asarray(values, np.float32)
+        if self._encoder is None or not rows.size or not np.isfinite(rows).all():
+            return self.floats(rows, target=target, bounds=bounds)
+        _, exponents = np.frexp(np.abs(rows).max(axis=0))
+        exponents = np.clip(exponents - ROUNDED_BITS, *EXPONENT_RANGE).astype(np.int32)
+        wholes = np.rint(np.ldexp(rows.astype(np.float64), -exponents)).astype(np.int32)
+        coded = (exponents & 0xFF) << 24 | wholes & 0xFFFFFF
+        return self.floats(
+            np.ldexp(wholes.astype(np.float64), exponents), target=target, bounds=bounds, coded=coded.astype("<u4")
+        )
 
     def fractions(self, values: ArrayLike, dtype: str, *, target: int | None = None, bounds: bool = False) -> int:
         """Add an accessor of values (n,) or (n, 3) in [-1, 1], stored as normalised integers, and return its index."""

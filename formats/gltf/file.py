@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import damaged, naming_file
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.gltf.compression import DRACO, MAX_DECODED_BYTES, MESHOPT_NAMES, decode_view
-from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY, check_types
+from pdecodec.formats.gltf.types import INSTANCING, MESH_MOTION, POINTER, VISIBILITY, check_types
 from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.system.reading import FileScope, read_regular
 
@@ -41,7 +41,9 @@ WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2
 """Values per row by accessor type."""
 
 
-READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY})
+READABLE_EXTENSIONS = frozenset(
+    {"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY, MESH_MOTION}
+)
 """Extensions that a file may require because this reader supports them."""
 
 

@@ -36,6 +36,8 @@ from pdecodec.formats.gltf.primitives import (
     triangles_of,
     turned_normals,
 )
+from pdecodec.formats.gltf.stored_motion import StoredMotions
+from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import FieldDomain
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
@@ -121,20 +123,20 @@ def default_weights(mesh: Mapping[str, Any]) -> Float64Array:
     return np.array(mesh.get("weights", [0.0] * targets), np.float64)
 
 
-def read_mesh(file: GltfFile, index: int, weights: Float64Array) -> GltfMesh:
+def read_mesh(file: GltfFile, index: int, weights: Float64Array, motions: StoredMotions) -> GltfMesh:
     """Return a mesh of the file; InputError if it is damaged.
 
     `weights`, (targets,), says how much of each morph target is added to colours and UVs.
     """
     try:
-        return _Reader(file, file.listed("meshes")[index], weights).read()
+        return _Reader(file, file.listed("meshes")[index], weights, motions).read()
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise damaged(f"mesh {index} is damaged ({error}); export the file again") from error
 
 
 class _Reader:
-    def __init__(self, file: GltfFile, entry: Mapping[str, Any], weights: Float64Array) -> None:
-        self._file, self._entry, self._weights = file, entry, weights
+    def __init__(self, file: GltfFile, entry: Mapping[str, Any], weights: Float64Array, motions: StoredMotions) -> None:
+        self._file, self._entry, self._weights, self._motions = file, entry, weights, motions
         self._morphed: dict[str, Morphed] = {}
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
@@ -201,7 +203,8 @@ class _Reader:
     def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
         """Return the first row and the number of vertices of a primitive; equal accessors share one block."""
         packed = primitive.get("extensions", {}).get(DRACO)
-        key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
+        own = primitive.get("extensions", {}).get(MESH_MOTION)
+        key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed, own and _place_of(own)))
         if key not in self._known:
             positions = rows.read("POSITION").astype(np.float32).reshape(-1, 3)
             targets = tuple(
@@ -214,7 +217,10 @@ class _Reader:
                 raise ValueError("a morph target has a different number of vertices")
             joints, weights = influences_of(rows, len(positions))
             self._known[key] = (self._rows, len(positions))
-            self._blocks.append(Block(positions, targets, joints, weights))
+            if own is not None and targets:
+                raise ValueError("it has both morph targets and a motion")
+            numbers = None if own is None else self._motions.vertices(own, len(positions))
+            self._blocks.append(Block(positions, targets, joints, weights, own and own["motion"], numbers))
             self._sources.append(rows)
             self._rows += len(positions)
             if "TANGENT" in rows.accessors or any("TANGENT" in target for target in rows.targets):
@@ -390,6 +396,11 @@ def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]])
     is_point = np.zeros(connectivity.vertex_count, np.uint8)
     is_point[np.concatenate(points)] = 1
     return [Attribute(POINT, "vertex", is_point)]
+
+
+def _place_of(own: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return what tells the vertices of a primitive in a motion."""
+    return tuple(own.get(name) for name in ("motion", "firstVertex", "vertexMap"))
 
 
 def _groups_of(primitive: Mapping[str, Any]) -> list[str]:

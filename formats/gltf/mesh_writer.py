@@ -26,6 +26,7 @@ from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_at
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, encode_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
+from pdecodec.formats.gltf.mesh_motion import CodedRows
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
@@ -84,6 +85,9 @@ def write_mesh(
     material: Callable[[str], int],
     lattice: Lattice | None = None,
     joints: Int64Array | None = None,
+    coded: CodedRows | None = None,
+    *,
+    is_rounded: bool = False,
 ) -> int:
     """Write a mesh and return its index.
 
@@ -99,8 +103,12 @@ def write_mesh(
         enough.
     joints : (vertices,) int64, optional
         Joint of the skin that moves each vertex.
+    coded : CodedRows, optional
+        Order the mesh as the `.pdeanim` file that moves it; the original structure is then not recorded.
+    is_rounded : bool
+        Whether to round the attributes of a coded mesh.
     """
-    return _MeshWriter(builder, item, motion, rows, lattice).write(material, joints)
+    return _MeshWriter(builder, item, motion, rows, lattice, coded, is_rounded=is_rounded).write(material, joints)
 
 
 class _MeshWriter:
@@ -112,31 +120,51 @@ class _MeshWriter:
         The vertex that each row is a copy of.
     corner_rows : (corners,) int
         The row of each corner of a face.
+    vertex_rows : (vertices,) int
+        The first row of each vertex.
     notes : dict
         The original structure of the mesh, for its ``extras``.
     """
 
     def __init__(
-        self, builder: GltfBuilder, item: MeshObject, motion: Motion, rows: NormalRows | None, lattice: Lattice | None
+        self,
+        builder: GltfBuilder,
+        item: MeshObject,
+        motion: Motion,
+        rows: NormalRows | None,
+        lattice: Lattice | None,
+        coded: CodedRows | None,
+        *,
+        is_rounded: bool,
     ) -> None:
         self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
+        self._coded, self._is_rounded = coded, is_rounded
         self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
         columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
         if rows is not None and motion.normals is not None and not rows.is_smooth:
             columns.append(rows.corner_rows)
         columns += [values for color, values in self._colors if color.domain != "vertex"]
         self.sources, self.corner_rows = _split_vertices(item.connectivity, columns)
+        self.vertex_rows = np.arange(item.vertex_count)
+        if coded is not None:
+            order = np.argsort(coded.numbers[self.sources], kind="stable")
+            rank = np.empty_like(order)
+            rank[order] = np.arange(order.size)
+            self.sources, self.corner_rows, self.vertex_rows = (
+                self.sources[order], rank[self.corner_rows], rank[: item.vertex_count]
+            )  # fmt: skip
         self.notes: dict[str, Any] = {"vertices": item.vertex_count}
 
     def write(self, material: Callable[[str], int], joints: Int64Array | None) -> int:
         """Write the mesh and return its index."""
-        if self._lattice is not None:
+        if self._lattice is not None or self._is_rounded:
             self._builder.require(QUANTIZATION)
         attributes, morphs = self._attributes(), self._morphs()
         attributes |= {} if joints is None else self._builder.influences(joints[self.sources])
         self._add_normals(attributes, morphs)
         _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
         common = {"targets": morphs} if morphs else {}
+        row_map = self._row_map()
         drawn: list[tuple[int, NDArray[Any]]] = []
         primitives: list[dict[str, Any]] = []
         for mode, indices, label, groups in self._parts(len(morphs)):
@@ -150,18 +178,31 @@ class _MeshWriter:
             if groups:
                 primitive["extras"] = {GROUPS: list(groups)}
             primitives.append(primitive | common)
-        self.notes["of"] = fingerprint(self.sources.size, drawn)
-        mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": self.notes}}
+            if self._coded is not None:
+                self._coded.add_to(primitives[-1], row_map)
+        mesh: dict[str, Any] = {"primitives": primitives}
+        if self._coded is None:
+            self.notes["of"] = fingerprint(self.sources.size, drawn)
+            mesh["extras"] = {"pdecodec": self.notes}
         if morphs:
             mesh["weights"] = self._motion.first_weights
         return self._builder.add("meshes", mesh)
+
+    def _row_map(self) -> dict[str, int]:
+        """Add the map from rows to vertices of the motion, unless each row has its own number."""
+        if self._coded is None:
+            return {}
+        numbers = self._coded.numbers[self.sources]
+        is_plain = np.array_equal(numbers, np.arange(numbers.size))
+        return {} if is_plain else {"vertexMap": self._builder.integers(numbers)}
 
     def _attributes(self) -> dict[str, int]:
         """Add accessors of positions, texture coordinates and colours; return them by attribute name."""
         found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
         rows = self.sources.size
         for number, uv in enumerate(self._uv_sets):
-            found[f"TEXCOORD_{number}"] = _write_uv(self._builder, uv, self.corner_rows, rows, self.notes)
+            add = self._builder.rounded if self._is_rounded else self._builder.floats
+            found[f"TEXCOORD_{number}"] = _write_uv(add, uv, self.corner_rows, rows, self.notes)
             self.notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
         for number, (color, values) in enumerate(self._colors):
             if color.domain == "vertex":
@@ -194,7 +235,7 @@ class _MeshWriter:
             # A vertex that belongs to no face has its own number as normal row.
             normals = self.sources.copy()
             normals[self.corner_rows] = rows.corner_rows
-            attributes["NORMAL"] = self._directions(motion.normals[normals], "<i2")
+            attributes["NORMAL"] = self._directions(motion.normals[normals], "<i1" if self._is_rounded else "<i2")
             kinds = ["<i2" if motion.has_fine_normals else "<i1"] * len(morphs)
             if motion.is_away_from_rest:
                 kinds[-1] = "<i2"
@@ -211,6 +252,9 @@ class _MeshWriter:
         """Yield primitives: mode, rows, name of the material, names of face sets."""
         item = self._item
         triangles, faces = _triangulate(item.connectivity, self.corner_rows)
+        if self._coded is not None:
+            order = np.argsort(self._coded.ranks[faces], kind="stable")
+            triangles, faces = triangles[order], faces[order]
         labels, of_faces = _materials_of(item)
         if labels:
             self.notes["materials"], self.notes["faceMaterials"] = list(labels), encode_integers(of_faces + 1)
@@ -228,8 +272,8 @@ class _MeshWriter:
                 yield TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names
         segments = _segments(item.connectivity)
         if segments.size:
-            yield LINES, segments, None, ()
-        points = [np.flatnonzero(expanded(one)) for one in _points_of(item)]
+            yield LINES, self.vertex_rows[segments], None, ()
+        points = [self.vertex_rows[np.flatnonzero(expanded(one))] for one in _points_of(item)]
         if points and points[0].size:
             yield POINTS, points[0], None, ()
         elif is_empty and not segments.size:
@@ -237,11 +281,12 @@ class _MeshWriter:
 
     def _positions(self, points: Float32Array, steps: Lattice | None) -> int:
         if steps is None:
-            return self._builder.floats(points[self.sources], target=VERTEX_DATA, bounds=True)
+            add = self._builder.rounded if self._is_rounded else self._builder.floats
+            return add(points[self.sources], target=VERTEX_DATA, bounds=True)
         return self._builder.fractions(steps.fractions(points[self.sources]), "<i2", target=VERTEX_DATA, bounds=True)
 
     def _directions(self, vectors: Float32Array, dtype: str) -> int:
-        if self._lattice is None or np.abs(vectors).max(initial=0) > 1:
+        if (self._lattice is None and not self._is_rounded) or np.abs(vectors).max(initial=0) > 1:
             return self._builder.floats(vectors, target=VERTEX_DATA)
         return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
@@ -276,7 +321,7 @@ def _split_vertices(connectivity: Connectivity, columns: list[NDArray[Any]]) -> 
     return np.concatenate([vertices, of_row[is_extra]]), rows[keys]
 
 
-def _write_uv(builder: GltfBuilder, uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> int:
+def _write_uv(add: Callable[..., int], uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> int:
     values, indices, _ = indexed_rows(uv)
     by_corner = values[:, :2] if indices is None else values[indices, :2]
     by_row = np.zeros((rows, 2), np.float32)
@@ -285,7 +330,7 @@ def _write_uv(builder: GltfBuilder, uv: Attribute, corner_rows: Int64Array, rows
     if uv.indices is not None:
         note["indices"] = encode_integers(uv.indices.astype(np.int64) + 1)
     notes.setdefault("uvs", {})[uv.name] = note
-    return builder.floats(flipped(by_row), target=VERTEX_DATA)
+    return add(flipped(by_row), target=VERTEX_DATA)
 
 
 def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, notes: dict[str, Any]) -> None:

@@ -26,6 +26,9 @@ class Block:
     targets: tuple[Float32Array, ...]
     joints: Int64Array | None
     weights: Float64Array | None
+    motion: int | None = None
+    """The motion that moves it, and, (rows,), the vertex of the motion that each row is."""
+    numbers: Int64Array | None = None
 
 
 class PrimitiveRows:

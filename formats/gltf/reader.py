@@ -37,6 +37,7 @@ from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.inventory import left_out_of_file, left_out_of_materials, textures_of
 from pdecodec.formats.gltf.mesh_reader import GltfMesh, Morphed, default_weights, read_mesh
 from pdecodec.formats.gltf.primitives import Block
+from pdecodec.formats.gltf.stored_motion import StoredMotion, StoredMotions
 from pdecodec.formats.gltf.types import INSTANCING, REAL_LIMIT, VISIBILITY
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
@@ -103,12 +104,16 @@ class GltfSequence(SceneSequence):
     ) -> None:
         self.path = path
         file = read_gltf(path)
-        chosen, self.clip_number, clip_notices = _choose_clip(file, clip)
-        self.file, self.nodes = file, Nodes(file, chosen)
-        self.times, self.fps, time_notices = _timing(chosen, fps)
+        self.motions = StoredMotions(file, path)
+        chosen, self.clip_number, playing, clip_notices = _choose_clip(file, clip, self.motions)
+        self.file, self.nodes, self._playing = file, Nodes(file, chosen), frozenset(playing)
+        moving_meshes = [self.motions.of(one) for one in playing]
+        self.times, self.fps, time_notices = _timing(chosen, fps, moving_meshes)
         self.start = 0.0 if chosen is None else _noted_start(chosen)
+        if chosen is None and moving_meshes:
+            self.start = moving_meshes[0].offset
         self.times, _ = check_times(self.times.size, self.times + self.start, None)
-        parts = _parts_of(file, self.nodes, self.times - self.start)
+        parts = _parts_of(file, self.nodes, self.times - self.start, self.motions)
         if not parts:
             raise InputError(
                 f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", code="no-vertices", path=path
@@ -150,9 +155,21 @@ class GltfSequence(SceneSequence):
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         pose = self._pose(start, stop)
         weights = self.nodes.weights(shape.node, pose.times, shape.mesh.weights)
-        blocks = [_evaluate_block(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
+        blocks = [
+            _evaluate_block(block, weights, shape.skin, pose)
+            if block.motion is None
+            else self._moved(block, pose.times)
+            for block in shape.mesh.blocks
+        ]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
         out[:] = points if shape.gather is None else points[:, shape.gather]
+
+    def _moved(self, block: Block, times: Float64Array) -> Float32Array:
+        """Return positions (times, vertices, 3) of a block that a motion moves; one that does not play rests."""
+        assert block.motion is not None
+        if block.motion not in self._playing:
+            times = np.broadcast_to(self.motions.of(block.motion).times[:1], times.shape)
+        return self.motions.positions(block.motion, times)[:, block.numbers]
 
 
 def _evaluate_block(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
@@ -185,8 +202,10 @@ def _skin_points(
     return moved
 
 
-def _timing(clip: Clip | None, fps: float | None) -> Timing:
-    keys = [] if clip is None else clip.key_times
+def _timing(clip: Clip | None, fps: float | None, motions: Sequence[StoredMotion]) -> Timing:
+    if clip is None and motions:
+        return _timing_of_motion(motions[0], fps)
+    keys = [] if clip is None else [*clip.key_times, *(one.times for one in motions)]
     rate, notices = rate_or_default(rate_of_keys(merged_times(keys)) if keys and fps is None else None, fps)
     if clip is None or not keys:
         return np.zeros(1), rate, ()
@@ -200,6 +219,16 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
     times = frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last))
     return times, rate, (*notices, *resampled(merged_times(keys), rate)[1])
+
+
+def _timing_of_motion(motion: StoredMotion, fps: float | None) -> Timing:
+    """Return the frames of a motion that is an animation of its own, or frames at a requested rate."""
+    stored = motion.coded.fps
+    rate, notices = rate_or_default(stored, fps)
+    if rate == stored or motion.times.size < 2:
+        return motion.times, rate, notices
+    times, more = resampled(motion.times, rate)
+    return times, rate, (*notices, *more)
 
 
 def _normal_notices(parts: Sequence[_Part]) -> tuple[str, ...]:
@@ -218,21 +247,30 @@ def _noted_start(clip: Clip) -> float:
     return float(noted) if isinstance(noted, int | float) and abs(noted) < REAL_LIMIT else 0.0
 
 
-def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tuple[str, ...]]:
-    """Return an animation, its index, and a notice if the file has others."""
+def _choose_clip(
+    file: GltfFile, name: str | None, motions: StoredMotions
+) -> tuple[Clip | None, int, list[int], tuple[str, ...]]:
+    """Return an animation, its index, the motions that play with it, and a notice if the file has others.
+
+    A motion that plays alone is an animation without an index.
+    """
     entries = file.listed("animations")
     names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
+    alone = motions.names
+    names += alone
     if name is not None and name not in names:
         there = ", ".join(map(repr, names)) or "none"
         raise InputError(f"has no animation {name!r}; there is {there}", code="object-missing")
-    if not entries:
-        return None, 0, ()
+    if not names:
+        return None, 0, [], ()
     index = _first_that_lasts(file, len(entries)) if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
         text = f"has {len(names)} animations, {', '.join(names)}; {names[index]!r} is used"
         notices = (Notice(text, setting="clip", purpose="to take another"),)
-    return read_clip(file, index), index, notices
+    if index >= len(entries):
+        return None, 0, [alone[names[index]]], notices
+    return read_clip(file, index), index, motions.playing(index), notices
 
 
 def _first_that_lasts(file: GltfFile, count: int) -> int:
@@ -243,7 +281,7 @@ def _first_that_lasts(file: GltfFile, count: int) -> int:
     return 0
 
 
-def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
+def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array, motions: StoredMotions) -> list[_Part]:
     """Return the nodes with meshes of the default scene in file order; of all nodes if there is no scene."""
     meshes: dict[tuple[int, bytes], GltfMesh] = {}
     parts: list[_Part] = []
@@ -257,7 +295,7 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array) -> list[_Part]:
         weights = nodes.weights(number, times, default_weights(entries[node["mesh"]]))
         key = node["mesh"], weights[0].tobytes() if _morphs_looks(entries[node["mesh"]]) else b""
         if key not in meshes:
-            meshes[key] = read_mesh(file, node["mesh"], weights[0])
+            meshes[key] = read_mesh(file, node["mesh"], weights[0], motions)
         mesh = meshes[key]
         if mesh.connectivity.vertex_count:
             name = "/".join(_node_name(file, nodes, one) for one in reversed(above))

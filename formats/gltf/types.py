@@ -17,6 +17,9 @@ from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES
 INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
 """Extensions of nodes and animations that are read."""
 
+MESH_MOTION = "PDECODEC_mesh_motion"
+"""Extension by which a `.pdeanim` file in a buffer view moves meshes (spec/extension)."""
+
 INDEX_LIMIT = 2**31
 """Exclusive limit of indices: what they number is in memory."""
 
@@ -90,7 +93,10 @@ _PRIMITIVE: dict[str, Any] = {
     "mode": INDEX,
     "material": INDEX,
     "targets": [{EACH: INDEX}],
-    "extensions": {DRACO: {"bufferView": INDEX, "attributes": {EACH: INDEX}}},
+    "extensions": {
+        DRACO: {"bufferView": INDEX, "attributes": {EACH: INDEX}},
+        MESH_MOTION: {"motion": INDEX, "firstVertex": INDEX, "vertexMap": INDEX},
+    },
 }
 _NODE: dict[str, Any] = {
     "children": [INDEX],
@@ -109,6 +115,14 @@ _ANIMATION: dict[str, Any] = {
     ],
     "samplers": [{"input": INDEX, "output": INDEX, "interpolation": _text}],
     "extras": _Note({"pdecodec": {}}),
+}
+_MOTION: dict[str, Any] = {
+    "bufferView": INDEX,
+    "duration": _real,
+    "startTime": _real,
+    "animation": INDEX,
+    "frameRate": _real,
+    "name": _text,
 }
 _ROOT: dict[str, Any] = {
     "asset": {"extras": _Note({"pdecodec": {}})},
@@ -133,6 +147,7 @@ _ROOT: dict[str, Any] = {
     "cameras": [{}],
     "skins": [{"joints": [INDEX], "inverseBindMatrices": INDEX}],
     "animations": [_ANIMATION],
+    "extensions": {MESH_MOTION: {"motions": [_MOTION]}},
 }
 
 

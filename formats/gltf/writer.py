@@ -34,13 +34,14 @@ from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, rename
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
+from pdecodec.formats.gltf.mesh_motion import CodedRows, MotionWriter, is_stored
 from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array
-from pdecodec.mesh.sequence import MeshObject, MeshSequence
+from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence
 
 FILAMENT_MAX_TARGETS = 256
 """Largest number of morph targets per mesh in Filament, which shows glTF on Android; others hold about 2048."""
@@ -142,7 +143,9 @@ class GltfScene:
 
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
         self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
-        self._source = place(sequence, up_axis="Y") if turn else sequence
+        # A stored file is not turned: its nodes are.
+        self._is_stored = is_stored(sequence, output.motion)
+        self._source = place(sequence, up_axis="Y") if turn and not self._is_stored else sequence
         self._branches: dict[tuple[str, ...], int] = {}
         self._roots: list[int] = []
         self._samplers: list[dict[str, Any]] = []
@@ -152,8 +155,13 @@ class GltfScene:
         self._movers: list[Mover] = []
         self._joints: dict[int, int] = {}
         self._key_times: int | None = None
+        self._coded = None
+        if output.motion is not None:
+            self._coded = MotionWriter(builder, self._source, output.motion, output.progress)
         self._bound = output.rigid
-        if self._bound is None and isinstance(sequence, Animation):
+        if self._is_stored:
+            self._bound = 0.0
+        elif self._bound is None and isinstance(sequence, Animation):
             self._bound = bound_of(sequence)
         self._start = float(sequence.times[0])
 
@@ -171,6 +179,8 @@ class GltfScene:
 
     def _read(self, vertices: BoolArray) -> Float32Array:
         """Return all frames of the vertices selected by a mask (vertices,)."""
+        if self._is_stored:
+            return self._source.read_frames(0, 1)[:, vertices]
         found = np.empty((self._source.frame_count, np.count_nonzero(vertices), 3), np.float32)
         for start, points in self._blocks() if vertices.any() else ():
             found[start : start + len(points)] = points if vertices.all() else points[:, vertices]
@@ -313,13 +323,22 @@ class _Scene(GltfScene):
         source = (looks.file, looks.path) if isinstance(looks, GltfSequence) else (None, path)
         self._materials = Materials(builder, source[0], source[1].parent, path.parent)
 
+    def _turned_place(self) -> dict[str, Any]:
+        """Return the transform of a node whose mesh a stored motion moves."""
+        if not (self._is_stored and self._turn):
+            return {}
+        axes = ArraySequence(np.eye(3, dtype=np.float32)[None], metadata=dict(self._sequence.metadata))
+        matrix = np.eye(4)
+        matrix[:3, :3] = place(axes, up_axis="Y").read_frames(0, 1)[0]
+        return {"matrix": matrix.reshape(-1).tolist()}
+
     def write(self) -> list[str]:
         sequence, builder = self._sequence, self._builder
         looks = looks_of(sequence)
         items, limited = limited_colors(objects_at(sequence, 0, looks), looks)
         rigid = self._rigid_objects()
         held = [item for index, item in enumerate(items) if index not in rigid]
-        check_size(sequence.frame_count, held)
+        check_size(1 if self._is_stored else sequence.frame_count, held)
         is_held = np.repeat(
             [index not in rigid for index in range(len(sequence.objects))],
             [item.vertex_count for item in sequence.objects],
@@ -347,13 +366,19 @@ class _Scene(GltfScene):
             else:
                 part = frames[:, places[id(item)]]
                 thirds = thirds_of.blocks(index)
-                turns = rigid_keys(part, thirds) if item.connectivity.face_count and not self._bound else None
+                is_tried = item.connectivity.face_count and not self._bound and not self._is_stored
+                turns = rigid_keys(part, thirds) if is_tried else None
+            coded: CodedRows | None = None
+            if self._coded is not None and own is None and turns is None:
+                coded = self._coded.add(item, part)
+                part, thirds, place = part[:1], None, self._turned_place()
             if turns is not None:
                 part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
             # Viewers shade triangles without normals flat, so flat triangles need none.
             shown = None if rows is not None and rows.are_of_flat_triangles else rows
             motion = motion_of(part, thirds, shown)
-            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            is_rounded = self._output.quantize and coded is None
+            lattice = lattice_of(motion, centred=turns is not None) if is_rounded else None
             bind = np.eye(4)
             if lattice is not None:
                 motion, angle = round_normals(motion)
@@ -366,14 +391,24 @@ class _Scene(GltfScene):
                 mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice, own.joints)
                 self._skinned(item.name, {"mesh": mesh}, own, bind)
                 continue
-            mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice)
+            mesh = write_mesh(
+                builder,
+                item,
+                motion,
+                rows,
+                self._materials.index,
+                lattice,
+                coded=coded,
+                is_rounded=self._output.quantize and coded is not None,
+            )
             node = self._node(item.name, {"mesh": mesh, **place})
             self._animate(node, motion, turns)
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
         if metres_per_unit(sequence) is None:
             noted.setdefault(UNIT, "")
         builder.root["asset"]["extras"] = {"pdecodec": noted}
-        if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
+        has_motion = self._coded is not None and self._coded.is_used
+        if not (self._channels or has_motion) and (sequence.frame_count > 1 or sequence.times[0] != 0):
             self._hold_still()
         if self._channels:
             extras = {"pdecodec": {"frames": sequence.frame_count, **self._noted_times()}}
@@ -383,6 +418,8 @@ class _Scene(GltfScene):
                 self._notices.append(
                     f"the animation starts at 0 s instead of {self._start:g} s; pdecodec restores the recorded start"
                 )
+        if self._coded is not None:
+            self._notices += self._coded.write(0 if self._channels else None, self._output.rate)
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
         self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in items)

@@ -5,6 +5,7 @@ The native core decodes (`core/decode/animation.hpp`); this module adds Python's
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION
+from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION, Section, container_pieces, stored_sections
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
@@ -271,6 +272,33 @@ class Animation(MeshSequence):
                 "was opened as a file object, which cannot be pickled; open it by its path", path=self.path
             )
         return _reopened, (type(self), source, self._limits, self._run)
+
+    def motion_alone(self) -> bytes:
+        """Return a file of the same motion without remarks, attributes, fields and scene: positions stay the same.
+
+        Raises
+        ------
+        CorruptFileError
+            If the file is damaged.
+        """
+        file = self._source.file
+        stream = io.BytesIO(file) if isinstance(file, bytes) else file
+        sections = []
+        for kind, stored in stored_sections(stream):
+            if kind in BESIDE_MOTION or kind in ("META", "ATTR"):
+                continue
+            stream.seek(stored.offset)
+            section = Section(kind, stream.read(stored.length))
+            if section.checksum != stored.checksum:
+                raise CorruptFileError(
+                    f"section {kind} is damaged; encode it again",
+                    code="section-checksum",
+                    path=self.path,
+                    section=kind,
+                    offset=stored.offset,
+                )
+            sections.append(section)
+        return b"".join(container_pieces(sections))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

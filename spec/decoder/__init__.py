@@ -10,5 +10,5 @@ Modules in the order of decoding, with the sections of the specification that th
 `rangecoder` (3.3 to 3.5, 3.7), `contexts` (3.5, 3.6, 3.8, 3.9), `animation` (4, 18), `mesh` (5, 7.2), `connectivity`
 (5), `order` (6), `reference` (7), `curves` (8), `patches` (9), `groups` (10, 12), `space` (11), `timefunctions`
 (13), `coefficients` (14), `residuals` (15), `motion` (16, 19), `attributes` and `wedges` (17), `fieldchunks` (24),
-`storedfields` (25).
+`storedfields` (25). `gltf` follows `spec/extension`.
 """

@@ -1,0 +1,217 @@
+"""Write the motion of meshes as a `.pdeanim` file in a buffer view: the extension PDECODEC_mesh_motion.
+
+`spec/extension` describes it. Vertices that are together at all frames are welded before they are encoded. Rows of the
+glTF meshes stand in the order in which the codec has the vertices, and so do triangles: no order has to be stored. An
+animation that is decoded already is not encoded again: its own file is stored, without what the glTF file holds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.encoding import encode
+from pdecodec.codec.opening import open_animation
+from pdecodec.codec.sections.connectivity import coded_orders
+from pdecodec.codec.settings import EncodeSettings
+from pdecodec.formats.base.attribute_roles import vertex_slices
+from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.types import MESH_MOTION
+from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
+
+BOX_DIGITS = 3
+"""Decimal digits to which boxes are rounded outwards, of the largest coordinate."""
+
+STEPS_BETWEEN_FRAMES = 2
+"""Times for each frame at which a box looks for the motion's extent: splines overshoot a little between frames."""
+
+
+@dataclass(frozen=True)
+class CodedRows:
+    """How the vertices and faces of an object stand in the motion.
+
+    Attributes
+    ----------
+    first : int
+        Number of the object's first vertex in the motion.
+    numbers : (vertices,) int64
+        Number of each vertex in the motion, counted from `first`.
+    ranks : (faces,) int64
+        Place of each face in the order of the codec.
+    primitives : list of dict
+        Those that were written for the object.
+    """
+
+    first: int
+    numbers: Int64Array
+    ranks: Int64Array
+    primitives: list[dict[str, Any]] = field(default_factory=list)
+
+    def add_to(self, primitive: dict[str, Any], row_map: dict[str, int]) -> None:
+        """Give a primitive the extension; `row_map` has its member ``vertexMap``, if there is one."""
+        first = {"firstVertex": self.first} if self.first else {}
+        primitive["extensions"] = {MESH_MOTION: {"motion": 0, **first, **row_map}}
+        self.primitives.append(primitive)
+
+
+class MotionWriter:
+    """The objects of a scene that the motion of a glTF file moves.
+
+    Parameters
+    ----------
+    builder : GltfBuilder
+    sequence : MeshSequence
+        The whole scene, as it is encoded.
+    settings : EncodeSettings
+        Without a target, an animation's own file is stored.
+    progress : callable, optional
+    """
+
+    def __init__(
+        self, builder: GltfBuilder, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None
+    ) -> None:
+        self._builder, self._sequence, self._settings, self._progress = builder, sequence, settings, progress
+        self.stored = sequence if isinstance(sequence, Animation) and is_stored(sequence, settings) else None
+        self._objects: list[MeshObject] = []
+        self._parts: list[tuple[Float32Array, Int64Array]] = []
+        self._rows: list[CodedRows] = []
+
+    @property
+    def is_used(self) -> bool:
+        """Whether the motion moves anything."""
+        return bool(self._objects)
+
+    def add(self, item: MeshObject, frames: Float32Array) -> CodedRows:
+        """Add an object with its positions (frames, vertices, 3); of a stored animation all objects, in order."""
+        first, part = sum(one.vertex_count for one in self._objects), item.connectivity
+        if self.stored is not None:
+            self._objects.append(item)
+            self._rows.append(CodedRows(first, np.arange(part.vertex_count), np.arange(part.face_count)))
+            return self._rows[-1]
+        leaders, welded = weld(frames)
+        shape = Connectivity(
+            leaders.size,
+            part.face_counts,
+            welded[part.face_indices].astype(np.int32),
+            part.line_counts,
+            welded[part.line_indices].astype(np.int32),
+        )
+        (order,) = coded_orders([shape])
+        vertices = np.arange(leaders.size) if order is None else order.vertices.astype(np.int64)
+        faces = np.arange(part.face_count) if order is None else order.faces.astype(np.int64)
+        corners = np.arange(part.face_indices.size) if order is None else order.corners.astype(np.int64)
+        number, ranks = np.empty(leaders.size, np.int64), np.empty(part.face_count, np.int64)
+        number[vertices], ranks[faces] = np.arange(leaders.size), np.arange(part.face_count)
+        coded = Connectivity(
+            leaders.size,
+            shape.face_counts[faces],
+            number[shape.face_indices[corners]].astype(np.int32),
+            shape.line_counts,
+            number[shape.line_indices].astype(np.int32),
+        )
+        self._objects.append(MeshObject(item.name, coded))
+        self._parts.append((frames, leaders[vertices]))
+        self._rows.append(CodedRows(first, number[welded], ranks))
+        return self._rows[-1]
+
+    def write(self, animation: int | None, rate: float) -> list[str]:
+        """Write the motion, as a part of an animation or as one of its own; return notices."""
+        if not self._objects:
+            return []
+        notices: list[str] = []
+        if self.stored is not None:
+            data = self.stored.motion_alone()
+        else:
+            bound = self._settings.bound(self._scale())
+            settings = dataclasses.replace(self._settings, tolerance=None, max_error=bound, order="keep", scene="drop")
+            report = encode(
+                _Parts(self._sequence, self._objects, self._parts), settings=settings, progress=self._progress
+            )
+            assert report.data is not None  # without a path the report has the bytes
+            with open_animation(report.data) as coded:
+                data = coded.motion_alone()
+            notices.append(
+                f"the motion is up to {report.max_error:.2g} off at frames, and {report.bound:.2g} are allowed"
+            )
+        with open_animation(data) as coded:
+            self._box(coded)
+            duration = float(coded.times[-1] - coded.times[0])
+        entry: dict[str, Any] = {"bufferView": self._builder.view(np.frombuffer(data, np.uint8)), "duration": duration}
+        entry |= {"frameRate": rate, **({"name": "motion"} if animation is None else {"animation": animation})}
+        self._builder.root.setdefault("extensions", {})[MESH_MOTION] = {"motions": [entry]}
+        self._builder.use(MESH_MOTION, is_required=False)
+        return notices
+
+    def _scale(self) -> float:
+        from pdecodec.mesh.metrics import frame_scale
+
+        return frame_scale(self._sequence.read_frames(0, 1)[0])
+
+    def _box(self, coded: Animation) -> None:
+        """Add the box of each object at all times to its primitives."""
+        low, high = np.full((coded.vertex_count, 3), np.inf), np.full((coded.vertex_count, 3), -np.inf)
+        steps = np.diff(coded.times, append=coded.times[-1])[:, None] * np.arange(STEPS_BETWEEN_FRAMES)
+        for time in np.unique(coded.times[:, None] + steps / STEPS_BETWEEN_FRAMES):
+            points = coded.positions(time)
+            np.minimum(low, points, out=low)
+            np.maximum(high, points, out=high)
+        for rows, own in zip(self._rows, vertex_slices(self._objects), strict=True):
+            box = low[own].min(axis=0), high[own].max(axis=0)
+            scale = max(1e-30, *(float(np.abs(one).max()) for one in box))
+            digits = BOX_DIGITS - math.ceil(math.log10(scale))
+            smallest, largest = (
+                [round(float(way(one * 10.0**digits)) / 10.0**digits, max(0, digits)) for one in corner]
+                for way, corner in ((np.floor, box[0]), (np.ceil, box[1]))
+            )
+            for primitive in rows.primitives:
+                primitive["extensions"][MESH_MOTION] |= {"min": smallest, "max": largest}
+
+
+def is_stored(sequence: MeshSequence, settings: EncodeSettings | None) -> bool:
+    """Return whether the motion of a sequence is coded already, and no other bound is asked for."""
+    if not isinstance(sequence, Animation) or settings is None:
+        return False
+    has_cells = any(one.connectivity.cell_count for one in sequence.meshes)
+    return settings.tolerance is None and settings.max_error is None and not has_cells
+
+
+class _Parts(MeshSequence):
+    """The welded objects, in the order of the codec."""
+
+    def __init__(
+        self, source: MeshSequence, objects: Sequence[MeshObject], parts: Sequence[tuple[Float32Array, Int64Array]]
+    ) -> None:
+        self.objects, self._parts = tuple(objects), parts
+        self.times, self.fps, self.metadata, self.notices = source.times, source.fps, {}, ()
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return np.concatenate([frames[start:stop][:, vertices] for frames, vertices in self._parts], axis=1)
+
+
+def weld(frames: Float32Array) -> tuple[Int64Array, Int64Array]:
+    """Find vertices that are together at all frames, (frames, vertices, 3).
+
+    Returns
+    -------
+    leaders : (welded,) int64
+        The first vertex of each group, in order.
+    welded : (vertices,) int64
+        The group of each vertex.
+    """
+    keys = frames[[0, len(frames) // 2, -1]].transpose(1, 0, 2).reshape(frames.shape[1], -1)
+    _, first, groups = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    leader = first[groups.reshape(-1)]
+    is_apart = np.zeros(leader.size, bool)
+    followers = np.flatnonzero(leader != np.arange(leader.size))
+    for points in frames:
+        is_apart[followers] |= (points[followers] != points[leader[followers]]).any(axis=1)
+    leader = np.where(is_apart, np.arange(leader.size), leader)
+    leaders, welded = np.unique(leader, return_inverse=True)
+    return leaders, welded.reshape(-1)

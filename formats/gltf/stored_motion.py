@@ -1,0 +1,141 @@
+"""Read the motion of meshes from `.pdeanim` files in buffer views: the extension PDECODEC_mesh_motion.
+
+`spec/extension` describes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdecodec.codec.container import IDENTIFIER
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.opening import open_animation
+from pdecodec.errors import CorruptFileError, damaged
+from pdecodec.formats.base.times import FLOAT32_ROUNDING, SAME_TIME
+from pdecodec.formats.gltf.file import GltfFile
+from pdecodec.formats.gltf.types import MESH_MOTION
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+
+DURATION_SLACK = 1e-6
+"""Largest difference between the stated duration and that of the file [s]."""
+
+
+class StoredMotion:
+    """A motion of a file.
+
+    Attributes
+    ----------
+    entry : mapping
+        Its object in the extension.
+    coded : Animation
+    times : (frames,) float64 [s]
+        Times of its frames in the glTF animation.
+    offset : float [s]
+        What added to a time of the glTF animation gives the time of the `.pdeanim` file.
+    """
+
+    def __init__(self, entry: Mapping[str, Any], coded: Animation) -> None:
+        self.entry, self.coded = entry, coded
+        self.offset = float(coded.times[0]) - float(entry.get("startTime", 0))
+        self.times: Float64Array = coded.times - self.offset
+        self._read: tuple[bytes, Float32Array] | None = None
+
+    def positions(self, times: Float64Array) -> Float32Array:
+        """Return positions (times, vertices, 3) at times of the glTF animation."""
+        if self._read is None or self._read[0] != times.tobytes():
+            # A time that differs from that of a frame only by rounding is the frame's.
+            after = np.clip(np.searchsorted(self.times, times), 0, self.times.size - 1)
+            before = np.maximum(after - 1, 0)
+            is_nearer = np.abs(self.times[before] - times) < np.abs(self.times[after] - times)
+            nearest = np.where(is_nearer, before, after)
+            slack = FLOAT32_ROUNDING * np.abs(times) + SAME_TIME
+            is_frame = np.abs(self.times[nearest] - times) <= slack
+            self._read = (
+                times.tobytes(),
+                self.coded.positions(np.where(is_frame, self.coded.times[nearest], times + self.offset)),
+            )
+        return self._read[1]
+
+
+class StoredMotions:
+    """The motions of a file, opened when a mesh needs them."""
+
+    def __init__(self, file: GltfFile, path: Path) -> None:
+        self._file, self._path = file, path
+        self.entries: list[Mapping[str, Any]] = file.root.get("extensions", {}).get(MESH_MOTION, {}).get("motions", [])
+        self._opened: dict[int, StoredMotion] = {}
+
+    @property
+    def names(self) -> dict[str, int]:
+        """Motions that are animations of their own, by name."""
+        own = [(index, one) for index, one in enumerate(self.entries) if "animation" not in one]
+        return {str(one.get("name", f"motion_{index}")): index for index, one in own}
+
+    def playing(self, clip: int) -> list[int]:
+        """Return the motions that are part of an animation."""
+        return [index for index, one in enumerate(self.entries) if one.get("animation") == clip]
+
+    def of(self, index: int) -> StoredMotion:
+        """Return a motion; InputError if it is missing or no `.pdeanim` file of one connectivity.
+
+        CorruptFileError or LimitError if that file is damaged or asks for more memory than allowed.
+        """
+        if index not in self._opened:
+            if index >= len(self.entries):
+                raise damaged(f"motion {index} is missing; export the file again")
+            entry = self.entries[index]
+            animations = self._file.listed("animations")
+            if "bufferView" not in entry or entry.get("animation", -1) >= len(animations):
+                raise damaged(
+                    f"motion {index} names a buffer view or an animation that is missing; export the file again"
+                )
+            data = self._file.view_bytes(entry["bufferView"])
+            if not data.startswith(IDENTIFIER):
+                raise damaged(f"motion {index} is no .pdeanim file; export the file again")
+            with self._naming(index):
+                coded = open_animation(data)
+            if len(coded.runs) > 1:
+                raise damaged(f"motion {index} has faces that change, which no mesh of glTF has; export the file again")
+            span = float(coded.times[-1] - coded.times[0])
+            if not abs(span - entry.get("duration", span)) <= DURATION_SLACK:
+                raise damaged(
+                    f"motion {index} states {entry['duration']:g} s, and its .pdeanim file lasts {span:g} s; "
+                    "export the file again"
+                )
+            self._opened[index] = StoredMotion(entry, coded)
+        return self._opened[index]
+
+    def vertices(self, own: Mapping[str, Any], rows: int) -> Int64Array:
+        """Return the vertex of the motion (rows,) for each row of a primitive with this extension object."""
+        first, count = own.get("firstVertex", 0), self.of(own["motion"]).coded.vertex_count
+        numbers = np.arange(rows, dtype=np.int64)
+        if "vertexMap" in own:
+            values = self._file.accessor(own["vertexMap"])
+            if values.shape != (rows,) or values.dtype.kind != "u":
+                raise ValueError(
+                    f"the map to its motion has the shape {values.shape}, and {rows} vertices need one each"
+                )
+            numbers = values.astype(np.int64)
+        if rows and first + int(numbers.max()) >= count:
+            raise ValueError(f"it needs vertex {first + int(numbers.max())} of its motion, which has {count} vertices")
+        found: Int64Array = first + numbers
+        return found
+
+    def positions(self, index: int, times: Float64Array) -> Float32Array:
+        """Return positions (times, vertices, 3) of a motion."""
+        with self._naming(index):
+            return self.of(index).positions(times)
+
+    @contextmanager
+    def _naming(self, index: int) -> Iterator[None]:
+        """Name the motion in errors of its `.pdeanim` file."""
+        try:
+            yield
+        except CorruptFileError as error:
+            told = {"message": f"motion {index}: {error.message}", "path": self._path}
+            raise type(error)(**error.fields() | told) from error

@@ -1,0 +1,166 @@
+"""glTF files whose meshes a `.pdeanim` file moves (PDECODEC_mesh_motion): written, read, and refused if damaged."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec import (
+    CorruptFileError,
+    EncodeSettings,
+    InputError,
+    LimitError,
+    PdecodecError,
+    encode,
+    open_animation,
+    open_sequence,
+)
+from pdecodec.codec.source import DecodeLimits, usual_limits
+from pdecodec.formats import write_sequence
+from pdecodec.mesh.metrics import frame_scale
+from pdecodec.mesh.sequence import MeshSequence
+from spec.decoder.gltf import root_of, shape_at
+from spec.extension.make_example import PATH, example
+from tests.codec.test_round_trip import CLIPS
+
+NAME = "PDECODEC_mesh_motion"
+SETTINGS = EncodeSettings(tolerance=1e-3, effort="fast")
+
+
+def split(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Return the JSON and the buffer of a `.glb` file."""
+    data = path.read_bytes()
+    return root_of(data), data[28 + struct.unpack_from("<I", data, 12)[0] :]
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], object], chunk: bytes | None = None) -> Path:
+    """Write a copy of the example with another JSON or buffer."""
+    root, data = split(PATH)
+    change(root)
+    text = json.dumps(root).encode()
+    text, data = text + b" " * (-len(text) % 4), data if chunk is None else chunk
+    size = 28 + len(text) + len(data)
+    head = struct.pack("<4sIII4s", b"glTF", 2, size, len(text), b"JSON")
+    path.write_bytes(head + text + struct.pack("<I4s", len(data), b"BIN\0") + data)
+    return path
+
+
+def largest_distance(found: MeshSequence, expected: MeshSequence) -> float:
+    """Return the largest distance of a vertex from the nearest one expected that has the same motion, at all frames."""
+    count = expected.frame_count
+    first, other = (one.read_frames(0, count).astype(np.float64) for one in (expected, found))
+    distances = np.linalg.norm(other[:, :, None] - first[:, None], axis=-1).max(axis=0)
+    return float(max(distances.min(axis=1).max(), distances.min(axis=0).max()))
+
+
+@pytest.mark.parametrize(
+    ("name", "web"),
+    [
+        *((name, False) for name in ("smooth", "one frame", "static", "one vertex", "coordinates of 1e30", "lines")),
+        *((name, True) for name in ("two frames", "coordinates below the normal numbers", "far from the origin")),
+        *((name, True) for name in ("exploding in one frame", "duplicate vertices", "polygons", "several objects")),
+        *((name, False) for name in ("points", "irregular times", "times far from zero", "times before zero")),
+    ],
+)
+def test_every_vertex_comes_back_within_the_bound(name: str, web: bool, tmp_path: Path) -> None:
+    clip, path = CLIPS[name](), tmp_path / "a.glb"
+    notices = write_sequence(clip, path, motion=SETTINGS, web=web)
+    with open_sequence(path) as found:
+        np.testing.assert_allclose(found.times, clip.times, rtol=0, atol=1e-9)
+        assert found.fps == pytest.approx(clip.fps)
+        bound = 1e-3 * frame_scale(clip.read_frames(0, 1)[0])
+        assert largest_distance(found, clip) <= bound * (1 + 1e-6), notices
+
+
+def test_the_example_is_what_the_writer_writes_and_the_plain_decoder_agrees(tmp_path: Path) -> None:
+    again = tmp_path / "a.glb"
+    write_sequence(example(), again, motion=EncodeSettings(tolerance=1e-3))
+    assert again.read_bytes() == PATH.read_bytes()
+    primitive = root_of(PATH.read_bytes())["meshes"][0]["primitives"][0]
+    with open_sequence(PATH) as found:
+        for frame in (0, 17, found.frame_count - 1):
+            plain = shape_at(PATH.read_bytes(), primitive, float(found.times[frame]))
+            mine = found.read_frames(frame, frame + 1)[0, : len(plain)]
+            np.testing.assert_allclose(mine, plain, rtol=0, atol=1e-6)
+            own = primitive["extensions"][NAME]
+            assert (mine >= np.array(own["min"]) - 1e-9).all()
+            assert (mine <= np.array(own["max"]) + 1e-9).all()
+
+
+def test_a_file_that_is_coded_already_is_stored_without_encoding_it_again(tmp_path: Path) -> None:
+    source, path = tmp_path / "a.pdeanim", tmp_path / "a.glb"
+    encode(example(), source, SETTINGS)
+    with open_animation(source) as coded, open_sequence(source) as opened:
+        write_sequence(opened, path, motion=EncodeSettings())
+        root, data = split(path)
+        view = root["bufferViews"][root["extensions"][NAME]["motions"][0]["bufferView"]]
+        with open_animation(data[view["byteOffset"] :][: view["byteLength"]]) as stored:
+            assert not {"META", "ATTR", "SCEN"} & set(stored.sections)
+            assert np.array_equal(stored.read_frames(0, 36), coded.read_frames(0, 36))
+
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def _own(root: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = root["meshes"][0]["primitives"][0]["extensions"][NAME]
+    return found
+
+
+def _motion(root: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = root["extensions"][NAME]["motions"][0]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda root: _own(root).update(motion=1), "motion 1 is missing"),
+        (lambda root: _own(root).update(motion="a"), "is no whole number"),
+        (lambda root: _own(root).pop("motion"), "mesh 0 is damaged"),
+        (lambda root: _own(root).update(firstVertex=1), "which has 36 vertices"),
+        (lambda root: _own(root).update(vertexMap=99), "accessor 99 is damaged or missing"),
+        (lambda root: _own(root).update(vertexMap=0), "the map to its motion"),
+        (lambda root: _own(root).update(vertexMap=4), "the map to its motion"),
+        (lambda root: _motion(root).update(bufferView=99), "buffer view 99 is damaged or missing"),
+        (lambda root: _motion(root).update(bufferView=0), "motion 0 is no .pdeanim file"),
+        (lambda root: _motion(root).pop("bufferView"), "names a buffer view or an animation that is missing"),
+        (lambda root: _motion(root).update(animation=7), "names a buffer view or an animation that is missing"),
+        (lambda root: _motion(root).update(duration=3), "motion 0 states 3 s"),
+        (lambda root: _motion(root).update(startTime=1e300), "is no number, or out of range"),
+        (lambda root: root["extensions"].update({NAME: []}), "is no object"),
+        (lambda root: root["bufferViews"][-1].update(byteLength=100), "motion 0: "),
+        (
+            lambda root: root["meshes"][0]["primitives"][0].update(targets=[{"POSITION": 0}]),
+            "morph targets and a motion",
+        ),
+        (lambda root: root["extensions"].clear(), "motion 0 is missing"),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_line(change: Change, words: str, tmp_path: Path) -> None:
+    with pytest.raises((InputError, CorruptFileError), match=words) as caught:
+        open_sequence(changed(tmp_path / "a.glb", change))
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "a.glb"))
+
+
+def test_each_changed_byte_of_a_motion_gives_an_error_of_ours_or_positions(tmp_path: Path) -> None:
+    root, data = split(PATH)
+    view = root["bufferViews"][-1]
+    for place in range(view["byteOffset"], view["byteOffset"] + view["byteLength"], 7):
+        other = bytearray(data)
+        other[place] ^= 0x55
+        path = changed(tmp_path / "a.glb", lambda root: None, bytes(other))
+        with pytest.raises(PdecodecError, match=f"{path.name}.*motion 0"):
+            open_sequence(path).read_frames(0, 36)
+
+
+def test_limits_of_decoding_hold_inside_a_glb() -> None:
+    with usual_limits(DecodeLimits(max_memory=1000)), pytest.raises(LimitError, match=r"example\.glb.*motion 0"):
+        open_sequence(PATH).read_frames(0, 1)
