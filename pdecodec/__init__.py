@@ -19,10 +19,12 @@ __version__ = "0.1.0"
 
 
 def _check_interpreter() -> None:
-    """Raise ImportError if the core would not be safe: its objects rely on one interpreter lock per process."""
+    """Raise ImportError where the core would not be thread-safe: its objects rely on one interpreter lock per
+    process.
+    """
     if not getattr(sys, "_is_gil_enabled", lambda: True)():
         raise ImportError("pdecodec needs Python's global interpreter lock; set PYTHON_GIL=1, or use the usual build")
-    for name in ("_interpreters", "_xxsubinterpreters"):  # names from Python 3.13 on, and before it
+    for name in ("_interpreters", "_xxsubinterpreters"):  # the module's names from Python 3.13 on, and before 3.13
         try:
             interpreters = importlib.import_module(name)
         except ImportError:

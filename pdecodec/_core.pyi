@@ -28,21 +28,21 @@ class CodedConnectivity(NamedTuple):
     ordr: bytes
 
 class CodedOrder(NamedTuple):
-    """The numbers that vertices, faces and corners have in the source, in the order in which they are coded."""
+    """The source's numbers of vertices, faces and corners, in the order in which they are coded."""
 
     vertices: Int32Array
     faces: Int32Array
     corners: Int32Array
 
 class CodedReference(NamedTuple):
-    """Section REST after its header, and the predictor that makes it smallest."""
+    """Section REST after its header, and the predictor that makes the section smallest."""
 
     predictor: int
     data: bytes
 
 class Smoothing(NamedTuple):
-    """Weights by class, (7, 2); the point that each vertex lies on, or nothing; smoothed grid coordinates [1/64
-    steps]; mean error of the smoothed frame divided by that of the frame.
+    """Weights by class, (7, 2); the first vertex at each vertex's position, or empty; smoothed grid coordinates
+    [1/64 steps]; mean error of the smoothed frame divided by that of the frame before smoothing.
     """
 
     weights: Int32Array
@@ -51,7 +51,7 @@ class Smoothing(NamedTuple):
     error_ratio: float
 
 class Curves(NamedTuple):
-    """The vertices of all curves, and where in this list each curve begins."""
+    """The vertices of all curves, curve after curve, and the index at which each curve begins."""
 
     order: Int32Array
     starts: Int64Array
@@ -79,8 +79,8 @@ def encode_reference(
     points: Int32Array,
     ties: Int32Array,
 ) -> CodedReference:
-    """Return section REST. weights, points: how the frame is smoothed; None and nothing if it is not. ties:
-    empty if no vertices are tied.
+    """Return section REST. weights, points: how the frame is smoothed; None and empty if it is not smoothed.
+    ties: empty if no vertices are tied.
     """
 
 def smooth_reference(
@@ -91,15 +91,15 @@ def smooth_reference(
     wanted: NDArray[np.float64],
     ties: Int32Array,
 ) -> Smoothing | None:
-    """Return how to smooth the frame; None if that would hardly bring it nearer to the wanted coordinates
+    """Return the smoothing of a frame; None if it would hardly bring the frame nearer to the wanted coordinates
     [steps], (vertices, 3).
     """
 
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
 ) -> tuple[Int64Array, Int32Array]:
-    """Return grid coordinates, (vertices, 3), in 1/64 steps if the predictor smooths; and ties, empty if there
-    are none.
+    """Return grid coordinates, (vertices, 3), in 1/64 steps if the predictor smooths; and ties, empty if no
+    vertices are tied.
     """
 
 def encode_attributes(
@@ -215,13 +215,13 @@ class FieldRows:
     @property
     def count(self) -> int: ...
     def some(self, numbers: Int64Array) -> FieldRows:
-        """Return some of the rows, given in ascending order, with the neighbours among them."""
+        """Return the rows with the given ascending numbers, and the neighbours among them."""
 
 def encode_field_chunk(
     rows: FieldRows, values: Int64Array, kinds: NDArray[np.uint8] | None, levels: int, step: int
 ) -> bytes:
     """Return a chunk of section FDAT for values (frames, rows, components). Decoded values differ by at most step // 2.
-    Of values that are not finite only the kind is kept: 1 not a number, 2 infinity, 3 minus infinity.
+    Values that are not finite are reduced to their kind: 1 not a number, 2 infinity, 3 minus infinity.
 
     Raises
     ------
@@ -239,15 +239,15 @@ def encode_transformed_field_chunk(
     step: int,
 ) -> bytes:
     """Return a chunk with functions of time (frames, 1, functions) and coefficients (rows, components,
-    functions); the rest is coded as a remainder. digits: fractional digits of the coefficients, which are at
-    most 2^digits in magnitude.
+    functions); their difference from the values is coded as a remainder. digits: fractional digits of the
+    coefficients, which are at most 2^digits in magnitude.
     """
 
 def decode_field_chunk(rows: FieldRows, data: bytes, frames: int, components: int) -> FieldChunk:
     """Undo `encode_field_chunk`; CorruptFileError if the chunk is damaged."""
 
 def reference_distances(residuals: Residuals) -> Int64Array:
-    """Return, (frames,), how many frames back the frame lies from which each frame's residuals are predicted."""
+    """Return, for each frame, how many frames before it lies the frame that predicts its residuals: (frames,)."""
 
 def measure_residuals(
     residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array, copies: float = 1.0
@@ -443,8 +443,8 @@ class SpaceBasis:
         """Return the coefficients of some subbands."""
 
 class Motion:
-    """The displacements of the vertices in a group of frames, or of those of some elements
-    (core/decode/evaluate/motion.hpp).
+    """The displacements of the vertices in a group of frames; of all vertices, or of the vertices of some
+    elements (core/decode/evaluate/motion.hpp).
     """
 
     def __init__(
@@ -509,7 +509,7 @@ def binary_logarithms(values: Float64Array) -> Float64Array:
     """
 
 class Excess:
-    """The parts of vertices' errors that exceed a target."""
+    """The part of each vertex's error that exceeds a target."""
 
     def __init__(self) -> None: ...
     def __len__(self) -> int: ...
@@ -517,11 +517,11 @@ class Excess:
         """Add `push` times the excess to the values of functions of time at the vertices."""
 
 def farthest_apart(one: Motion, other: Motion, time: Float64Array, reference: Float64Array, threads: int) -> float:
-    """Return the largest difference of two motions of the same vertices in a coordinate, before residuals."""
+    """Return the largest difference in a coordinate between two motions of the same vertices, before residuals."""
 
 class MissedVertices(NamedTuple):
-    """Residuals of the vertices that may miss the bound. If errors were requested: the largest squared distance
-    and the sum of squared distances that a decoder has.
+    """Residuals of the vertices that may miss the bound. If errors were requested, also the largest squared
+    distance and the sum of squared distances of decoded positions.
     """
 
     residuals: Residuals
@@ -529,7 +529,9 @@ class MissedVertices(NamedTuple):
     sum_of_squares: float
 
 class GroupModel:
-    """A model of a group, compared with the positions that it approximates; residuals keep the bound."""
+    """A model of a group, compared with the positions that it approximates; residuals correct vertices beyond
+    the bound.
+    """
 
     def __init__(
         self,
@@ -549,7 +551,7 @@ class GroupModel:
         has_errors: bool,
         threads: int,
     ) -> MissedVertices:
-        """If an aim is given, `excess` is filled."""
+        """Fills `excess` if an aim is given."""
 
 def series_functions(points: Float64Array, rate: float, order: int) -> Float64Array: ...
 def arc_length_parameters(grid: Int64Array, pieces: Patches) -> Float64Array: ...
@@ -563,14 +565,14 @@ class Run(NamedTuple):
     vertices: int
 
 class Section(NamedTuple):
-    """The type of a section, and where its bytes are in the file."""
+    """The type of a section, and the position of its bytes in the file."""
 
     type: str
     offset: int
     length: int
 
 class Group(NamedTuple):
-    """A group of frames; functions and basis are numbers."""
+    """A group of frames; its kinds of functions and basis are given as numbers."""
 
     first: int
     frames: int
@@ -663,8 +665,8 @@ class Corrections(NamedTuple):
     offsets: Float32Array
 
 class Animation:
-    """An open file (core/decode/animation.hpp). `file` is its bytes, or a binary file that is read when needed:
-    by its descriptor (not on Windows), or by its methods. In a file of several runs each run is opened
+    """An open file (core/decode/animation.hpp). `file` is its bytes, or a binary file that is read on request,
+    through its descriptor (not on Windows) or its methods. In a file of several runs each run is opened
     separately; before that, methods that need a run raise an error.
     """
 
@@ -700,7 +702,7 @@ class Animation:
     def coefficients(self, group: int) -> Float64Array: ...
     def evaluate(self, quantity: int, times: Float64Array, object: int | None, out: Float32Array) -> None: ...
     def groups_at(self, quantity: int, time: float) -> GroupRange:
-        """Return the groups that contribute at a time."""
+        """Return the groups that contribute to a quantity at a time."""
     def weights(self, quantity: int, time: float, group: int) -> Float64Array:
         """(time axes, functions)."""
     def fields(self, group: int) -> Float32Array:
@@ -715,7 +717,7 @@ class Animation:
     def close(self) -> None: ...
     def verify(self) -> None: ...
     def check_section(self, type: str) -> None:
-        """Check the bytes of a section: of the run, or of a file with several runs."""
+        """Check the bytes of a section of the run, or of the whole file if it has several runs."""
     def check_group(self, group: int) -> None:
         """Check the bytes of a group of frames."""
     def cancel(self) -> None: ...

@@ -1,8 +1,8 @@
-"""The errors that pdecodec raises on purpose: one root, a few classes, and data that tell cases apart.
+"""The errors that pdecodec raises on purpose: one root, a few classes, and data that distinguish cases.
 
-An error says in one line what happened, where, and what to do. Programs read its class, `code` and fields, never its
-text. The library calls settings by their names in its functions; the command line replaces these names by its options
-and turns classes into exit codes. The library never exits and never prints.
+The message of an error says in one line what happened, where, and what to do. Programs read its class, `code` and
+fields, never its text. The library calls settings by the names of its parameters; the command line replaces these
+names by its options and turns classes into exit codes. The library never exits and never prints.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, Self
 
 
 class ErrorCode(StrEnum):
-    """What went wrong, for programs. Values never change; later versions may add some (`docs/errors.md`)."""
+    """The kind of failure, for programs. Values never change; later versions may add some (`docs/errors.md`)."""
 
     description: str
 
@@ -218,7 +218,7 @@ class PdecodecError(Exception):
 
 
 class Notice(str):
-    """Information from a reader or a writer for people, and the setting that changes it.
+    """Information from a reader or a writer for people, and the setting that changes the result.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class Notice(str):
 
 
 class SettingsError(PdecodecError):
-    """Settings or arguments are contradictory or out of range; the message follows the name in `setting`."""
+    """Settings or arguments contradict each other or are out of range; the message follows the name in `setting`."""
 
     exit_code = 2
     default_code = ErrorCode.INVALID_SETTING
@@ -255,7 +255,7 @@ class SettingsError(PdecodecError):
 
 
 class InputError(PdecodecError):
-    """An input (mesh, sequence, or place to write to) that cannot be used as it is."""
+    """An input (mesh, sequence, or path to write to) that cannot be used as it is."""
 
     exit_code = 3
     default_code = ErrorCode.INVALID_INPUT
@@ -311,12 +311,12 @@ def unreadable(
     Parameters
     ----------
     error : Exception
-        What the system raised.
+        The system's exception.
     path : path-like
     advice : str
         What to do, such as "check the name".
     doing : {"read", "opened", "written"}
-        What failed.
+        The action that failed.
     frame : int, optional
     """
     number = error.errno if isinstance(error, OSError) else None
@@ -329,7 +329,7 @@ def unreadable(
 
 @contextmanager
 def naming_file(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Add the file's path to errors from code that knows only arrays and positions."""
+    """Add the file's path to errors from code that does not know it."""
     try:
         yield
     except (InputError, MissingExtraError) as error:

@@ -31,14 +31,14 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """Quantities, by the core's numbers."""
 
 GROUPS_KEPT = 4
-"""Number of groups whose fields stay on the device: two that contribute between frames, and the next."""
+"""Number of groups whose fields stay on the device: the two that contribute between frames, and the next one."""
 
 FRAMES_KEPT = 4
-"""Number of frames whose corrections stay on the device: those before and after a time, and the next."""
+"""Number of frames whose corrections stay on the device: the frames before and after a time, and the next ones."""
 
 
 class Corrections(NamedTuple):
-    """Corrections of the model at the frames of a group: frame, vertex and offset of each.
+    """Corrections of single vertices at the frames of a group: frame, vertex and offset of each.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class ArrayEvaluator:
     def _evaluate(self, quantity: int, times: ArrayLike, outside: Outside) -> Any:
         asked = np.atleast_1d(np.asarray(times, np.float64))
         inside = self._animation._inside(asked, outside)
-        # The core clamps times itself, and knows that nothing moves outside the clip.
+        # The core clamps times itself, and returns zero velocities outside the clip.
         wanted = (asked if outside == "clamp" else inside).tolist()
         parts = [
             self._of_groups(quantity, list(some), range(*groups))
@@ -286,7 +286,8 @@ class ArrayEvaluator:
         xp, count = self._library, self._animation.vertex_count
         order = begin + np.argsort(rows.vertices[begin:end])
         every = xp.arange(count, **self._place)
-        # Padding refers to an extra vertex behind the last one.
+        # Padding with an extra vertex after the last one, which `searchsorted` returns for vertices without a
+        # correction.
         lacking = xp.asarray(np.append(rows.vertices[order], count), dtype=every.dtype, **self._place)
         offsets = self._there(np.append(rows.offsets[order], np.zeros((1, 3)), axis=0).ravel())
         at = xp.searchsorted(lacking, every)
@@ -297,7 +298,7 @@ class ArrayEvaluator:
 
 
 class _Kept(Generic[Value]):
-    """A cache of the latest values, by number."""
+    """A cache of the most recent values, by number."""
 
     def __init__(self, count: int) -> None:
         self._count, self._values = max(1, count), OrderedDict[int, Value]()

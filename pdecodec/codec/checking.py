@@ -137,7 +137,9 @@ class _Check:
 
     @contextmanager
     def _noting(self, *, run: int | None = None, about: str = "", **place: Any) -> Iterator[None]:
-        """Within this context, record a raised fault and go on, unless the fault follows from one that is recorded."""
+        """Record faults that are raised in this context and continue; skip a fault that only follows from a
+        recorded one.
+        """
         try:
             yield
         except CorruptFileError as error:
@@ -152,7 +154,7 @@ class _Check:
 
 
 def _subject(finding: Finding) -> tuple[object, ...]:
-    """Return the subject of a finding. A second finding on the same subject only follows from the first."""
+    """Return the subject of a finding; of two findings on one subject, the second only follows from the first."""
     # Groups of fields have no number of their own: their messages name the field and its frames.
     group = (finding.group, finding.message) if finding.code in GROUP_FAULTS else None
     return finding.severity, finding.run, group, finding.section or finding.code

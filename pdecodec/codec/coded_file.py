@@ -60,7 +60,7 @@ class CodedFile:
                 one = whole.runs[run]
                 assert isinstance(one, Animation)
                 self.animation: Animation = one
-                # The file's SOLD, FLDS and FDAT are those of all runs.
+                # Sections SOLD, FLDS and FDAT of the file hold the data of all runs.
                 of_file = {kind.type for kind in SECTION_KINDS.values() if kind.of == "file"}
                 self._sections = {
                     **{kind: stored for kind, stored in self._sections.items() if kind in of_file},
@@ -119,7 +119,7 @@ class CodedFile:
             yield entry, (time, coefficients, residuals)
 
     def field_chunk(self, group: _core.FieldGroup) -> bytes:
-        """Return the checked chunk of a group of a field."""
+        """Return the checked chunk of one group of a field."""
         data = self._read(group.offset, group.size)
         if zlib.crc32(data) != group.checksum:
             raise CorruptFileError(
@@ -136,12 +136,12 @@ class CodedFile:
         return self._file.read(size)
 
     def appending(self, sequence: MeshSequence, *, effort: EffortName, progress: Progress | None) -> AppendingEncoder:
-        """Return an encoder for frames of a sequence of its mesh, with its model.
+        """Return an encoder that codes frames of a sequence with this file's mesh and model, to add them to the file.
 
         Raises
         ------
         InputError
-            If it is in closed form, where frames cannot be added.
+            If the file is in closed form, which cannot be extended.
         """
         if self.entries[0].basis == "closed form":
             raise InputError(
@@ -161,12 +161,12 @@ class Described(MeshSequence):
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
-        raise NotImplementedError  # only a header is written, for which positions are never read
+        raise NotImplementedError  # Only a header is written, for which positions are never read.
 
 
 @dataclass(frozen=True)
 class CodedFrames:
-    """Frames of a run that are cut out."""
+    """Frames that are cut out of a run."""
 
     file: CodedFile
     first: int
@@ -191,7 +191,9 @@ class CodedFrames:
         return self.end - self.first - (self._whole[-1] - self._whole[0] if self._whole else 0)
 
     def check_edges(self, begin: int, times: Float64Array) -> None:
-        """Raise SettingsError if a group would be cut through; `begin` is the run's first frame in the file."""
+        """Raise SettingsError if a group would be cut through; `begin` is the first frame of the run within the
+        file.
+        """
         edges = self.file.edges
         through = [frame for frame in (self.first, self.end) if frame not in edges]
         if through:
@@ -201,7 +203,7 @@ class CodedFrames:
             )
 
     def pieces(self) -> Iterator[Coded]:
-        """Yield the groups, coded again where they are cut through."""
+        """Yield the groups; groups that are cut through are coded again."""
         edges, whole = self.file.edges, self._whole
         inner = (whole[0], whole[-1]) if whole else (self.end, self.end)
         if self.first < inner[0]:

@@ -32,7 +32,7 @@ class CodedOrderSequence(MeshSequence):
             source.objects, coded_orders([item.connectivity for item in source.objects]), strict=True
         ):
             if item.connectivity.cell_count:
-                order = None  # cells cost more in another numbering than the order of their surface does
+                order = None  # Cells cost more when numbered in the order of their surface.
             count = item.vertex_count
             self._orders.append(order)
             numbers = np.arange(count) if order is None else order.vertices.astype(np.int64)

@@ -16,7 +16,7 @@ from typing import BinaryIO, Literal, cast
 from pdecodec.system.whole_output import whole_file, write_errors
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
-"""Made like PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change."""
+"""Modelled on PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change."""
 
 MAJOR_VERSION, MINOR_VERSION = 1, 0
 
@@ -98,8 +98,8 @@ RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of in 
 """Sections of a run, in the order of section RUNS."""
 
 FIELD_SECTIONS = ("FLDS", "FDAT", "RFLD")
-"""Sections of fields. A file of several runs has one FLDS and one FDAT with those of all runs, one after the
-other; RFLD says where each run's part ends.
+"""Sections of fields. In a file of several runs, one FLDS and one FDAT hold the fields of all runs, run after
+run; RFLD says where each run's part ends.
 """
 
 BESIDE_MOTION = (*FIELD_SECTIONS, SCENE_SECTION)
@@ -201,7 +201,7 @@ class StoredSection:
 
 
 def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
-    """Return the table of sections of a file. A decoder must have opened the file, and thereby checked the table."""
+    """Return the table of sections of a file. The core must have opened the file before, which checks the table."""
     file.seek(0)
     count = HEADER.unpack(file.read(HEADER.size))[3]
     found = []
@@ -217,8 +217,8 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
 
 
 def before_groups(head: bytes) -> int:
-    """Return where groups of frames begin, from the first bytes of a file, which are not checked; 0 if these do
-    not tell.
+    """Return the offset at which groups of frames begin, from the unchecked first bytes of a file; 0 if these
+    bytes do not contain it.
     """
     if not head.startswith(IDENTIFIER):
         return 0

@@ -132,7 +132,7 @@ class Animation(MeshSequence):
 
     @property
     def stored_sections(self) -> list[_core.Section]:
-        """Places of the sections in the file; of a run, those of its own."""
+        """Offsets and lengths of the sections in the file; for a run, of its own sections."""
         return self._core.sections
 
     @cached_property
@@ -355,7 +355,7 @@ class Animation(MeshSequence):
     def _of_core(
         self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
     ) -> Any:
-        # The core itself knows that nothing moves outside the clip.
+        # Outside the clip, the core itself returns zero velocities.
         known = inside if quantity == POSITIONS or outside == "loop" else asked
         whole = (known.size, self.vertex_count, 3)
         shape = whole[1:] if is_one else whole
@@ -574,7 +574,9 @@ class Animation(MeshSequence):
 
     @property
     def part_decoders(self) -> tuple[Callable[[], object], ...]:
-        """Functions that decode the parts other than groups of frames: names, faces, reference frame, attributes."""
+        """Functions that decode parts of the file other than groups of frames: names, faces, reference frame,
+        attributes.
+        """
         own = self._core
 
         def naming(decode: Callable[[], object]) -> Callable[[], object]:
@@ -607,7 +609,7 @@ class Animation(MeshSequence):
         Raises
         ------
         CorruptFileError
-            If one does not.
+            If a check fails, or a part cannot be decoded.
         """
         with self._naming_the_file():
             self._core.verify()

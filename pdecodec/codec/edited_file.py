@@ -1,4 +1,4 @@
-"""Write files from groups of frames that are copied or coded again, with the sections that these share."""
+"""Write files whose groups of frames are copied or coded again, with the sections that all groups share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import MeshSequence
 
 SHARED_SECTIONS = ("CONN", "ORDR", "SOLD", "REST", "MODL", "ATTR")
-"""Sections that groups of one file share."""
+"""Sections that all groups of a file share."""
 
 EDIT_SEPARATOR = "; then "
 """Separates the description of a file's model in its summary from that of the latest edit."""
@@ -53,7 +53,7 @@ class CutReport:
 
 
 FieldPart = tuple[CodedFile | MeshSequence, int, int]
-"""A part of the frames of fields: where they come from, the first frame, and the one after the last."""
+"""Consecutive frames of fields: their source, the first frame, and the frame after the last."""
 
 
 def write_file(
@@ -83,7 +83,7 @@ def write_file(
 def write_runs(
     parts: Iterator[CodedFrames], whole: Animation, first: int, summary: str, path: Path, overwrite: bool
 ) -> CutReport:
-    """Write frames of several runs, from frame `first` of a file on, as a file of runs."""
+    """Write frames of several runs, from frame `first` of a file on, as a file of several runs."""
     described: list[Described] = []
     groups = again = 0
     table = RunTable(path)
@@ -113,7 +113,7 @@ def write_runs(
 
 
 class _Spools(list[Spool]):
-    """Spools of a run's chunks: those of the groups, and those of the fields."""
+    """Spools of a run's chunks, for groups of frames and for groups of fields."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT"))
@@ -134,7 +134,7 @@ def _remarks_of(head: CodedFile, summary: str) -> Section:
 
 
 def _scene_of(head: CodedFile) -> list[Section]:
-    """Return the section of the scene that a file carries, if there is one."""
+    """Return the section of the scene that a file carries; empty if it carries none."""
     scene = head.section(SCENE_SECTION)
     return [Section(SCENE_SECTION, scene)] if scene else []
 

@@ -205,7 +205,7 @@ def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.Pat
 def _following(
     before: Float64Array, times: Float64Array, fps: float, *, shift: bool, path: str | os.PathLike[str] | None
 ) -> Float64Array:
-    """Return the times of frames that follow others; raise SettingsError if they do not follow and `shift` is off."""
+    """Return the times of frames that follow other frames; raise SettingsError if they overlap and `shift` is off."""
     if not shift:
         if times[0] - before[-1] < SHORTEST_TIME_STEP:
             raise SettingsError(
@@ -216,7 +216,7 @@ def _following(
     moved: Float64Array
     last, numbers = np.rint(before[-1] * fps), np.rint(times * fps)
     if abs(before[-1] * fps - last) < FRAME_ROUNDING and np.abs(times * fps - numbers).max() < FRAME_ROUNDING:
-        # Times that are frame numbers stay frame numbers, so that they take no bytes in the file.
+        # Times that are frame numbers remain frame numbers, because these take no bytes in the file.
         moved = (numbers - numbers[0] + last + 1.0) / fps
         return moved
     moved = times - times[0] + before[-1] + 1.0 / fps

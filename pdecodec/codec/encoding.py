@@ -2,8 +2,8 @@
 
 The steps: frame 0 becomes the reference frame on a grid (REST). Each group of frames is fitted with functions of
 time and of space, which the profile chooses (:mod:`pdecodec.codec.encode.pipeline`,
-:mod:`pdecodec.codec.encode.paper`). Their coefficients are quantised and coded (TIME, COEF), and vertices that then
-miss the bound get residuals (CORR); all of that is in :mod:`pdecodec.codec.encode.fit`.
+:mod:`pdecodec.codec.encode.paper`). Their coefficients are quantised and coded (TIME, COEF), and vertices that still
+miss the bound get residuals (CORR); :mod:`pdecodec.codec.encode.fit` does this.
 :mod:`pdecodec.codec.encode.pipeline` goes from group to group and collects the sections.
 """
 
@@ -34,7 +34,7 @@ from pdecodec.system.storage import is_address, remote_output
 from pdecodec.system.whole_output import check_writable, whole_file
 
 Source = MeshSequence | ArrayLike | str | os.PathLike[str]
-"""What can be encoded: a sequence, an array of positions, or the path of a file, which is opened and closed."""
+"""Source of an encode: a sequence, an array of positions, or the path of a file, which is opened and closed."""
 
 
 def encode(
@@ -53,26 +53,27 @@ def encode(
 
     Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, `size`, or a `preset`. For
     `rms`, `size` and the preset "hero" the tolerance is searched (:mod:`pdecodec.codec.rate_control`): the coarsest
-    whose mean error or error of normals is no larger, the finest whose file is no larger. It has four digits and is in
-    the file's settings: an encode with it gives the same bytes.
+    tolerance that keeps the mean error or the error of normals within its limit, or the finest one whose file is
+    small enough. It has four digits and is recorded in the file's settings: an encode with it gives the same bytes.
 
     Parameters
     ----------
     sequence : MeshSequence, (frames, vertices, 3) array [scene units], or path
-        An array is one object of points at 24 frames a second (:class:`pdecodec.ArraySequence` takes faces and times),
-        a path what :func:`pdecodec.open_sequence` opens. Read once from front to back, after a look at a few windows of
-        it; under `rms`, `size` and "hero" several times for the search. Of a :class:`pdecodec.ChangingSequence` one run
-        is read and encoded after the other; tolerances are of the diagonal of its first frame. Bounds count from the
-        float32 positions that it gives: how far those are from its own, `rounding` of the report says.
+        An array is one object of points at 24 frames per second (:class:`pdecodec.ArraySequence` takes faces and
+        times); a path is opened by :func:`pdecodec.open_sequence`. The sequence is read once from front to back, after
+        a look at a few windows of it; for `rms`, `size` and "hero" the search reads it several times. The runs of a
+        :class:`pdecodec.ChangingSequence` are read and encoded one after the other; tolerances are relative to the
+        diagonal of its first frame. Errors are measured from the float32 positions that the sequence returns;
+        `rounding` of the report is their distance from the source's own positions.
     path : path-like, optional
-        The `.pdeanim` file, or its address; it appears whole or not at all. Without one its bytes are in the report.
+        The `.pdeanim` file, or its address; it appears whole or not at all. Without a path the report has its bytes.
     settings : EncodeSettings, optional
     rms : float, optional
-        Root of the mean square vertex distance over all frames, at most, over the diagonal of frame 0's bounding box.
+        Largest root mean square vertex distance over all frames, relative to the diagonal of frame 0's bounding box.
     size : int, optional [bytes]
-        Of the whole file, at most. It is used to 99 % where file sizes follow the tolerance that closely.
+        Largest size of the whole file. At least 99 % is used if file sizes follow the tolerance that closely.
     preset : {"preview", "default", "hero", "archive"}, optional
-        What the file is for (:data:`pdecodec.codec.presets.PRESETS`): "preview", a tolerance of 5e-3 and effort "fast";
+        Purpose of the file (:data:`pdecodec.codec.presets.PRESETS`): "preview", a tolerance of 5e-3 and effort "fast";
         "default", the default settings; "hero", at most 1e-3, and less until the normals of 99 % of all corners at
         frames are within 2 degrees of the source's; "archive", 1e-5 and effort "best". An effort among the options, or
         one in `settings` other than "default", replaces that of the preset.
@@ -85,14 +86,15 @@ def encode(
     Returns
     -------
     EncodeReport
-        Of the file written; `seconds` are those of the whole search, if there was one.
+        Describes the file written; if there was a search, `seconds` is its total time.
 
     Raises
     ------
     InputError
         If positions are not finite, the sequence cannot be read, or the output cannot be written.
     SettingsError
-        If settings are out of range, an option is unknown, several targets are given, or no tolerance reaches the one.
+        If settings are out of range, an option is unknown, several targets are given, or no tolerance reaches the
+        target.
     """
     known = {item.name for item in fields(EncodeSettings)}
     for name in options:
@@ -127,13 +129,13 @@ def encode(
         found = _encode(sequence, replace(chosen, tolerance=tolerance), None, scene, overwrite=False, progress=said)
         if normals is None:
             return found
-        assert found.data is not None  # without a path the report has the bytes
+        assert found.data is not None  # Without a path the report has the bytes.
         return replace(found, normal_p99=measure_normals(found.data, said))
 
     report = replace(encode_within(limit, encode_at, progress), size_limit=size, preset=preset)
     if target is None:
         return report
-    assert report.data is not None  # without a path the report has the bytes
+    assert report.data is not None  # Without a path the report has the bytes.
     with whole_file(target, overwrite=overwrite) as partial:
         partial.write_bytes(report.data)
     return replace(report, path=target, data=None)
@@ -168,7 +170,7 @@ def _encode(
 
 
 class _Scene(NamedTuple):
-    """Section SCEN, if there is one, what it holds, and why a scene is not kept."""
+    """Section SCEN if the scene is kept, its contents, and otherwise the reason why it is not kept."""
 
     sections: tuple[Section, ...] = ()
     contents: tuple[tuple[str, int], ...] = ()
@@ -176,7 +178,7 @@ class _Scene(NamedTuple):
 
 
 def _scene_of(sequence: MeshSequence, settings: EncodeSettings) -> _Scene:
-    """Return what a file carries of the scene around the motion."""
+    """Return the part of the source's scene that the file carries."""
     if settings.scene == "drop" or sequence.carried is None:
         return _Scene()
     if settings.order == "free":

@@ -18,15 +18,15 @@ FEWEST_FUNCTIONS = 16
 SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
 """Largest memory of a group, as a multiple of its displacements in float64: if the search keeps intermediate
 results; if memory matters more than time, or there is no search; and if motion is smooth. Noise takes the most:
-at bounds of 1e-5, for which float32 is too coarse, it took 18 to 25 times, 5 to 8 times, and 2 times for a
-swinging sheet. Cloth, which needs many functions, takes a quarter to two thirds of that, but this is not known
-before it is read.
+at bounds of 1e-5, for which float32 is too coarse, it took 18 to 25 times in the first case and 5 to 8 times in
+the second; a swinging sheet took 2 times in the third. Cloth, which needs many functions, takes a quarter to
+two thirds of that, but this is not known before it is read.
 """
 
 SHORT_COPIES, COPIES_A_FRAME = 8, 0.5
-"""The multiple for a short group, which is divided less often, if there is only one search: a constant, and
-more for each frame. Noise took 10 in 16 frames and 14 in 24; with effort "best", which repeats the search, 22
-in 16.
+"""The multiple for a short group, which is divided less often, if there is only one search: a constant, plus an
+amount per frame. Noise took 10 with 16 frames and 14 with 24; with effort "best", which repeats the search, 22
+with 16.
 """
 
 TABLE_COPIES = 32
@@ -42,8 +42,8 @@ VERTEX_BYTES = 900
 """Memory per vertex that does not depend on the number of frames: faces, reference frame and patches [bytes]."""
 
 BASIS_SHARE = 4
-"""The functions of patches may take at most 1 / BASIS_SHARE of a limit: groups can shrink to one frame, but
-functions cannot shrink.
+"""The functions of patches may take at most 1 / BASIS_SHARE of a memory limit, because groups can shrink to one
+frame but functions cannot shrink.
 """
 
 
@@ -126,7 +126,7 @@ def memory_plan(vertices: int, frames: int, settings: EncodeSettings) -> MemoryP
     Raises
     ------
     SettingsError
-        If a group of one frame takes more.
+        If even a group of one frame takes more.
     """
     need, limit = _Need(vertices, frames, settings), settings.max_memory
     if limit is None or need.usual <= limit:

@@ -1,6 +1,6 @@
-"""Products and decompositions of matrices, by the core: the same in every run, on every processor.
+"""Products and decompositions of matrices, computed by the core: the same in every run, on every processor.
 
-Numpy's own differ in their last bits between processors, so an encoder that called them would write other files.
+Results of numpy's own functions differ in their last bits between processors, and so would the encoder's files.
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import in_shares, thread_count
 
 SPAN_BLOCK, SPAN_BLOCKS = 64, 8
-"""Random sums of vertices in a block, and number of blocks; a block takes less time than decomposing all squares."""
+"""Number of random sums of vertices in a block, and of blocks. One block takes less time than decomposing the
+sums of squares of all frames.
+"""
 
 MAX_SPAN_SHARE = 0.35
-"""Largest share of all trajectories that a span may have; with more, decomposing the squares is quicker."""
+"""Largest size of a span, as a share of all trajectories; for more, decomposing the sums of squares is faster."""
 
 SPAN_REST_SHARE = 0.1
-"""Energy that a span may leave out, as a share of the energy that trajectories leave out in any case."""
+"""Energy that a span may leave out, relative to the energy that trajectories may leave out anyway."""
 
 WITHIN = 1e-12
-"""Squared remainder of a unit vector below which a span contains it."""
+"""A span contains a unit vector if the squared remainder is below this."""
 
 TINY = 1e-300
-"""Replaces a length of zero."""
+"""Divisor in place of a length of zero."""
 
 Span = tuple[Float64Array, Float64Array]
 """Coefficients (vertices, n) and orthonormal vectors (columns, n); their product approximates the displacements."""
@@ -59,8 +61,8 @@ def eigen(squares: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
-    """Return the pseudo-inverse of a symmetric matrix; eigenvalues below the share `alike` of the largest count
-    as zero.
+    """Return the pseudo-inverse of a symmetric matrix; eigenvalues below the fraction `alike` of the largest
+    count as zero.
     """
     values, vectors = eigen(squares)
     sizes = np.abs(values)
@@ -69,7 +71,7 @@ def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
 
 
 def orthonormal(vectors: Float64Array) -> Float64Array:
-    """Return orthonormal vectors, in columns, that span the given ones and are as many."""
+    """Return as many orthonormal vectors (columns) as are given, with the same span."""
     return _core.orthonormal_columns(vectors).vectors.T
 
 
@@ -82,14 +84,14 @@ def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, F
 
 
 def _count_of_leading(energies: Float64Array, total: float, least: float) -> int:
-    """Return how many of the falling energies leave at most `least` of a total; all of them if none do."""
+    """Return how many of the largest energies leave at most `least` of the total; all of them if none suffice."""
     left = total - np.append(0.0, np.cumsum(energies))
     enough = np.flatnonzero(left <= least)
     return int(enough[0]) if enough.size else energies.size
 
 
 def _turned(axes: Float64Array) -> Float64Array:
-    """Return the axes with signs that make the largest number of each positive."""
+    """Return the axes with signs that make the largest component of each positive."""
     largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
     return axes * np.where(largest < 0.0, -1.0, 1.0)
 
@@ -121,10 +123,11 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
 
 
 def spanning(products: Float64Array, least: float, most: int) -> Int64Array | None:
-    """Return vectors that span all others up to squares of `least`, given all inner products (n, n).
+    """Return the indices of vectors that span all others up to squared remainders of `least`, given all inner products
+    (n, n).
 
-    Each is the farthest from the span of those before: a Cholesky decomposition with pivots. None if it takes more
-    than `most` vectors.
+    Each chosen vector is the farthest from the span of those before (a Cholesky decomposition with pivots). None if
+    more than `most` vectors are needed.
     """
     left, rows = products.diagonal().copy(), np.zeros((most, len(products)))
     pivots: list[int] = []
@@ -143,7 +146,7 @@ def spanning(products: Float64Array, least: float, most: int) -> Int64Array | No
 def leading_span(rows: Rows, least: float) -> Span | None:
     """Return orthonormal vectors that span all but about :data:`SPAN_REST_SHARE` of `least` of the rows' energy.
 
-    None if that takes so many vectors that decomposing the squares is quicker.
+    None if this takes so many vectors that decomposing the sums of squares is faster.
 
     Parameters
     ----------
@@ -164,13 +167,13 @@ def leading_span(rows: Rows, least: float) -> Span | None:
         energy = float(np.square(left).sum())
         if energy <= SPAN_REST_SHARE * least:
             return products(rows, axes), axes
-        # The remaining energy falls more slowly from block to block.
+        # The remaining energy falls more slowly with every block, so extrapolating it is optimistic.
         blocks = min(most // SPAN_BLOCK, SPAN_BLOCKS - 1) - block
         if blocks <= 0 or (block > 1 and energy * math.prod([energy / before] * blocks) > SPAN_REST_SHARE * least):
             return None
         before = energy
         more = orthonormal(left)
-        if axes.size:  # once more, to remove what rounding left of the axes
+        if axes.size:  # Repeat it, to remove the components that rounding errors left.
             more = orthonormal(_outside(more, axes))
         axes = np.concatenate([axes, more], axis=1)
     return None
@@ -194,7 +197,7 @@ def _signed_sums(rows: Rows) -> Float64Array:
 
 
 def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
-    """Return the parts of vectors (columns) that orthonormal axes do not span."""
+    """Return the parts of vectors (columns) that are orthogonal to orthonormal axes."""
     return vectors - product(axes, product(axes.T, vectors))
 
 

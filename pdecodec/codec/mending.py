@@ -1,9 +1,9 @@
 """Read damaged `.pdeanim` files as far as possible, with a repaired header and table of sections.
 
-The decoder refuses a file with a wrong header, table or length. This module lists what is wrong with them, and
-presents the file to the decoder with a valid header, zeros in place of a missing end, and nothing after its last
-section. Every section and every group of frames has its own checksum, so whatever the decoder then accepts is what
-was written.
+The decoder refuses a file with a wrong header, table or length. This module lists these faults, and presents the
+file to the decoder with a valid header, zeros in place of a missing end, and nothing after its last section. Every
+section and every group of frames has its own checksum, so all content that the decoder then accepts is as it was
+written.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_LENGTH_BYTES = 8
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a file.
+    """One fault of a file.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class MendedFile(io.RawIOBase):
 
 
 def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list[ListedSection], list[Finding]]:
-    """Return a file that the decoder takes as far as it is sound, its sections, and the faults of header, table and
+    """Return a file that the decoder accepts as far as it is sound, its sections, and the faults of header, table and
     length.
 
     Parameters
@@ -124,12 +124,13 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
         Stays the caller's, who keeps it open.
     name : str
     most_missing : int [bytes]
-        Largest allowed difference between the declared and the actual length, since reading the rest takes memory.
+        Largest allowed difference between the declared and the actual length, because zeros in place of the missing
+        bytes take memory.
 
     Raises
     ------
     CorruptFileError
-        If it is not such a file, of a later major version, or its table cannot be read; `code` says which.
+        If it is not a `.pdeanim` file, has a later major version, or its table cannot be read; `code` says which.
     LimitError
         If more than `most_missing` is missing at its end.
     """
@@ -201,7 +202,7 @@ def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]
 
 
 def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[Finding]:
-    """Return findings for unknown sections, and for those whose bytes do not match the table."""
+    """Return findings about unknown sections, and about sections whose bytes do not match the table."""
     findings = []
     for section in sections:
         if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME occurs only in section RDAT

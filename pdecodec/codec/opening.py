@@ -26,7 +26,7 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
     ----------
     source : path-like, bytes, bytearray, memoryview or binary file
         The file's path; its address (``https://``, ``s3://``; extra ``remote``), of which only needed parts are read;
-        the whole file in memory; or a seekable file. The caller keeps the latter, but must not move its position
+        the whole file in memory; or a seekable file. A file object stays the caller's, who must not move its position
         while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
         Default: those of :func:`pdecodec.codec.source.usual_limits`, else its own defaults.
@@ -34,7 +34,7 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
     Returns
     -------
     Animation
-        Close it, or use it in a ``with`` statement: parts are read from the file when they are needed.
+        Close it, or use it in a ``with`` statement: parts are read from the file on request.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def open_animation(source: FileSource, *, limits: DecodeLimits | None = None) ->
     CorruptFileError
         If it is damaged, truncated, of another kind or a later major version.
     LimitError
-        If it asks for more memory than `limits` allow.
+        If decoding it would take more memory than `limits` allow.
     """
     limits = chosen_limits(limits)
     opened = open_source(source)
@@ -60,9 +60,9 @@ class ChangingAnimation(ChangingSequence, Animation):
     """A `.pdeanim` file whose connectivity changes: one timeline, with an :class:`Animation` for each of its
     :attr:`runs`.
 
-    Made by :func:`pdecodec.open`. Opening reads the places of the runs; a run reads no bytes but its own. At a time
-    between two runs, the earlier one stands still. Times of one call must belong to one run, otherwise SettingsError
-    is raised: see :meth:`run_at`.
+    Made by :func:`pdecodec.open`. Opening reads only where the runs are; using a run reads only the run's own bytes.
+    At a time between two runs, the earlier run keeps its last frame. All times of one call must belong to one run,
+    otherwise SettingsError is raised: see :meth:`run_at`.
     """
 
     __init__ = Animation.__init__
@@ -99,7 +99,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
     ) -> Any:
         run = self._run_of(inside)
-        # The wrapped time may fall after the last frame of a run, and so into the gap between two runs.
+        # The wrapped time may fall into the gap between two runs.
         own = inside if outside == "loop" else asked
         return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
 
@@ -161,7 +161,9 @@ class ChangingAnimation(ChangingSequence, Animation):
         }
 
     def verify(self) -> None:
-        """Check every byte of the file, and that every part of every run decodes; errors as for other animations."""
+        """Check every byte of the file, and decode every part of every run; raises the errors of
+        :meth:`Animation.verify`.
+        """
         with self._naming_the_file():
             self._core.verify()
         _ = self._remarks

@@ -1,4 +1,6 @@
-"""Coefficients as the paper writes them: c_w1 .. c_w32 of Eq. 17 for every curve and axis, and what they multiply."""
+"""Coefficients as the paper writes them: c_w1 .. c_w32 of Eq. 17 for every curve and axis, and the functions
+that they multiply.
+"""
 
 from __future__ import annotations
 
@@ -80,21 +82,21 @@ def paper_form(
 ) -> PaperForm:
     """Convert the coefficients of one group.
 
-    A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames;
-    they span the leading functions of the well-conditioned basis, which are combinations of all of the paper's.
+    A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames.
+    They are the first functions of the well-conditioned basis, each a combination of all of the paper's functions.
 
     Parameters
     ----------
     reference : ReferenceFrame
     space : SpaceBasis
     values : (functions of space, functions of time x axes) float64 [scene units]
-        As in the file.
+        Coefficients of the file.
     times : (frames,) float64 [s]
-        Of the group's frames.
+        Times of the group's frames.
     alpha : float
         Rate of Eq. 12 over half the group.
     functions, first_frame : int
-        Functions of time, and the group's first frame.
+        Number of functions of time, and the group's first frame.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def paper_form(
     time_condition = np.linalg.cond(to_paper_time) if time_form.functions else 1.0
     for p, own_functions in enumerate(space.functions_of_elements()):
         rows, count = slice(starts[p], starts[p + 1]), len(own_functions)
-        # The orthonormal functions are combinations of as many of the first series functions as the piece has points.
+        # A piece has as many orthonormal functions as points; each combines as many of the first series functions.
         matrix = np.zeros((SPACE_FUNCTIONS, count))
         matrix[:count] = np.linalg.lstsq(series[rows, :count], own_functions.T, rcond=None)[0]
         matrix = to_paper_space @ matrix

@@ -1,4 +1,4 @@
-"""Presets: names for what a file is for, in place of a tolerance and an effort."""
+"""Presets: names for purposes of a file, each with a tolerance and an effort."""
 
 from __future__ import annotations
 
@@ -19,14 +19,12 @@ from pdecodec.system.arguments import shown
 PresetName = Literal["preview", "default", "hero", "archive"]
 
 HERO_CLOSE = 0.05
-"""The limit on normals counts as met if at least this much of it is used up: the rest, a tenth of a degree, is
-invisible.
-"""
+"""Share of the limit on normals that may stay unused: a tenth of a degree, which is invisible."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Preset:
-    """What a preset stands for.
+    """Settings of a preset.
 
     Attributes
     ----------
@@ -34,7 +32,7 @@ class Preset:
         As in :class:`EncodeSettings`.
     effort : {"fast", "default", "best"}
     normal_angle : float or None [degrees]
-        The tolerance is searched, `tolerance` at most, so that 99 % of the normals are off by no more than this.
+        Largest angle by which 99 % of the normals may be off; a tolerance that keeps it is searched, up to `tolerance`.
     """
 
     tolerance: float | None = None
@@ -46,10 +44,11 @@ PRESETS: dict[PresetName, Preset] = {
     # Five pixels for a mesh that fills a picture of 1000 pixels: enough to judge timing and poses.
     "preview": Preset(tolerance=5e-3, effort="fast"),
     "default": Preset(),
-    # Shading shows normals, and keeping normals takes a finer tolerance for cloth and fine meshes than for coarse ones.
+    # Shading shows errors of normals; to keep these small, cloth and fine meshes need a finer tolerance than coarse
+    # meshes.
     "hero": Preset(tolerance=DEFAULT_TOLERANCE, normal_angle=2.0),
-    # A tenth of a pixel in a picture 8192 pixels wide, and a fifth of what float16 resolves at half of the range (2^-12
-    # / 5).
+    # A tenth of a pixel in a picture 8192 pixels wide, and a fifth of the resolution of float16 at half of its range
+    # (2^-12 / 5).
     "archive": Preset(tolerance=1e-5, effort="best"),
 }
 
@@ -63,7 +62,7 @@ def preset_named(name: str | None) -> Preset:
 
 
 def with_preset(settings: EncodeSettings, name: str | None, *, keeps_effort: bool) -> EncodeSettings:
-    """Return settings with the bound and, unless it was chosen otherwise, the effort of a preset.
+    """Return settings with the bound of a preset and, unless `keeps_effort`, its effort.
 
     Raises
     ------
@@ -109,14 +108,14 @@ def normal_limit(sequence: MeshSequence, preset: Preset) -> RateLimit | None:
 
 
 def normals_measured(sequence: MeshSequence, *, is_free: bool) -> Callable[[bytes, Progress | None], float | None]:
-    """Return a function that takes a file's bytes, decodes the file and returns what :func:`measure_corner_normals`
-    finds.
+    """Return a function that takes a file's bytes, decodes the file and returns the result of
+    :func:`measure_corner_normals`.
 
     Parameters
     ----------
     sequence : MeshSequence
     is_free : bool
-        Whether the file has its vertices in the order that costs nothing.
+        Whether the file was encoded with ``order="free"``, so that its vertices are in the coded order.
     """
     reference = changed(sequence, CodedOrderSequence) if is_free else sequence
 

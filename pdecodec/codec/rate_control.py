@@ -1,6 +1,6 @@
 """Rate control: search for the tolerance whose file has a given size, mean error or error of normals.
 
-Every step of the search is a whole encode, because nothing less tells the size of a file; it takes at most
+Every step of the search is a whole encode, because only an encode tells the size of a file; a search takes at most
 :data:`MAX_ENCODES` steps.
 """
 
@@ -23,19 +23,17 @@ Outcome = TypeVar("Outcome")
 
 FINEST = 1e-18
 """Finest tolerance that is tried: the float32 spacing of coordinates as small as a hundred-billionth of the
-diagonal. Clips are restored exactly long before it.
+diagonal. Coarser tolerances already restore clips exactly.
 """
 
 COARSEST = 1.0
-"""Coarsest tolerance that is tried: vertices may be anywhere in the scene."""
+"""Coarsest tolerance that is tried, at which vertices may be anywhere in the scene."""
 
 MAX_ENCODES = 10
 """Largest number of encodes: six to bracket the limit from anywhere in the range, four to close in on it."""
 
 CLOSE = 0.01
-"""A limit counts as met if it is kept and all but this share of it is used, or if the tolerance is known this
-precisely.
-"""
+"""Share of a limit that may stay unused, or precision of the tolerance, at which the search ends."""
 
 FIRST_STRIDE = math.log(4.0)
 """First step [log tolerance] away from a tolerance that misses the limit; each further step in the same
@@ -43,38 +41,38 @@ direction is twice as long.
 """
 
 LEAST_MOVE = 0.1
-"""An interpolated tolerance stays at least this share of the bracket away from its ends, where it would hardly
-narrow the bracket.
+"""Smallest distance of an interpolated tolerance from the ends of the bracket, as a share of the bracket;
+nearer to an end it would hardly narrow the bracket.
 """
 
 TOLERANCE_OVER_RMS = 2.5
-"""Initial tolerance of the search for a mean error, over that error: profile "auto" leaves a mean error of 0.3
-to 0.5 of its bound.
+"""Initial tolerance of the search for a mean error, divided by that error: profile "auto" leaves a mean error
+of 0.3 to 0.5 of its bound.
 """
 
 SMALLEST_VALUE = 1e-300
-"""Stands for an error of zero, which has no logarithm."""
+"""Value in place of an error of zero, which has no logarithm."""
 
 
 @dataclass(frozen=True)
 class RateLimit:
-    """The largest value that a measure of a report may have.
+    """An upper limit on a measure of the report.
 
     Attributes
     ----------
     value : float
     measure : callable
-        Takes a report.
+        Returns the measure of a report.
     falls : bool
         Whether the measure falls as the tolerance grows: bytes do, errors do not.
     start : float
         The first tolerance to try.
     refusal : callable
-        Takes the smallest value reached; the message where no file keeps the limit.
+        Returns the error message if no file keeps the limit, given the smallest value reached.
     coarsest : float
         No coarser tolerance is tried.
     close : float
-        The limit counts as met when it is kept and used up to this share.
+        Share of the limit that may stay unused.
     """
 
     value: float
@@ -149,7 +147,7 @@ def encode_within(
     Returns
     -------
     EncodeReport
-        Of the file taken; `seconds` are those of the whole search.
+        Describes the chosen file; `seconds` is the time of the whole search.
 
     Raises
     ------

@@ -44,7 +44,8 @@ class SampledAnimation(MeshSequence):
         self._quantity = quantity
         self.objects = animation.objects
         self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
-        times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)  # refuses now
+        # Raise errors about times now, not when frames are read.
+        times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)
         self._outside: Outside = outside
         self.metadata = animation.metadata
         self.notices = animation.notices
@@ -102,7 +103,7 @@ def sampled(
 
 
 class _SampledRun(MeshSequence):
-    """A run of an animation, sampled at times of its own that are presented as other times."""
+    """A run of an animation, sampled at its own times, which are presented as other times."""
 
     def __init__(
         self, animation: Animation, number: int, asked: Float64Array, inside: Float64Array, quantity: str

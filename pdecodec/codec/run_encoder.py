@@ -1,6 +1,6 @@
-"""Encode runs of frames one after the other, each like a file of its own, but without what all runs share.
+"""Encode runs of frames one after the other, each like a separate file, but store what all runs share only once.
 
-Only one run is in memory at a time. A section whose bytes equal those of the run before is not stored again.
+Only one run is in memory at a time. A section whose bytes equal those of the previous run is not stored again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence, Progress
 
 AS_BEFORE = 0
-"""Stored in place of a section's length plus one: the section equals that of the run before."""
+"""Value stored in place of a section's length plus one if the section equals that of the previous run."""
 
 
 def encode_runs(
@@ -45,11 +45,13 @@ def encode_runs(
     overwrite: bool,
     progress: Progress | None,
 ) -> EncodeReport:
-    """Encode a sequence of runs, with further sections at the end; for the rest see :func:`pdecodec.encode`."""
+    """Encode a sequence of several runs, with further sections at the end; other parameters as in
+    :func:`pdecodec.encode`.
+    """
     started = time.perf_counter()
     scale = frame_scale(checked_frames(sequence.runs[0], 0, 1)[0])
     bound = settings.bound(scale)
-    of_run = replace(settings, why=False)  # remarks describe all runs, whose choices differ
+    of_run = replace(settings, why=False)  # Remarks describe the whole file, but choices differ between runs.
     if bound is not None:
         of_run = replace(of_run, tolerance=None, max_error=bound)
     reports: list[EncodeReport] = []
@@ -109,7 +111,7 @@ class RunTable:
     Attributes
     ----------
     sizes : dict of str to int
-        Bytes of RDAT, by the section of the runs that they belong to.
+        Bytes of RDAT, by the type of the runs' sections.
     """
 
     def __init__(self, output: Path | None) -> None:
@@ -121,7 +123,7 @@ class RunTable:
         self._cells: list[bytes] = []
 
     def add(self, sequence: MeshSequence, sections: Sequence[Section]) -> None:
-        """Add a run, given the sections that a file of this run alone would have."""
+        """Add a run, given the sections of a file with this run alone."""
         found = {section.type: section for section in sections}
         found["NAME"] = Section("NAME", encode_names(sequence))
         self._writer.count(sequence.vertex_count)
@@ -222,7 +224,7 @@ PROFILES: dict[Profile, type[Encoder]] = {"auto": AutoEncoder, "paper": PaperEnc
 
 
 def make_encoder(sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> Encoder:
-    """Return the encoder that `settings` ask for, for a sequence of constant connectivity."""
+    """Return the encoder that `settings` request, for a sequence of constant connectivity."""
     if settings.order == "free":
         sequence = CodedOrderSequence(sequence)
     return PROFILES[settings.profile](sequence, settings, progress)

@@ -33,18 +33,18 @@ Frames = tuple[int, int]
 
 @dataclass(frozen=True)
 class Salvage:
-    """What was saved.
+    """The result of a salvage.
 
     Attributes
     ----------
     sequence : MeshSequence
-        The frames that decode, at their times; for a file of runs, those runs of which some frames decode.
+        The frames that can be decoded, at their times; in a file of several runs, only runs with such frames.
     frame_count : int
         Frames of the file.
     missing : tuple of (int, int)
         Frames of the file, from 0, that are not in `sequence`: first, and after the last.
     lost : tuple of str
-        What else is missing, one line each.
+        Other missing parts, one line each.
     """
 
     sequence: MeshSequence
@@ -59,14 +59,14 @@ class Salvage:
 
 
 class SoundFrames(MeshSequence):
-    """The frames of a run that decode.
+    """The frames of a run that can be decoded.
 
     Parameters
     ----------
     run : Animation
         Stays the caller's.
     frames : (n,) int64 array
-        Its frames that decode, increasing.
+        Its frames that can be decoded, increasing.
     objects : tuple of MeshObject
     metadata : mapping of str to str
     fields : mapping of str to list of (int, int)
@@ -100,7 +100,7 @@ class SoundFrames(MeshSequence):
 
 @contextmanager
 def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Iterator[Salvage]:
-    """Save what is undamaged of a file, while a ``with`` statement lasts.
+    """Salvage the undamaged parts of a file, for use within a ``with`` statement.
 
     Every group of frames is decoded once to test it, and again when its frames are read.
 
@@ -119,7 +119,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
     CorruptFileError
         If nothing can be saved; the message says why.
     LimitError
-        If the file asks for more than `limits` allow.
+        If decoding the file would take more memory than `limits` allow.
     InputError
         If it cannot be opened or read.
     """
@@ -141,7 +141,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
 
 
 class _Saved:
-    """The runs of an animation that decode at least in part, and a list of the parts that do not decode."""
+    """The runs of an animation that can be decoded at least in part, and a list of the parts that cannot."""
 
     def __init__(self, animation: Animation, limits: DecodeLimits) -> None:
         self.animation = animation

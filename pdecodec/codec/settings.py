@@ -1,4 +1,4 @@
-"""Settings of an encode: a frozen dataclass that goes to JSON and comes back equal; the file records it."""
+"""Settings of an encode: a frozen dataclass that converts to JSON and back unchanged; the file records it."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ DEFAULT_TOLERANCE = 1e-3
 """Default tolerance, as a fraction of frame 0's diagonal: invisible on a character that fills the picture."""
 
 SMALLEST_BOUND = 2.0**-150
-"""Half the smallest difference of two float32 numbers: a smaller bound means the same."""
+"""Half the smallest difference of two float32 numbers; a smaller bound has the same effect."""
 
 LARGEST_BOUND = 2.0**130
-"""More than the largest distance of two float32 positions: a larger bound means the same."""
+"""More than the largest distance of two float32 positions; a larger bound has the same effect."""
 
 MAX_SEGMENT_FRAMES = 64
 """Largest number of frames of a group in closed form: its four functions cannot describe more."""
@@ -49,7 +49,8 @@ def parse_fraction(text: str) -> float:
 
 
 def parse_byte_count(text: str) -> int:
-    """Return a number of bytes from text, ``800000000``, ``200kB`` or ``1.5GiB``; ValueError if it is none.
+    """Return the number of bytes that a text states, ``800000000``, ``200kB`` or ``1.5GiB``; ValueError if it is
+    invalid.
 
     Units are those of coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
     """
@@ -66,7 +67,7 @@ _CHOICES: tuple[tuple[str, Any], ...] = (
     ("effort", EffortName),
     ("scene", SceneChoice),
 )
-"""Settings that are one of several words, and these words."""
+"""Settings whose value is one of several words, and these words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,45 +125,46 @@ def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, w
 
 @dataclass(frozen=True, kw_only=True)
 class EncodeSettings:
-    """How to encode.
+    """Settings of an encode.
 
     Parameters
     ----------
     tolerance : float or None
         Largest Euclidean vertex distance at the input's frames, over the diagonal of frame 0's bounding box.
-        None: 1e-3; under profile "paper" no bound, the model alone without residuals.
+        None: 1e-3; with profile "paper" there is then no bound, and no residuals correct the model.
     max_error : float or None [scene units]
         The same bound in scene units; instead of `tolerance`.
     profile : {"auto", "paper"}
-        "auto": trajectories, shapes or cosines over groups of frames, on patches or curves: what costs least.
+        "auto": trajectories, shapes or cosines over groups of frames, on patches or curves, whichever cost least.
         "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
         segment of time.
     effort : {"fast", "default", "best"}
         How many candidates the encoder of profile "auto" compares (:data:`pdecodec.codec.encode.tuning.TUNINGS`).
     group_frames : int or None
-        Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
-        file, or read of one that is far away, is whole groups: short ones cost bytes.
+        Largest number of frames of a group, from 2 on, with profile "auto"; None: as many as memory allows. Cutting a
+        file, and reading parts of a remote one, works in whole groups; short groups cost bytes.
     max_memory : int or None [bytes]
-        Memory that encoding takes about, interpreter included, under profile "auto": groups of frames become shorter
-        until they fit, which costs bytes. None: what groups of usual length take.
+        Approximate memory that encoding may take, interpreter included, with profile "auto": groups of frames become
+        shorter until they fit, which costs bytes. None: the memory for groups of usual length.
     uv_tolerance : float or None
-        How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
+        Largest error of texture coordinates on each axis, in units of the texture; None keeps them to the last bit.
     field_tolerance : float
         Largest error of a value of a field, over the field's range (:class:`pdecodec.Field`). Whole numbers and flags
         are exact.
     fields : mapping of str to float or str
-        By the name of a field another tolerance, an error in the field's units (``"0.5 units"``), ``"exact"``, or
+        For a field by its name: another tolerance, an error in the field's units (``"0.5 units"``), ``"exact"``, or
         ``"drop"`` to leave it out.
     order : {"keep", "free"}
-        Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
+        Whether to keep the order of vertices, faces and their first corners, or to decode them in an order that takes
+        no bytes.
     scene : {"keep", "drop"}
-        Whether the file carries what surrounds the motion in its source (cameras, materials, textures, custom data),
-        for formats that give it: then decoding to that format brings it back.
+        Whether the file carries the scene around the motion (cameras, materials, textures, custom data) if the source's
+        format supports it; decoding to that format restores the scene.
     why : bool
-        Keep in the file's remarks what else was tried, and what it would have cost.
-        Not of several runs of frames, which choose each for itself.
+        Record in the file's remarks which alternatives were tried, and what they would have cost. Not recorded for
+        files of several runs, because each run makes its own choices.
     paper : PaperSettings
-        Of profile "paper".
+        Settings of profile "paper".
 
     Raises
     ------
@@ -218,7 +220,7 @@ class EncodeSettings:
         Parameters
         ----------
         scale : float [scene units]
-            What tolerances are relative to, :func:`pdecodec.mesh.metrics.frame_scale` of frame 0.
+            Length that tolerances are relative to, :func:`pdecodec.mesh.metrics.frame_scale` of frame 0.
         """
         if self.max_error is not None:
             bound = self.max_error
@@ -235,13 +237,15 @@ class EncodeSettings:
         return asdict(self)
 
     def changed(self) -> dict[str, Any]:
-        """Return what :meth:`to_json` returns, without defaults, and without the scene, which a file shows."""
+        """Return the settings of :meth:`to_json` that differ from the defaults, without `scene`, which the file
+        itself shows.
+        """
         usual = EncodeSettings().to_json()
         return {name: value for name, value in self.to_json().items() if value != usual[name] and name != "scene"}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
-        """Undo :meth:`to_json`; names that only later versions know are ignored."""
+        """Undo :meth:`to_json`; names that are unknown here, because later versions added them, are ignored."""
         found = _known(cls, values)
         if "paper" in found:
             found["paper"] = PaperSettings(**_known(PaperSettings, found["paper"]))
@@ -267,7 +271,7 @@ class EncodeOptions(TypedDict, total=False):
 
 
 EXACT, DROP, UNITS = "exact", "drop", "units"
-"""Texts that say how a field is stored."""
+"""Words for the ways in which a field is stored."""
 
 
 def field_bound(asked: float | str, extent: float) -> float | None:
@@ -276,6 +280,7 @@ def field_bound(asked: float | str, extent: float) -> float | None:
     Parameters
     ----------
     asked : float or str
+        The setting.
     extent : float
         Difference of the field's largest and smallest value.
     """
@@ -300,7 +305,7 @@ def parse_field_setting(text: str) -> float | str:
 
 def parse_named_field_setting(text: str) -> tuple[str, float | str]:
     """Parse ``NAME=X`` into the name of a field and its setting, with X as in :func:`parse_field_setting`;
-    ValueError if it does not fit.
+    ValueError if the text has another form.
     """
     name, _, asked = text.rpartition("=")
     if not name:

@@ -1,4 +1,4 @@
-"""Open the bytes of a file (path, address, file object, memory), and limit what decoding may cost."""
+"""Open the bytes of a file (path, address, file object, memory), and limit the cost of decoding."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ DEFAULT_MAX_MEMORY = 4 * 2**30
 """Default limit on the memory that opening and decoding a file may take: enough for some five million vertices."""
 
 MAX_LIMIT = 2**63 - 1
-"""Largest limit [bytes] that the core can count."""
+"""Largest limit that the core can represent [bytes]."""
 
 FileSource = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 """Source of a file: path, address, bytes, binary file."""
 
 DEFAULT_MAX_KEPT = 512 * 2**20
-"""Default size of the cache of decoded groups of frames: enough for all of most clips, and for some 400 frames
-of 100,000 vertices.
+"""Default size of the cache of decoded groups: enough for whole clips in most cases, and for some 400 frames of
+100,000 vertices.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class DecodeLimits:
-    """Limits on what a file may cost.
+    """Limits on the memory and output of decoding a file.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class DecodeLimits:
         and space. Two kilobytes can declare terabytes. A file that declares more is refused when it is opened
         (LimitError). Default: none.
     max_kept : int [bytes]
-        Decoded groups of frames, of positions and fields together, that stay in memory instead of being decoded again:
-        an eighth of it at first, and more when times return to evicted groups. `max_memory` includes them.
+        Decoded groups of frames, of positions and fields together, that stay in memory instead of being decoded again.
+        At first an eighth of it is used, and more when evicted groups are needed again. `max_memory` includes them.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY
@@ -86,9 +86,9 @@ class Source(NamedTuple):
     ----------
     file : binary file or bytes
     name : str
-        For messages.
+        Name for messages.
     origin : str or None
-        Path or address to open it again; None for a file of the caller's, which stays open.
+        Path or address to open it again; None for a file object of the caller, which stays open.
     """
 
     file: BinaryIO | bytes
@@ -121,14 +121,14 @@ def open_source(source: FileSource) -> Source:
 
 
 def open_core(source: Source, limits: DecodeLimits) -> _core.Animation:
-    """Return the core's view of a file; errors are those of :func:`pdecodec.open`."""
+    """Return the core's view of a file; raises the errors of :func:`pdecodec.open`."""
     with naming_file_of(source):
         return _core.Animation(_core_source(source.file), limits.max_memory, thread_count(), limits.max_kept)
 
 
 @contextmanager
 def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
-    """Within this context, add the file's name to errors of the core, and the run's first frame to frames in them."""
+    """Add the file's name to errors of the core in this block, and the run's first frame to their frame numbers."""
     try:
         yield
     except (CorruptFileError, InputError) as error:

@@ -22,9 +22,8 @@ COMPARED_FRAMES = 96
 def bound_of(animation: Animation) -> float | None:
     """Return the bound [scene units] that a file was encoded with, or a little less; None if it had none.
 
-    Usually the step of residuals follows from a single bound, and this bound is returned. If float32 is so coarse
-    that several bounds have the same step, the file's remarks tell the bound; without remarks, the smallest of these
-    bounds is returned.
+    Usually the step of residuals determines the bound. If float32 is so coarse that several bounds lead to the same
+    step, the file's remarks state the bound; without remarks, the smallest of these bounds is returned.
     """
     reference, _ = animation.reference_and_space()
     points, farthest = reference.points, reference.farthest
@@ -46,10 +45,10 @@ def bound_of(animation: Animation) -> float | None:
 
 
 def _recorded(animation: Animation) -> EncodeSettings | None:
-    """The settings that a file's remarks say it was encoded with; None if they do not."""
+    """Return the settings that a file's remarks state; None if they state none."""
     information = animation.info()
     if not information["generator"].startswith(GENERATOR):
-        return None  # Remarks leave out defaults, so those of other programs would seem to say "all defaults".
+        return None  # Remarks leave out defaults, so remarks of other programs would seem to mean "all defaults".
     try:
         return EncodeSettings.from_json(information["settings"])
     except (SettingsError, TypeError):

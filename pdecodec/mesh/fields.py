@@ -20,7 +20,7 @@ from pdecodec.system.arguments import shown
 
 
 class MeshObject(Protocol):
-    """The parts of :class:`pdecodec.MeshObject` that fields need; its module imports this one."""
+    """The part of :class:`pdecodec.MeshObject` that fields need; its module imports this one."""
 
     @property
     def vertex_count(self) -> int: ...
@@ -38,7 +38,7 @@ DTYPES = tuple(np.dtype(name) for name in ("f4", "f8", "i1", "i2", "i4", "i8", "
 
 
 def missing_value(dtype: np.dtype[Any]) -> float:
-    """Return what stands for a value that is not there: NaN, or 0 for whole numbers and flags."""
+    """Return the value that marks a missing one: NaN, or 0 for whole numbers and flags."""
     return np.nan if dtype.kind == "f" else 0
 
 
@@ -46,7 +46,7 @@ def missing_value(dtype: np.dtype[Any]) -> float:
 class Field:
     """Description of values that change in time.
 
-    Its *rows* are the elements of its domain, object after object, of the objects that have it.
+    Its *rows* are the elements of its domain in all objects that have the field, object after object.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class Field:
     unit : str
         ``"Pa"``, ``"m/s"``; empty if it is not known.
     objects : tuple of int, optional
-        Indices of the objects that have it, increasing. Default: all.
+        Indices of the objects that have the field, increasing. Default: all.
 
     Raises
     ------
     InputError
-        If one of them is none of these.
+        If a value is not one of these.
     """
 
     name: str
@@ -144,7 +144,9 @@ def check_fields(fields: Sequence[Field], objects: Sequence[MeshObject]) -> tupl
 def fields_in_memory(
     given: FieldArrays, frames: int, objects: Sequence[MeshObject]
 ) -> tuple[tuple[Field, ...], dict[str, NDArray[Any]]]:
-    """Return the fields that arrays describe, and the arrays by name; raise InputError if their shapes do not fit."""
+    """Return the fields that arrays describe, and the arrays by name; raise InputError if their shapes do not
+    fit the objects.
+    """
     if isinstance(given, Mapping):
         pairs = [(field_of_array(str(name), np.shape(array), np.asarray(array).dtype, objects), array)
                  for name, array in given.items()]  # fmt: skip
@@ -174,7 +176,7 @@ def field_of_array(
     domain: FieldDomain | None = None,
     unit: str = "",
 ) -> Field:
-    """Return the field that an array (frames, rows[, components]) holds.
+    """Return the field that describes an array (frames, rows[, components]).
 
     Parameters
     ----------
@@ -183,13 +185,13 @@ def field_of_array(
         Of the array.
     objects : sequence of MeshObject
     domain : str, optional
-        Default: the one that has as many rows, vertices first.
+        Default: the domain with that number of rows, vertices first.
     unit : str
 
     Raises
     ------
     InputError
-        If no domain has as many rows, or several except vertices have.
+        If no domain has that number of rows, or several have it but not the vertices.
     """
     if len(shape) not in (2, 3):
         raise InputError(
@@ -215,7 +217,7 @@ def field_of_array(
 def selected_objects(
     fields: Iterable[Field], objects: Sequence[MeshObject], chosen: Sequence[int]
 ) -> tuple[tuple[Field, ...], dict[str, Int64Array]]:
-    """Return the fields that some selected objects have, and by name which rows of the source they take."""
+    """Return the fields that selected objects have, and for each field name the rows of the source."""
     kept, rows = [], {}
     for field in fields:
         owners = range(len(objects)) if field.objects is None else frozenset(field.objects)
@@ -230,9 +232,11 @@ def selected_objects(
 
 
 def held_or_mixed(field: Field, before: NDArray[Any], after: NDArray[Any], share: float) -> NDArray[Any]:
-    """Return values between two frames: mixed linearly if they are floats and both finite, else the earlier ones."""
+    """Return values between two frames: interpolated linearly if they are floats and both finite, else the
+    earlier ones.
+    """
     if field.is_exact:
         return before
-    with np.errstate(invalid="ignore", over="ignore"):  # a difference beyond the largest float is infinite
+    with np.errstate(invalid="ignore", over="ignore"):  # A difference beyond the largest float is infinite.
         mixed = before + share * (after.astype(np.float64) - before)
     return np.where(np.isfinite(mixed), mixed, before).astype(field.dtype)

@@ -1,6 +1,6 @@
 """Find discontinuities: frames before which the motion is not continuous.
 
-A cubic spline through frames overshoots near a discontinuity, by a tenth of it (Gibbs). So the splines between
+A cubic spline through frames overshoots near a discontinuity, by a tenth of its size (Gibbs). So the splines between
 frames end and begin there (16.2 of the specification). Unlike fast motion, a discontinuity is a single long step
 among short ones.
 """
@@ -16,21 +16,23 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.shares import in_shares
 
 DISCONTINUITY_RATIO = 8.0
-"""Smallest ratio of a discontinuity to the steps around it (root of the mean square over the mesh). Breaking
-the spline saves an overshoot of a tenth of the step, which is 0.8 of the steps around; but the straight line
-that replaces the spline is off by an eighth of their change. Motion that is sampled finely enough stays far
-below: from rest to rest in three frames the ratio is 4.
+"""Smallest ratio of a discontinuity to the steps around it (root of the mean square over the mesh). Splitting
+the spline avoids an overshoot of a tenth of the discontinuity, which at this ratio is 0.8 of the steps around
+it; but the straight line that replaces the spline is off by an eighth of the change of these steps. Motion that
+is sampled finely enough stays far below: from rest to rest in three frames the ratio is 4.
 """
 
 NEIGHBOUR_STEPS = 2
-"""Steps on either side that are compared. With one, a swing of four frames would be full of discontinuities."""
+"""Number of steps on either side that are compared. With one, a swing of four frames would be full of
+discontinuities.
+"""
 
 COORDINATE_BLOCK = 2**16
 """Number of coordinates whose steps are computed together: as many as fit in caches."""
 
 
 class JumpFinder:
-    """Finds the discontinuities of a sequence whose frames arrive in blocks."""
+    """Find the discontinuities of a sequence whose frames arrive in blocks."""
 
     def __init__(self) -> None:
         self._last: Float32Array | None = None
@@ -68,7 +70,7 @@ class JumpFinder:
         Parameters
         ----------
         bound : float [scene units]
-            Steps in which no vertex moves further do not count: they overshoot by less than the error allowed.
+            Steps in which no vertex moves further are ignored, because they overshoot by less than the error allowed.
         """
         return jumps_of_steps(np.array(self._squares), np.array(self._largest), bound)
 
@@ -81,7 +83,7 @@ def _sizes_of_steps(before: Float32Array, after: Float32Array) -> tuple[Float64A
 
 
 def jumps_of_steps(squares: Float64Array, largest: Float64Array, bound: float) -> list[int]:
-    """Return discontinuities from mean and largest squares of the steps to frames 1, 2, ... [square scene units]."""
+    """Return discontinuities, given mean and largest squares of the steps to frames 1, 2, ... [square scene units]."""
     count = len(squares)
     if count < 2:
         return []
@@ -92,7 +94,9 @@ def jumps_of_steps(squares: Float64Array, largest: Float64Array, bound: float) -
 
 
 def jumps_across(before: MeshSequence, after: MeshSequence, bound: float) -> bool:
-    """Whether there is a discontinuity between the last frame of a sequence and the first of another joined to it."""
+    """Return whether there is a discontinuity between the last frame of a sequence and the first of one joined
+    to it.
+    """
     finder, frames = JumpFinder(), before.frame_count
     first = max(frames - 1 - NEIGHBOUR_STEPS, 0)
     finder.add(before.read_frames(first, frames))

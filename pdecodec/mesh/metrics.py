@@ -21,13 +21,13 @@ CHUNK_POINTS = 2**19
 """Vertices times frames processed together: the float64 temporaries stay near 40 MB."""
 
 SAMPLED_EDGES = 2**16
-"""Number of edges from which the median length is taken from a sample."""
+"""Number of edges in the sample from which the median length is computed."""
 
 HISTOGRAM_SHIFT = 12
-"""Bits of a float32 dropped for the percentile's histogram: 2**19 bins, each 2**-11 (0.05 %) wide."""
+"""Number of low bits of a float32 that the percentile's histogram ignores: 2**19 bins, each 2**-11 (0.05 %) wide."""
 
 HISTOGRAM_BINS = 2 ** (31 - HISTOGRAM_SHIFT)
-"""One bin for each value of the remaining bits without the sign, which distances lack."""
+"""One bin for each value of the remaining bits, without the sign, because distances are not negative."""
 
 
 def frame_scale(points0: ArrayLike) -> float:
@@ -54,7 +54,8 @@ def frame_scale(points0: ArrayLike) -> float:
 def median_edge(points: Float32Array, connectivity: Connectivity) -> float | None:
     """Return the median length of the edges of faces [scene units]; None without faces.
 
-    An edge counts once for each of its faces, and of many corners every n-th is taken, :data:`SAMPLED_EDGES` or more.
+    An edge counts once for each of its faces. If there are many corners, every n-th is taken, :data:`SAMPLED_EDGES`
+    or more.
     """
     corners, sizes = connectivity.face_indices, connectivity.face_counts
     if not sizes.size:

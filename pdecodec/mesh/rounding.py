@@ -1,8 +1,8 @@
 """Convert positions to float32, the type of the whole library, and record how far that moves them.
 
 float32 has 24 binary digits: a million units from the origin its numbers are a sixteenth of a unit apart. Error
-bounds count from the float32 positions. To learn how far those are from a source's own positions, read it inside
-``with rounding_noticed() as rounding``.
+bounds count from the float32 positions. To learn their distance from a source's own positions, read the source
+inside ``with rounding_noticed() as rounding``.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 from pdecodec.mesh.arrays import Float32Array
 
 REPORTED_ROUNDING = 1e-6
-"""Smallest rounding, over the diagonal, that is reported if there is no bound. At a distance from the origin
-like the size of the scene, float32 rounds by at most a tenth of that.
+"""Smallest rounding, divided by the diagonal, that is reported if there is no bound. If the scene's distance
+from the origin is about its size, float32 rounds by at most a tenth of that.
 """
 
 ROWS = 2**16
-"""Positions that are compared together, so that float64 differences stay small next to a block of frames."""
+"""Number of positions that are compared together, so that float64 differences are small next to a block of frames."""
 
 
 @dataclass
 class Rounding:
-    """Largest distance between positions read within a context and the source's own.
+    """Largest distance between the positions read within a context and the source's own positions.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def is_rounding_noticed() -> bool:
 
 
 def note_rounding(distance: float) -> None:
-    """Record that positions were moved by this distance [scene units]."""
+    """Record that rounding moved positions by this distance [scene units]."""
     found = _noticed.get()
     if found is not None:
         found.largest = max(found.largest, distance)

@@ -1,7 +1,7 @@
-"""Sequences whose connectivity changes: runs of frames, each a mesh sequence of its own, on one timeline.
+"""Sequences whose connectivity changes: runs of frames, each itself a mesh sequence, on one timeline.
 
 A fluid with a new mesh in every frame has runs of one frame. Between the last frame of a run and the first of the
-next, the earlier frame stands still.
+next, the earlier frame is shown.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import check_times
 
 OPEN_RUNS = 2
-"""Number of runs that stay open after use: the one at the current time, and the next."""
+"""Number of runs that stay open after use: the run at the current time, and the next one."""
 
 
 class OpenedRuns(Sequence[MeshSequence]):
-    """Runs that are opened on use; the latest ones stay open.
+    """Runs that are opened on use; the most recently used ones stay open.
 
     Parameters
     ----------
@@ -66,9 +66,10 @@ class ChangingSequence(MeshSequence):
     runs : sequence of MeshSequence
         One after the other; each has its own times.
     times : (frames,) array [s], optional
-        Of all runs, strictly increasing. Default: those of the runs.
+        Times of all runs, strictly increasing. Default: those of the runs.
     frames, vertices : sequence of int, optional
-        Of each run. Default: taken from the runs. If all three are given, no run is opened before it is needed.
+        Numbers of frames and of vertices of each run. Default: taken from the runs. If all three are given, no run is
+        opened before it is needed.
     fps : float, optional
         Nominal frame rate. Default: that of the first run; the same holds for metadata.
     metadata : mapping of str to str, optional
@@ -201,7 +202,7 @@ class DerivedRuns(ChangingSequence):
         self._source = source
         original = source.runs[0]
         first = change(original)
-        # Metadata of the whole sequence need not be in its runs.
+        # Metadata of the whole sequence may be missing in its runs.
         own = {key: value for key, value in first.metadata.items() if original.metadata.get(key) != value}
         super().__init__(
             OpenedRuns(lambda number: first if number == 0 else change(source.runs[number]), len(source.runs)),
@@ -219,7 +220,7 @@ class DerivedRuns(ChangingSequence):
 
 
 def changed(sequence: MeshSequence, change: Callable[[MeshSequence], MeshSequence]) -> MeshSequence:
-    """Apply a change that keeps frames and vertices to a sequence; to several runs one by one, when needed."""
+    """Apply a change that keeps frames and vertices to a sequence; to several runs one by one, on request."""
     return DerivedRuns(sequence, change) if isinstance(sequence, ChangingSequence) else change(sequence)
 
 

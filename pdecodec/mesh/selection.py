@@ -134,13 +134,12 @@ class ObjectSelection(MeshSequence):
     ----------
     source : MeshSequence
     names : sequence of str
-        Of `source`'s objects; they keep the order they have there. A name that several objects share selects
-        them all.
+        Names of objects of `source`, whose order is kept. A name that several objects share selects them all.
 
     Raises
     ------
     InputError
-        If there is no object of one of the names.
+        If `source` has no object of one of the names.
     """
 
     def __init__(self, source: MeshSequence, names: Sequence[str]) -> None:

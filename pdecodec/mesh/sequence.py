@@ -61,9 +61,10 @@ _INDEX_ARRAYS = ("face_counts", "face_indices", "line_counts", "line_indices", "
 
 @dataclass(frozen=True, eq=False)
 class Connectivity:
-    """Faces and lines over `vertex_count` vertices, in the order the source gave them; with cells if solids are kept.
+    """Faces and lines over `vertex_count` vertices, in the order of the source; with cells if solids are kept.
 
-    Cells are the elements of the source, solids among them. Faces and lines are then what one sees of the cells.
+    Cells are the elements of the source, including solids. Faces and lines are then the visible sides and edges of
+    the cells.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ class Connectivity:
     line_indices : (sum of line_counts,) int32
         Vertex of each polyline point, line after line.
     cell_shapes : (cells,) uint8
-        Place of each cell's shape in :data:`CELL_SHAPES`.
+        Index of each cell's shape in :data:`CELL_SHAPES`.
     cell_counts : (cells,) int32
         Nodes of each cell. Shape and number of nodes give its kind: a tetrahedron of 10 nodes is quadratic.
     cell_indices : (sum of cell_counts,) int32
@@ -143,7 +144,7 @@ class Connectivity:
         """
         try:
             padded = np.asarray(faces)
-        except ValueError:  # raised if lengths differ
+        except ValueError:  # Raised if lengths differ.
             padded = np.array([*zip_longest(*faces, fillvalue=-1)]).T  # type: ignore[misc]  # no number
         if padded.size == 0:
             return cls(vertex_count)
@@ -183,7 +184,7 @@ class Connectivity:
         return Connectivity(self.vertex_count, self.face_counts, self.face_indices, self.line_counts, self.line_indices)
 
     def with_own_cells(self) -> Connectivity:
-        """Return the same with its faces and lines, in this order, as cells."""
+        """Return this connectivity with its faces and lines, in this order, as cells."""
         faces = np.select([self.face_counts == 3, self.face_counts == 4], [3, 4], 2)
         return replace(
             self,
@@ -241,7 +242,7 @@ class Attribute:
 
 @dataclass(frozen=True, eq=False)
 class MeshObject:
-    """One named object: its data that are constant over frames.
+    """One named object, with its data that are constant over frames.
 
     Parameters
     ----------
@@ -253,7 +254,7 @@ class MeshObject:
     Raises
     ------
     InputError
-        If an attribute does not have one row per vertex, face, corner or cell, or refers to rows that it lacks.
+        If an attribute does not have one row per element of its domain, or refers to rows that do not exist.
     """
 
     name: str
@@ -317,7 +318,7 @@ class Unsupported:
 
 
 Fate = Literal["coded", "implied", "dropped"]
-"""What happens to an item of a file: it is kept, it repeats what is kept, or it is not kept."""
+"""Whether an item of a file is kept, is repeated by a kept item, or is not kept."""
 
 
 class Content(NamedTuple):
@@ -338,8 +339,8 @@ class Content(NamedTuple):
 
 
 class SceneSource(Protocol):
-    """What surrounds the motion of a sequence (cameras, materials, custom data): a file, or a scene that a
-    `.pdeanim` file carries.
+    """The scene around the motion of a sequence (cameras, materials, custom data): a file, or a scene that a `.pdeanim`
+    file carries.
 
     Attributes
     ----------
@@ -351,9 +352,10 @@ class SceneSource(Protocol):
     def family(self) -> str | None: ...
 
     def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Any:
-        """Return what a `.pdeanim` file of `sequence`, which comes from it, is to carry; None if that is nothing.
+        """Return the scene that a `.pdeanim` file of `sequence` will carry; None if there is none.
 
-        `exact_uvs` says whether that file keeps texture coordinates to the last bit, `fields` which fields it keeps.
+        `sequence` comes from this source; `exact_uvs` says whether the file keeps texture coordinates to the last
+        bit, `fields` which fields it keeps.
         """
 
     def of_some_objects(self) -> SceneSource | None:
@@ -363,7 +365,7 @@ class SceneSource(Protocol):
 class MeshSequence(ABC):
     """Named objects and their vertex positions at a list of times.
 
-    In `read_frames`, vertices of all objects stand one after the other, object by object.
+    In `read_frames`, the vertices of all objects follow each other, object by object.
 
     Attributes
     ----------
@@ -376,15 +378,15 @@ class MeshSequence(ABC):
     metadata : mapping of str to str
         Other facts that the source states (``up_axis``, ``unit``, ``source``...).
     notices : tuple of str
-        Messages for a person (an assumed frame rate, data left out); the command line prints them.
+        Messages for people (an assumed frame rate, data left out); the command line prints them.
     unsupported : tuple of Unsupported
-        Objects that a reader was told to leave out if they are not supported.
+        Objects that are not supported, and that a reader left out as requested.
     fields : tuple of Field
         Values on vertices, faces, corners or objects that change in time; :meth:`read_field` reads them.
     carried : SceneSource or None
-        What surrounds the motion, if a `.pdeanim` file can carry it.
+        The scene around the motion, if a `.pdeanim` file can carry it.
     list_contents : callable
-        Gives :attr:`contents` when they are asked for, for formats whose readers list them.
+        Returns :attr:`contents` on request, for formats whose readers list them.
     """
 
     objects: tuple[MeshObject, ...]
@@ -458,7 +460,7 @@ class MeshSequence(ABC):
         return found
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
-        """Return values of one of :attr:`fields` at existing frames: what a sequence with fields has to override."""
+        """Return values of one of :attr:`fields` at existing frames. Sequences with fields override this method."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -500,7 +502,7 @@ class MeshSequence(ABC):
 
     @property
     def most_vertices(self) -> int:
-        """Number of vertices of the largest frame."""
+        """Number of vertices of the frame that has most."""
         return self.vertex_count
 
     @property
@@ -520,7 +522,7 @@ class MeshSequence(ABC):
         return 0
 
     def run_number_of(self, frame: int) -> int:
-        """Return the number of the run that has a frame."""
+        """Return the number of the run that contains a frame."""
         return 0
 
     def run_at(self, time: float) -> MeshSequence:
@@ -562,18 +564,18 @@ class ArraySequence(MeshSequence):
     Parameters
     ----------
     points : (frames, vertices, 3) array [scene units]
-        Taken as float32 (other types are rounded).
+        Converted to float32 (other types are rounded).
     objects : sequence of MeshObject, optional
         Objects whose vertices, one after the other, are `points`. Default: one object, of `faces`.
     faces : (faces, 3) or (faces, 4) integer, or a sequence of sequences of vertex indices, optional
-        Polygons of the one object; shorter rows of an array end in -1. Default: points alone.
+        Polygons of a single object; shorter rows of an array end in -1. Default: points alone.
     times : (frames,) array [s], optional
         Strictly increasing. Default: frames at `fps` from 0.
     fps : float, optional
         Nominal frame rate. Default: from `times`, else 24.
     fields : mapping of str to array, or sequence of (Field, array), optional
-        Values that change in time, (frames, rows) or (frames, rows, components). Without a :class:`pdecodec.Field` the
-        number of rows says of which domain they are, of vertices if these are as many.
+        Values that change in time, (frames, rows) or (frames, rows, components). For an array without a
+        :class:`pdecodec.Field`, the number of rows determines the domain, with vertices first.
 
     Raises
     ------

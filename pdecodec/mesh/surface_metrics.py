@@ -1,4 +1,4 @@
-"""Distance between surfaces rather than vertices: normals, and lengths of edges in space and in time."""
+"""Distance between surfaces instead of vertices: normals, and lengths of edges in space and in time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 from pdecodec.system.shares import side_by_side
 
 CHUNK_VALUES = 2**22
-"""Numbers of an array that are processed together."""
+"""Number of array elements that are processed together."""
 
 ANGLE_BINS = 4096
 """Bins of the percentile's histogram, of equal width on a log scale from MIN_ANGLE to 180 degrees: 0.6 % each."""
@@ -25,7 +25,7 @@ MIN_ANGLE = 1e-8
 """Lower end of the histogram [degrees]."""
 
 NORMAL_GROUP = "normal_group"
-"""Name of the attribute of corners that numbers the normals of each vertex from 0: hard edges."""
+"""Name of the corner attribute for hard edges: it numbers the normals of each vertex from 0."""
 
 TIME_STEP = 0.01
 """Length of an edge in time of a vertex at rest, over frame 0's diagonal."""
@@ -57,7 +57,9 @@ class SurfaceDistortion:
 
 @dataclass(frozen=True)
 class _Block:
-    """Contribution of some frames: number of angles per bin, their sum [degrees]; deviations of edges in space."""
+    """Contribution of some frames: number of angles per bin, sum of the angles [degrees], deviations of edges
+    in space.
+    """
 
     angles: Int64Array
     angle_sum: float
@@ -65,17 +67,17 @@ class _Block:
 
 
 class SurfaceMeter:
-    """Gathers a :class:`SurfaceDistortion` from blocks of frames in order.
+    """Collect a :class:`SurfaceDistortion` from blocks of frames in order.
 
-    A vertex's normal is the sum of its faces' normals weighted by area; vertices without one are left out.
+    A vertex's normal is the sum of its faces' normals weighted by area; vertices without a normal are left out.
 
-    The edge difference is one after Váša and Skala, "A perception correlated comparison method for dynamic meshes",
-    TVCG 2011: how uneven the relative errors of the edges around a vertex, and of its steps in time, are. An edge of
-    length l that becomes l' has the error d = abs(l - l') / l. In space, the deviation at a vertex is the standard
-    deviation of d over its edges, weighted by l; in time, that of d over TIME_WINDOW consecutive steps, where the
-    length of a step is sqrt(step^2 / scale^2 + TIME_STEP^2). Both are averaged over all vertices and frames,
-    S and T; the result is sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step are our own:
-    compare values with each other, not with those of other works.
+    The edge difference follows Váša and Skala, "A perception correlated comparison method for dynamic meshes", TVCG
+    2011. It measures how uneven the relative errors of the edges around a vertex, and of the vertex's steps in time,
+    are. An edge of length l that becomes l' has the error d = abs(l - l') / l. In space, the deviation at a vertex
+    is the standard deviation of d over its edges, weighted by l; in time, that of d over TIME_WINDOW consecutive
+    steps, where the length of a step is sqrt(step^2 / scale^2 + TIME_STEP^2). S and T are their means over all
+    vertices and frames; the result is sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step differ from
+    the paper's: compare values with each other, not with those of other works.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ class SurfaceMeter:
         self._is_short = False
 
     def begin(self, connectivity: Connectivity) -> None:
-        """Start a mesh of this connectivity; no step in time leads to it from the frames before."""
+        """Start a mesh of this connectivity; no step in time connects it with the frames before."""
         self._end_run()
         self._corners = connectivity.face_indices.size
         self._normals_of = _Normals(connectivity)
@@ -223,7 +225,7 @@ def measure_corner_normals(
 
 
 def _normal_groups(run: MeshSequence) -> Int32Array | None:
-    """Return the number of each corner's normal among those of its vertex, (corners,); None if all are smooth."""
+    """Return the number of each corner's normal at its vertex, (corners,); None if all vertices are smooth."""
     found = []
     for item in run.objects:
         named = [one for one in item.attributes if (one.name, one.domain) == (NORMAL_GROUP, "corner")]
@@ -253,7 +255,7 @@ class _Normals:
     ----------
     connectivity : Connectivity
     groups : (corners,) int32, optional
-        Number of each corner's normal among those of its vertex.
+        Number of each corner's normal at its vertex.
 
     Attributes
     ----------
@@ -281,14 +283,16 @@ class _Normals:
         if not self._starts.size:
             return np.zeros((3, points.shape[0], points.shape[2]))
         corners = points[self._corners]
-        corners -= points[self._firsts]  # relative to the face's first corner, which keeps digits
+        corners -= points[self._firsts]  # Positions relative to the face's first corner keep more digits.
         x, y, z = corners.transpose(1, 0, 2)
         next_x, next_y, next_z = corners[self._following].transpose(1, 0, 2)
         areas = (y * next_z - z * next_y, z * next_x - x * next_z, x * next_y - y * next_x)
         return np.stack([self._gather @ np.add.reduceat(area, self._starts, axis=0) for area in areas])
 
     def angles(self, before: Float64Array, after: Float64Array) -> tuple[Float64Array, BoolArray]:
-        """Return angles between normals [degrees], (found,), and which there are, (normals, frames)."""
+        """Return angles between normals [degrees], (found,), and a mask of the normals that have an angle,
+        (normals, frames).
+        """
         first, second = self.of(before), self.of(after)
         there = (first != 0.0).any(axis=0) & (second != 0.0).any(axis=0)
         x, y, z = first[:, there]
@@ -298,7 +302,7 @@ class _Normals:
             + np.square(z * other_x - x * other_z)
             + np.square(x * other_y - y * other_x)
         )
-        # From sine and cosine together: neither alone resolves both small and large angles.
+        # Sine and cosine together resolve both small and large angles.
         return np.degrees(np.arctan2(cross, x * other_x + y * other_y + z * other_z)), there
 
 
@@ -341,7 +345,7 @@ def _lengths(points: Float64Array, edges: Int32Array) -> Float64Array:
 
 
 def _off(before: Float64Array, after: Float64Array) -> Float64Array:
-    """Return relative differences; 0 where there was no length."""
+    """Return relative differences; 0 where the length before is 0."""
     return np.abs(before - after) / np.where(before > 0, before, np.inf)
 
 

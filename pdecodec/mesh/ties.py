@@ -1,4 +1,4 @@
-"""Ties: vertices that have one position in every frame, as at the seams of UVs and normals."""
+"""Ties: vertices that coincide in every frame, as at the seams of UVs and normals."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ NO_TIES: Int32Array = np.zeros(0, np.int32)
 """Value of `ties` if no vertices are tied."""
 
 HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64)
-"""Of a hash, and of the bits of x, y and z that are added to it: vertices with equal hashes are compared."""
+"""Factors of a hash: of the hash so far, and of the bits of x, y and z that are added. Vertices with equal
+hashes are then compared.
+"""
 
 
 class TieFinder:
-    """Finds vertices that have the same position in every frame: at seams of UVs and normals meshes are split.
+    """Find vertices that coincide in every frame, as where a mesh is split at seams of UVs and normals.
 
     Parameters
     ----------
     points : (vertices, 3) float32
-        Of the first frame.
+        Positions in the first frame.
     """
 
     def __init__(self, points: Float32Array) -> None:
@@ -28,7 +30,7 @@ class TieFinder:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no vertices are tied: no further frame changes that."""
+        """Whether no vertices are tied, which further frames cannot change."""
         return bool((self._first == np.arange(self._first.size)).all())
 
     def add(self, points: Float32Array) -> None:
@@ -36,7 +38,9 @@ class TieFinder:
         self._part(points, np.empty(0, np.int64))
 
     def _part(self, points: Float32Array, apart: Int64Array) -> None:
-        """Group separated vertices by position, and again those that still differ from the first one of their group."""
+        """Group separated vertices by position; repeat this for vertices that still differ from the first of
+        their group.
+        """
         first = self._first
         while True:
             hashed = first[apart].astype(np.uint64)

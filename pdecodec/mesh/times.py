@@ -1,4 +1,4 @@
-"""Times of frames: check and complete them, make them at a rate, and handle times outside a clip."""
+"""Times of frames: check and complete them, generate them at a rate, and handle times outside a clip."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ MAX_TIME = 2.0**53
 """Largest distance of a time from 0 [s]: beyond it float64 cannot resolve half seconds."""
 
 SHORTEST_TIME_STEP = 2.0**-53
-"""Smallest time between frames [s], a tenth of a femtosecond: rates stay far from overflow."""
+"""Smallest time between frames [s], a tenth of a femtosecond; it keeps rates far from overflow."""
 
 TIME_SLACK = 1e-9
 """Fraction of a frame by which the last time may overshoot: 100 frames of 1/24 s do not add up exactly."""
 
 
 MAX_TIMES = 2**24
-"""Largest number of times at one rate: eight days at 24 per second. More would be a mistyped rate and fill the
-memory.
+"""Largest number of times at one rate: eight days at 24 per second. A larger number would be due to a mistyped
+rate and fill the memory.
 """
 
 
@@ -56,7 +56,7 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
             raise InputError(f"frames per second {error.message}", code="invalid-times") from error
     if times is None:
         fps = DEFAULT_FPS if fps is None else fps
-        with np.errstate(over="ignore"):  # an overflow is refused below
+        with np.errstate(over="ignore"):  # An overflow is refused below.
             times = np.arange(frames) / fps
     try:
         checked = np.ascontiguousarray(as_numbers(times, "times"))
@@ -118,20 +118,20 @@ TIME_ROUNDING = 1e-6
 """Seconds by which a time may exceed the clip's ends, because times written as text are rounded."""
 
 Outside = Literal["refuse", "clamp", "loop"]
-"""What to do with a time before the first frame or after the last one."""
+"""How to handle a time before the first frame or after the last one."""
 
 OUTSIDES: tuple[Outside, ...] = get_args(Outside)
 
 
 def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
-    """Bring times between `first` and `last`.
+    """Bring times into the range from `first` to `last`.
 
     Parameters
     ----------
     times : (frames,) float64 [s]
     first, last : float [s]
     outside : {"refuse", "clamp", "loop"}
-        Raise, stand still at the ends, or begin again: the last frame then takes the place of the first.
+        Raise an error, stop at the ends, or begin again: the last frame then takes the place of the first.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     Raises
     ------
     SettingsError
-        If one lies outside and that is refused, one is infinite and looped, or `outside` is something else.
+        If a time lies outside and that is refused, an infinite time is looped, or `outside` is something else.
     """
     if not isinstance(outside, str) or outside not in OUTSIDES:
         raise SettingsError(f"must be one of {', '.join(OUTSIDES)}, not {shown(outside)}", setting="outside")

@@ -86,7 +86,9 @@ class Constraints(ABC):
     """Rows of ``C`` per constraint; 0 for one fewer than it has particles."""
 
     resists: ClassVar[str]
-    """What they resist: ``"stretch"``, ``"bending"``, ``"volume"`` or ``"strain"``; names of fields begin with it."""
+    """The deformation that they resist, ``"stretch"``, ``"bending"``, ``"volume"`` or ``"strain"``; names of
+    fields begin with it.
+    """
 
     multiplier_unit: ClassVar[str]
     """Unit of the multipliers: joules times seconds squared, over the unit of ``C``."""
@@ -222,7 +224,7 @@ class SheetConstraints(UniformConstraints):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredConstraints(UniformConstraints):
-    """A batch whose ``C`` is a measure of its particles minus the same measure at rest."""
+    """A batch whose ``C`` is a measure of its particles minus its value at rest."""
 
     rest: ClassVar[str]
     """Name of the array of measures at rest."""

@@ -64,11 +64,13 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
             sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
 
     def gather(self, values: Float64Array, particles: int) -> Float64Array:
-        """Return the sums of links' values over particles, (particles, 1); a link shares with its two points alone."""
+        """Return the sums of links' values over particles, (particles, 1); each link is shared between its two
+        points.
+        """
         return gathered(self.pairs, values.reshape(-1, 1), particles)
 
     def lengths_at(self, positions: Float64Array) -> Float64Array:
-        """Return present lengths [m], in the shape of `lengths`."""
+        """Return current lengths [m], in the shape of `lengths`."""
         return self.measured(positions, self.particles)
 
     @staticmethod

@@ -1,7 +1,7 @@
-"""The solver's own quantities as fields of a simulated sequence: velocities, elastic energies, Lagrange multipliers.
+"""The solver's quantities as fields of a simulated sequence: velocities, elastic energies, Lagrange multipliers.
 
-They are values of particles. Energies and multipliers belong to constraints. The particles of a constraint get equal
-shares of them, so that the sum over all particles is the sum over all constraints.
+Fields have values on particles, but energies and multipliers belong to constraints. The particles of a constraint
+get equal shares of them, so that the sum over all particles is the sum over all constraints.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def solver_fields(system: System, method: Method) -> tuple[Field, ...]:
 
 
 def solver_values(solver: Solver) -> Float32Array:
-    """Return the values of :func:`solver_fields`, field after field, at the solver's present state.
+    """Return the values of :func:`solver_fields`, field after field, at the solver's current state.
 
     Returns
     -------

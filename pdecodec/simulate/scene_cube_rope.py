@@ -4,12 +4,12 @@ The mesh is a tube of ``sides x rings`` vertices, 24 x 832 as in section 5 of Fa
 after curve: vertex ``curve * rings + ring``, so that ``points.reshape(frames, sides, rings, 3)`` are the paper's
 ``w_nk``. Ends are open.
 
-What keeps it in shape, in the order in which it is solved:
+These constraints keep it in shape, in the order in which they are solved:
 
 * struts in each section, to the opposite point and a quarter round: the square;
-* diagonals of the surface's quads: shear and torsion, and the way around;
-* braces through the inside, to the opposite curve about one thickness further on: they keep sections across the
-  axis, in steps long enough for Gauss-Seidel to carry bending along the rope;
+* diagonals of the surface's quads: shear, torsion, and stretch around the beam;
+* braces through the inside, to the opposite curve about one thickness further on: they keep sections perpendicular to
+  the axis, in steps long enough for Gauss-Seidel to carry bending along the rope;
 * lengthwise chains, each solved as a whole and last: the rope's stretch and, with opposite sides, its bending.
 """
 
@@ -48,7 +48,7 @@ DRAG = 0.05
 """Rate at which air slows the rope [1/s]."""
 
 SWING_COUNT = 1.5
-"""How often a held end swings to either side and back, in the time of free fall over the rope's length."""
+"""Number of swings of a held end to either side and back, in the time of free fall over the rope's length."""
 
 END_TILTS = {"one": 1.2, "both": 0.7}
 """Angle by which a held end follows the falling rope [rad]: a clamp that stayed level would kink it."""

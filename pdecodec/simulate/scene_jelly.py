@@ -27,7 +27,7 @@ FRICTION = 0.5
 
 
 def build(options: JellyOptions) -> Scene:
-    """Build the cube: it starts on a corner, its size above the ground at ``y = 0``."""
+    """Build the cube: it stands on a corner, its own size above the ground at ``y = 0``."""
     axis = np.linspace(-0.5, 0.5, options.cells + 1) * options.size
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
     offsets = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1) @ _tilt().T

@@ -22,8 +22,8 @@ DENSITY = 0.2
 
 STRETCH_STIFFNESS = 5e3
 SHEAR_STIFFNESS = 5e2
-"""Force per width at a strain of one, along the threads and across them [N/m]. The links of a thread have it at
-any spacing.
+"""Force per width at a strain of one, along the threads and across them [N/m]. Links of a thread get it at any
+spacing.
 """
 
 BENDING_RIGIDITY = 5e-5
@@ -45,7 +45,7 @@ TWO_THREAD_MIN_PARTICLES = 4096
 """Smallest sheet, in particles, that is simulated in two halves by two threads; smaller ones gain nothing."""
 
 WIND_DIRECTION = np.array([0.97, 0.0, 0.24])
-"""Not quite along the flag at rest, so that the flag leaves its plane at once."""
+"""Slightly across the flag at rest, so that the flag leaves its plane at once."""
 
 
 def build_cloth(options: ClothOptions) -> Scene:

@@ -2,14 +2,14 @@
 
 Departures, none of which changes the equations:
 
-* Eq. 6 is not assembled. Constraints are taken one after another (Gauss-Seidel), in the order of the system's batches
-  and of the constraints in each; of a system in halves, those within them come first in each batch, and then those
-  across its middle. The block of one constraint's rows is solved exactly. Line 1's external forces
-  (gravity, wind) enter there, the constraints' forces through the multipliers alone, as in Macklin et al. 2016.
+* Eq. 6 is not assembled. Constraints are solved one after another (Gauss-Seidel), in the order of the system's batches
+  and of the constraints in each. In a system of two halves, each batch first solves the constraints within the halves,
+  then those across the middle. The block of one constraint's rows is solved exactly. Line 1 adds only external forces
+  (gravity, wind); the constraints' forces act through the multipliers alone, as in Macklin et al. 2016.
 * ``v^n = (x^n - x^(n-1)) / dt`` of line 9 is the velocity in the middle of the last substep. The first substep
-  therefore starts from the initial velocity less half a substep of acceleration: free fall is then exact at every
-  substep, whatever its length, where starting with the velocity at time 0 makes it late by ``g t dt / 2``.
-* Contacts are taken after the constraints in each iteration.
+  therefore starts from the initial velocity less half a substep of acceleration. Free fall is then exact at every
+  substep, whatever its length; starting with the velocity at time 0 would make it late by ``g t dt / 2``.
+* Contacts are solved after the constraints in each iteration.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Solver:
         self.previous = system.positions.copy()
         self._multipliers = [batch.new_multipliers() for batch in system.constraints]
         self.substeps_done = 0
-        assert system.velocities is not None  # the system has filled them in
+        assert system.velocities is not None  # The system has set them.
         self.velocities = system.velocities.copy()
         movable = system.inverse_masses > 0
         self.velocities[movable] -= 0.5 * self.substep * self._accelerations()[movable]
@@ -142,7 +142,7 @@ class Solver:
         self.substeps_done += 1
 
     def _accelerations(self) -> Float64Array:
-        """Return external accelerations at the present state, (particles, 3) [m/s^2]."""
+        """Return external accelerations at the current state, (particles, 3) [m/s^2]."""
         system = self.system
         accelerations = np.zeros_like(self.positions)
         for wind in system.winds:

@@ -1,14 +1,14 @@
 """External influences on particles: pins, the ground and a sphere, wind.
 
 Contacts are rigid inequalities, ``C = distance to the surface - thickness >= 0``, solved after the constraints in
-each iteration, so that no particle ends a substep inside. Friction acts on positions: it takes back as much of a
-particle's slide in this substep as Coulomb's law allows for the depth the particle was pushed out by (Macklin,
-Mueller, Chentanez and Kim, "Unified particle physics for real-time applications", TOG 2014, Eq. 24). Nothing
-bounces.
+each iteration, so that no particle ends a substep inside. Friction acts on positions: it undoes as much of a
+particle's slide in this substep as Coulomb's law allows for the depth from which the particle was pushed out
+(Macklin, Mueller, Chentanez and Kim, "Unified particle physics for real-time applications", TOG 2014, Eq. 24).
+Nothing bounces.
 
-Moving air presses on each triangle of area ``A`` and normal ``n`` with ``f = rho/2 c A |u.n| (u.n) n``, ``u`` being
-the air's velocity relative to it; the three corners share this force. Gusts are a sum of sines carried downstream at
-the wind's speed (Taylor's frozen turbulence), without random numbers.
+Moving air presses on each triangle of area ``A`` and normal ``n`` with ``f = rho/2 c A |u.n| (u.n) n``, where ``u``
+is the air's velocity relative to the triangle; the three corners share this force. Gusts are a sum of sines carried
+downstream at the wind's speed (Taylor's frozen turbulence), without random numbers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.simulate.constraints import State, check_positive
 
 Path = Callable[[float], Float64Array]
-"""From time [s] to positions [m], (particles, 3) float64. Must depend on the time alone."""
+"""A function from time [s] to positions [m], (particles, 3) float64. It must depend on the time alone."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,7 +39,7 @@ class Pins:
     ----------
     particles : (pins,) int32
     path : callable
-        From time [s] to positions [m], (pins, 3).
+        Maps time [s] to positions [m], (pins, 3).
     """
 
     particles: Int32Array
@@ -82,7 +82,7 @@ class Collider(ABC):
 
     @abstractmethod
     def _depth(self, positions: Float64Array) -> Float64Array:
-        """Return how far inside each particle is, (particles,) [m]; negative outside."""
+        """Return the depth of each particle inside the obstacle, (particles,) [m]; negative outside."""
 
     @abstractmethod
     def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:

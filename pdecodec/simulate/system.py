@@ -32,7 +32,7 @@ class System:
     colliders : tuple of Collider
         Solved after the constraints.
     pins : tuple of Pins
-        Paths of particles that are carried.
+        Particles that are held or carried along paths.
     winds : tuple of Wind
     gravity : float [m/s^2]
         Downwards, along -y.
@@ -41,8 +41,8 @@ class System:
     middle : int, optional
         First particle of the second half of a sheet that two threads simulate, with the same bits as one thread. In
         each batch constraints within the halves are solved first, then those across the middle. Chains cross it once,
-        from the first half, all chains of a batch at the same link. Default: the number of particles, which divides
-        nothing.
+        from the first half, all chains of a batch at the same link. Default: the number of particles, so that the sheet
+        is not divided.
     """
 
     positions: Float64Array

@@ -70,8 +70,8 @@ def tetrahedron_volumes(positions: Float64Array, tetrahedra: Int32Array) -> Floa
 class NeoHookeanConstraints(Constraints):
     """Linear finite elements of a stable neo-Hookean solid.
 
-    PBD has no energies to balance. Its two rows are ``sqrt(tr(F^T F)) - sqrt(3)`` and ``det F - 1``, which are 0 at
-    rest, and are solved one after the other.
+    PBD has no energies to balance; there the two rows are ``sqrt(tr(F^T F)) - sqrt(3)`` and ``det F - 1``, which are
+    0 at rest, and are solved one after the other.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class NeoHookeanConstraints(Constraints):
         Inverse of the matrix whose columns are the rest edges ``x_1 - x_0``, ``x_2 - x_0``, ``x_3 - x_0``.
     volumes : (constraints,) float64 [m^3]
     shear, bulk : float [Pa]
-        ``mu`` and ``lambda`` of that paper. In Lame's parameters of small strain: ``mu`` and ``lambda + mu``.
+        ``mu`` and ``lambda`` of Macklin and Mueller. In Lame's parameters of small strain: ``mu`` and ``lambda + mu``.
     """
 
     members: ClassVar[int] = 4

@@ -1,4 +1,4 @@
-"""Work done ahead in another thread, while this one goes on."""
+"""Compute results ahead in another thread, while the calling thread continues."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ class _AtOnce(Executor):
         done: Future[Result] = Future()
         try:
             done.set_result(work(*arguments, **named))
-        except Exception as error:  # raised when the result is requested, as from a thread
+        except Exception as error:  # Raised when the result is requested, as with a thread.
             done.set_exception(error)
         return done
 
 
 def thread_ahead(size: int) -> Executor:
-    """Return a thread that computes ahead, or what replaces it for a clip so small, in vertices times frames, that
-    starting a thread takes longer than the work.
+    """Return a thread that computes ahead, or a substitute that computes at once if the clip is so small, in
+    vertices times frames, that starting a thread takes longer than the work.
     """
     return _AtOnce() if size < MIN_SHARED_SIZE else ThreadPoolExecutor(1)
 
 
 class MadeAhead(Generic[Key, Result]):
-    """Cache of results, each made once: ahead in another thread, or when it is first asked for."""
+    """Cache of results, each made once: ahead in another thread, or when it is first requested."""
 
     def __init__(self, make: Callable[[Key], Result], ahead: Executor) -> None:
         self._make, self._ahead = make, ahead
@@ -49,5 +49,5 @@ class MadeAhead(Generic[Key, Result]):
         if key not in self._made:
             made: Future[Result] = Future()
             made.set_result(self._make(key))
-            self._made[key] = made  # only now: another thread must not wait for what failed
+            self._made[key] = made  # Only now, so that no other thread waits for a result that failed.
         return self._made[key].result()

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LONGEST_SHOWN = 80
-"""Largest number of characters of a value in an error."""
+"""Largest number of characters of a value in an error message."""
 
 
 def shown(value: object) -> str:
-    """Return a value as errors show it: in one line, shortened."""
+    """Return a value as error messages show it: in one line, shortened."""
     try:
         text = " ".join(repr(value).split())
-    except ValueError:  # Python refuses to print an integer of thousands of digits
+    except ValueError:  # Python refuses to print an integer of thousands of digits.
         return "a number of thousands of digits"
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
@@ -34,7 +34,7 @@ def as_number(value: Any, setting: str) -> float:
         return float(value)
     except OverflowError as error:
         raise SettingsError("must be below 2^1024", setting=setting) from error
-    except (TypeError, ValueError) as error:  # such as an array that holds one string
+    except (TypeError, ValueError) as error:  # for example for an array that holds one string
         raise SettingsError(f"must be a number, not {shown(value)}", setting=setting) from error
 
 
@@ -63,7 +63,7 @@ def as_numbers(values: ArrayLike, setting: str) -> NDArray[Any]:
         array = np.asarray(values)
         if array.dtype.kind in "fiub":
             return np.asarray(array, np.float64)
-        # Numbers beyond 64 bits are objects. NumPy would read text as numbers, and None as NaN.
+        # NumPy would read text as numbers and None as NaN; numbers beyond 64 bits become objects.
         if array.dtype.kind == "O" and all(isinstance(one, Real) for one in array.flat):
             return array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -1,8 +1,8 @@
-"""Opening files for reading: only regular ones, and of the files that a file names only those near it.
+"""Open files for reading: only regular ones, and of the files that a file names only those near it.
 
 A pipe could block its reader and a device fill the memory. A file from a stranger could name any other file, whose
-content would come back as positions. :func:`open_regular` opens what a caller names, a :class:`FileScope` what a
-file names.
+content would come back as positions. :func:`open_regular` opens files that a caller names, a :class:`FileScope`
+files that another file names.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FOLDERS_VARIABLE = "PDECODEC_ASSET_FOLDERS"
 """Environment variable with more folders in which files may name others, in the syntax of PATH."""
 
 LONGEST_SHOWN = 200
-"""Largest number of characters of a name in an error."""
+"""Largest number of characters of a file name in an error message."""
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
@@ -65,14 +65,16 @@ def open_regular(path: str | os.PathLike[str], *, is_buffered: bool = True) -> B
     """
     path = as_path(path)
     try:
-        _check_mode(path, os.stat(path).st_mode)  # check before opening, because a device may react to that
+        _check_mode(path, os.stat(path).st_mode)  # Check before opening, because a device may react to that.
         return open(path, "rb", -1 if is_buffered else 0, opener=_opened)
-    except ValueError as error:  # a NUL, or half a surrogate pair
+    except ValueError as error:  # The path has a NUL, or half a surrogate pair.
         raise unreadable(error, path, "check the name", doing="opened") from error
 
 
 def read_regular(path: Path, most: int | None = None) -> bytes:
-    """Return the bytes of a regular file, at most `most` from its beginning; errors as of :func:`open_regular`."""
+    """Return the bytes of a regular file, at most `most` from its beginning; raises the errors of
+    :func:`open_regular`.
+    """
     with open_regular(path) as file:
         return file.read() if most is None else read_at_most(file, most)
 
@@ -104,7 +106,7 @@ class FileScope:
     """The files that a file may name: those in its folder and below, and in additional allowed folders.
 
     A link counts as the file it leads to. The folders of :func:`asset_folders_allowed` and of the environment are
-    those at the time when the scope is made: files may be opened later.
+    read when the scope is made, because files may be opened later.
 
     Parameters
     ----------
@@ -155,7 +157,9 @@ class FileScope:
         return Path(place)
 
     def regular(self, name: str, folder: Path | None = None) -> Path:
-        """Return the path of a regular file that lies inside, for a library to open; errors as of :meth:`open`."""
+        """Return the path of a regular file that lies inside, for a library to open; raises the errors of
+        :meth:`open`.
+        """
         with self.open(name, folder) as file:
             return Path(file.name)
 
@@ -178,7 +182,7 @@ class FileScope:
             raise InputError(message, code="unreadable", path=self.path) from error
 
     def read(self, name: str, most: int | None = None, folder: Path | None = None) -> bytes:
-        """Return the bytes of a file, at most `most` from its beginning; errors as of :meth:`open`."""
+        """Return the bytes of a file, at most `most` from its beginning; raises the errors of :meth:`open`."""
         with self.open(name, folder) as file:
             return file.read() if most is None else read_at_most(file, most)
 
@@ -190,5 +194,5 @@ def _shown(name: str) -> str:
 def _is_below(path: str, folder: str) -> bool:
     try:
         return os.path.commonpath((path, folder)) == os.path.normpath(folder)
-    except ValueError:  # on another drive
+    except ValueError:  # The file is on another drive.
         return False

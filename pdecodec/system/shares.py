@@ -1,6 +1,6 @@
-"""Division of work into shares that run in parallel threads: the compiled loops release the interpreter lock.
+"""Divide work into shares that run in parallel threads: the compiled loops release the interpreter lock.
 
-No share writes what another one reads, so no result depends on the number of threads.
+No share writes data that another share reads, so no result depends on the number of threads.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Result = TypeVar("Result")
 Other = TypeVar("Other")
 
 SHARES_PER_THREAD = 4
-"""Shares per thread: they are equal in size, not in work, so a thread that is done takes the next one."""
+"""Number of shares per thread. Shares are equal in size, not in work, so a thread that is done takes the next share."""
 
 MIN_SHARED_SIZE = 6000
-"""Smallest size of a clip, in vertices times frames, at which several threads are faster than one, as measured:
-below it they mostly wait for each other.
+"""Smallest size of a clip, in vertices times frames, at which several threads are faster than one, as measured;
+for smaller clips threads mostly wait for each other.
 """
 
 _is_alone: ContextVar[bool] = ContextVar("is_alone", default=False)
@@ -33,8 +33,8 @@ _is_alone: ContextVar[bool] = ContextVar("is_alone", default=False)
 
 @contextmanager
 def threads_for(size: int) -> Iterator[None]:
-    """Use one thread in this block if `size`, vertices times frames, is small and the environment does not ask
-    for more.
+    """Use one thread in this block if `size`, vertices times frames, is small and the environment does not
+    request more.
     """
     before = _is_alone.set(size < MIN_SHARED_SIZE and _asked_threads() is None)
     try:
@@ -60,8 +60,8 @@ def thread_count() -> int:
 
 @lru_cache
 def _helpers(count: int) -> ThreadPoolExecutor:
-    """Return a pool of waiting threads: starting a thread takes longer than many shares."""
-    from concurrent.futures import ThreadPoolExecutor  # imported here because decoding alone never needs it
+    """Return a pool of waiting threads, because starting a thread takes longer than many shares."""
+    from concurrent.futures import ThreadPoolExecutor  # Imported here because decoding alone never needs it.
 
     return ThreadPoolExecutor(count)
 
@@ -108,7 +108,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
         while left:
             try:
                 share = left.popleft()
-            except IndexError:  # another thread took the last one
+            except IndexError:  # Another thread took the last share.
                 return
             works[0](*share)
 
@@ -122,7 +122,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
         take()
     finally:
         left.clear()
-        # Helpers that are busy elsewhere have not begun; nothing is left for them here.
+        # Helpers that are busy elsewhere have not begun, and there is no work left for them here.
         begun = [other for other in others if not other.cancel()]
         wait(begun)
         # A helper keeps a cancelled call until it finds time to drop it: do not let it keep the arrays of `work`.

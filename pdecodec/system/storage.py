@@ -23,7 +23,7 @@ ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
 """Beginning of an address; a drive letter is not a protocol."""
 
 HEAD_BYTES = 1024
-"""Bytes that are read of a file at first: a table of sections is shorter."""
+"""Bytes that are read at first; a table of sections is shorter."""
 
 MAX_READ_AHEAD_BYTES = 2**20
 """Largest number of bytes that are read ahead: beyond it, separate requests for parts cost little."""
@@ -43,7 +43,7 @@ CHANGE_MARKS = (
     "mtime",
     "created",
 )
-"""Names of properties by which storages show that a file has changed."""
+"""Properties from which a storage service tells that a file has changed."""
 
 RANGE_NOT_SATISFIABLE = 416
 """HTTP status for a requested range that begins beyond the end of the file."""
@@ -115,9 +115,7 @@ class RemoteFile:
         return int(size)
 
     def stamp(self) -> list[Any]:
-        """Return name, size, and properties that change when the file is written; None for the latter if there
-        are none.
-        """
+        """Return name, size, and properties that change when the file is written; None for these if there are none."""
         known = self._information()
         marks = [str(known[name]) for name in CHANGE_MARKS if known.get(name) is not None]
         return [self.name, known.get("size"), marks or None]
@@ -253,7 +251,7 @@ def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
 
 @contextmanager
 def storage_errors(address: str) -> Iterator[None]:
-    """Turn the errors of storages, which are of many kinds, into errors of one line."""
+    """Turn the many kinds of errors of storage services into errors of one line."""
     try:
         yield
     except PdecodecError:

@@ -1,9 +1,9 @@
 """Outputs that appear whole or not at all: written under a temporary name in the same folder, then moved.
 
-Unfinished output lies in a hidden file or folder whose name tells which process writes it. Several files, such as
-frames, become visible together: their folder is renamed to mark it as ready, and its files are moved. A killed
-process leaves unfinished or ready output; the next process that reads or writes in that folder removes the former
-and moves the latter.
+Unfinished output is a hidden file or folder whose name tells which process writes it. Several files, such as frames,
+become visible together: their folder is renamed to mark it as ready, and its files are moved. A killed process
+leaves unfinished or ready output; the next process that reads or writes in that folder removes unfinished output and
+moves ready output.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ PARTIAL, READY = ".partial", ".ready"
 """Suffixes of names: for unfinished output, and for complete output that remains to be moved."""
 
 MANIFEST = ".manifest.json"
-"""File in a ready folder: the names of its files that replace others, and of the files to remove."""
+"""File in a ready folder that lists the names of its files that replace others, and of the files to remove."""
 
 NAME_CHARACTERS = 24
-"""Characters of an output's name in its temporary name: at four bytes each, and with the rest, a name stays
-below 143 bytes, the smallest limit of a file system in use (eCryptfs).
+"""Number of characters of an output's name in its temporary name. At four bytes each, and with its other parts,
+the temporary name stays below 143 bytes, the smallest limit of a file system in use (eCryptfs).
 """
 
 PROBE_BYTES = 2**16
@@ -148,7 +148,7 @@ def publish(partial: Path, names: Sequence[str], *, overwrite: bool, remove: Seq
 
 
 def finish_interrupted(folder: Path) -> None:
-    """Finish or remove what killed processes of this machine and user left in a folder."""
+    """Complete or remove output that killed processes of this machine and user left in a folder."""
     try:
         left = [entry for entry in os.scandir(folder) if entry.name.startswith(".")]
     except OSError:
@@ -158,7 +158,7 @@ def finish_interrupted(folder: Path) -> None:
         if found is None or found["host"] != _host() or _is_alive(int(found["process"])):
             continue
         path = Path(entry.path)
-        # Others may write to this folder: their files must not make us move or remove anything.
+        # Others may write to this folder, and their files must not make us move or remove anything.
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             information = entry.stat(follow_symlinks=False)
             if information.st_uid != os.geteuid() or stat.S_ISLNK(information.st_mode):
@@ -172,8 +172,8 @@ def finish_interrupted(folder: Path) -> None:
 
 
 def partial_path(path: Path) -> Path:
-    """Return a hidden name next to `path` that no other writer uses. It has only the beginning of the name,
-    which may be as long as a name can be.
+    """Return a hidden name next to `path` that no other writer uses. It contains only the start of the original
+    name, because that may already have the largest possible length.
     """
     return path.with_name(f".{path.name[:NAME_CHARACTERS]}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
 
@@ -202,7 +202,7 @@ def is_full(folder: Path) -> bool:
 
 
 def write_failure(path: Path, partial: Path, said: str) -> InputError:
-    """Return the error about an output that a library could not write without telling why.
+    """Return the error about an output that a library could not write, without giving the reason.
 
     Parameters
     ----------
@@ -225,21 +225,22 @@ def largest_file() -> float:
     """Return the limit of this process for the size of a file (``ulimit -f``) [bytes]; infinite if there is none."""
     try:
         import resource
-    except ImportError:  # Windows has no such limit
+    except ImportError:  # Windows has no such limit.
         return math.inf
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def _finish_ready(ready: Path) -> None:
-    # A process killed while removing the folder had moved all files before: then the manifest is gone, or goes now.
+    # A process that was killed while it removed the folder had already moved all files: then there is no manifest, or
+    # it is removed now.
     if (ready / MANIFEST).exists():
         _move_out(ready)
     shutil.rmtree(ready, ignore_errors=True)
 
 
 def _move_out(ready: Path) -> None:
-    """Move and remove files as the manifest of a folder says."""
+    """Move and remove files according to the manifest of a folder."""
     manifest: Mapping[str, list[str]] = json.loads((ready / MANIFEST).read_text(encoding="utf-8"))
     for name in (*manifest["move"], *manifest["remove"]):
         if Path(name).name != name or name == MANIFEST:
@@ -332,7 +333,7 @@ RESERVE_MARGIN = 2**20
 
 
 class ReservedRoom:
-    """Disk space reserved for a file that other code writes, so that code which cannot report a full disk meets none.
+    """Disk space reserved for a file that other code writes, because that code cannot report a full disk.
 
     On a file system that cannot reserve space, only the free space is checked. Unused space is given back when the
     file's length changes for the last time, or when it is moved; it never counts as part of the file's size.

@@ -1,9 +1,9 @@
-"""Worker processes: each runs calls in a separate process, and whatever ends that process becomes an error here.
+"""Worker processes: each runs calls in a separate process, so that the end of that process is only an error here.
 
-A request is a pickle of a function, by its name, and its arguments. An answer is what the function returned or
-raised: also a pickle, or, if a damaged file might take over the process, a NumPy archive without pickles. Each
-message is sent through a pipe, preceded by its length. Begin with :class:`Worker`; :func:`call_workers` shares items
-among several.
+A request is a pickle of a function, by its name, and its arguments. An answer is the function's result or exception:
+also a pickle, or, if a damaged file might take over the process, a NumPy archive without pickles. Each message is
+sent through a pipe, preceded by its length. Begin with :class:`Worker`; :func:`call_workers` shares items among
+several.
 
 A terminal sends an interrupt to all processes at once. A worker ignores it from its start: the process that started
 it ends it.
@@ -61,7 +61,7 @@ _LEAVES = {
 
 
 class WorkerError(Exception):
-    """A worker could not answer; the message is the reason, worded to stand in parentheses."""
+    """A worker could not answer; the message is the reason, worded for use in parentheses."""
 
 
 class WorkerNotStartedError(WorkerError):
@@ -69,7 +69,7 @@ class WorkerNotStartedError(WorkerError):
 
 
 class WorkerEndedError(WorkerError):
-    """The process ended during a call: by itself with an exit code, or minus a signal's number; None if we ended it."""
+    """The process ended during a call: with an exit code, or minus the number of a signal; None if we ended it."""
 
     def __init__(self, exit_code: int | None) -> None:
         self.exit_code = exit_code
@@ -84,12 +84,13 @@ class WorkerEndedError(WorkerError):
 
 
 class Worker:
-    """A process that answers calls, one at a time; started by the first call, and again after it ended or after a fork.
+    """A process that answers calls, one at a time. The first call starts it, as does a call after it ended or after a
+    fork.
 
     Parameters
     ----------
     arrays_only : bool
-        Accept no pickles from the process, and hide what it prints: functions return arrays by name.
+        Accept no pickles from the process, and hide its prints: functions return arrays by name.
     environment : mapping of str to str, optional
         Variables that the process has in addition to those of this process.
     """
@@ -125,7 +126,7 @@ class Worker:
             except _NO_ANSWER as reason:
                 raise self._ended(process) from reason
             except BaseException:
-                # Its late answer would be taken for that of the next request.
+                # Otherwise its late answer would be taken for the answer to the next request.
                 self._stop(process)
                 raise
         if error is not None:
@@ -173,7 +174,7 @@ class Worker:
     def _ended(self, process: subprocess.Popen[bytes]) -> WorkerEndedError:
         """Return the error for a process that no longer answers."""
         if not self._arrays_only:
-            process.wait()  # it closed its pipes, so it is ending; its exit code says why
+            process.wait()  # It closed its pipes, so it is ending; its exit code tells the reason.
         self._stop(process)
         with self._changing:
             return WorkerEndedError(None if self._is_over else process.returncode)
@@ -193,14 +194,14 @@ class Worker:
 def call_workers(
     items: Sequence[Item], work: Callable[[Worker, Item], Result], workers: Sequence[Worker]
 ) -> Iterator[tuple[Item, Result | Exception]]:
-    """Yield each item with what `work` returned or raised for it, in the order in which items are done.
+    """Yield each item with the result or the exception of `work` for it, in the order in which items are done.
 
     Parameters
     ----------
     items : sequence
     work : callable
         ``work(worker, item)`` calls the worker; it runs in one thread per worker. An item whose worker cannot be
-        started goes to another one, as long as there is one.
+        started goes to another worker, as long as there is one.
     workers : sequence of Worker
         Ended together with the iterator.
     """
@@ -208,7 +209,7 @@ def call_workers(
     found = SimpleQueue[tuple[Item, Result | Exception] | None]()
 
     def next_items() -> list[Item]:
-        """Return the next item; empty if there are no more, and then this thread stops."""
+        """Return the next item; if there are no more, return an empty list, and stop this thread."""
         nonlocal takers
         with lock:
             takers -= not left
@@ -234,7 +235,7 @@ def call_workers(
                     if is_given_back(item):
                         break
                     found.put((item, error))
-                except Exception as error:  # an error of one item must not stop the others
+                except Exception as error:  # An error of one item must not stop the others.
                     found.put((item, error))
         finally:
             worker.end()
@@ -259,7 +260,7 @@ def call_workers(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold back interrupts from this thread until the block ends; processes started inside inherit that."""
+    """Hold back interrupts from this thread until the block ends; processes that are started inside inherit this."""
     if not CAN_HOLD_INTERRUPTS:
         yield
         return
@@ -275,7 +276,7 @@ def serve(*, arrays_only: bool) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if CAN_HOLD_INTERRUPTS:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # Functions may read, print and start processes: none of them may get the pipes.
+    # Functions may read, print and start processes, none of which may get the pipes.
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     for standard in (0, 1):
@@ -288,7 +289,7 @@ def serve(*, arrays_only: bool) -> None:
                 function, arguments, named = pickle.loads(request)
                 answer = function(*arguments, **named)
                 data = _pack_arrays(answer) if arrays_only else pickle.dumps((answer, None))
-            except Exception as error:  # every error of a function is returned to the caller
+            except Exception as error:  # Every exception of a function is returned to the caller.
                 data = _pack_failure(error) if arrays_only else _pickle_failure(error)
             _send(answers, data)
 
@@ -340,5 +341,5 @@ def _unpack_arrays(data: bytes) -> tuple[dict[str, Any], PdecodecError | None]:
             return arrays, None
         kind, fields = json.loads(str(arrays[_FAILURE]))
         return {}, _LEAVES[kind](**fields)
-    except Exception as error:  # a process that was taken over can answer anything
+    except Exception as error:  # A process that was taken over can answer anything.
         raise EOFError from error

@@ -24,12 +24,12 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
 
 FRAME_RUN = 8
-"""Length of a run of frames; every other run is sampled. Runs are sampled whole, because residuals are coded with
-the frame before as context.
+"""Length of a run of frames; every second run is sampled. Runs are sampled whole, because residuals are coded
+with the frame before as context.
 """
 
 WHOLE_DEPTHS = 8
-"""Depth of the partition tree down to which all nodes are in the sample: they are few."""
+"""Depth of the partition tree up to which all nodes are sampled, because they are few."""
 
 ROWS_AT_ONCE = 256
 """Rows of coefficients that are weighed at once: as many as caches hold."""
@@ -42,8 +42,8 @@ class BitCounter(Protocol):
         """Return the bits of a candidate, measured or estimated."""
 
     def prepare(self, choice: Candidate) -> None:
-        """Compute what candidates of a temporal basis and origin share, before several threads would each
-        compute it.
+        """Compute results that all candidates of a temporal basis and origin share, so that threads do not each
+        compute them.
         """
 
 
@@ -146,7 +146,8 @@ class _Sample:
             kinds[self.chosen],
             np.searchsorted(self.chosen, parents[self.chosen]),
         )
-        # Nodes of a depth have almost equal costs; elements do not.
+        # Nodes of the same depth have almost equal costs, elements do not, so nodes are scaled by number, elements by
+        # weight.
         of_all, of_chosen = np.bincount(depths + 1, sizes), np.bincount(own_depths + 1, own_sizes)
         self.subband_copies = of_all[own_depths + 1] / np.maximum(of_chosen[own_depths + 1], 1.0)
         self.subband_copies[own_depths < 0] = weight
@@ -207,7 +208,7 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, tuning: Tuning, *, compare
 
 def _parts(basis: SpaceBasis, most: int) -> Int64Array:
     """Return, for each element, the highest node of the partition tree above it with at most `most` vertices;
-    its own node if every node above it has more.
+    the element's own node if every node above it has more.
     """
     children, node_of = basis.patches.children, basis.patches.node_of
     sizes = np.zeros(children.size, np.int64)
@@ -226,7 +227,7 @@ def _parts(basis: SpaceBasis, most: int) -> Int64Array:
 
 
 def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
-    """Return the elements that consist mostly of given vertices."""
+    """Return the elements more than half of whose vertices are among the given ones."""
     given = np.zeros(basis.vertices, np.int64)
     given[vertices] = 1
     found: Int64Array = np.flatnonzero(

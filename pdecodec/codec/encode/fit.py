@@ -1,4 +1,6 @@
-"""Fit one group of frames: quantised functions of time and coefficients, refined, and the residuals that they leave."""
+"""Fit one group of frames: functions of time and coefficients, quantised and refined, and residuals that
+correct them.
+"""
 
 from __future__ import annotations
 
@@ -46,17 +48,19 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Ar
 from pdecodec.system.shares import both, thread_count
 
 STEP_SAMPLE = 2**19
-"""Number of coefficients from which the mean error of a step is computed."""
+"""Number of coefficients in the sample from which the mean error of a step is computed."""
 
 ELEMENT_STRIDE = 8
 """In a heavy group (`GroupFitter.is_heavy`), one in this many elements and functions of time is sampled."""
 
 PRECISION_STRIDE = 4
-"""One in this many elements, or frames if there are few elements, tests whether float32 is precise enough."""
+"""One in this many elements (or frames, if there are few elements) is used to test whether float32 is precise
+enough.
+"""
 
 
 FARTHEST_PUSH = 2.0
-"""Largest distance that refinement moves a vertex [bounds]."""
+"""Largest distance by which refinement moves a vertex [bounds]."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Candidate:
     ----------
     time : {"trajectories", "shapes", "poses", "cosines"}
     origin : {"reference", "first"}
-        What displacements are measured from.
+        The shape that displacements are measured from.
     step : int
         Index of the step of the coefficients; see :func:`grid_step`.
     time_step : int
@@ -229,7 +233,7 @@ class GroupFitter:
         return len(self._reference) > self.tuning.small_mesh_vertices
 
     def prepare(self, choice: Candidate) -> None:
-        """Compute what fits of a temporal basis and origin share, before several threads would each compute it."""
+        """Compute results that fits of a temporal basis and origin share, so that threads do not each compute them."""
         moved = self.displacements(choice.origin)
         if self.is_heavy:
             moved.count(choice.time)
@@ -276,7 +280,7 @@ class GroupFitter:
         return other
 
     def settle(self, choice: Candidate) -> None:
-        """Free what only fits in other functions of time, or from the other origin, would need."""
+        """Free data that only fits with other functions of time, or from the other origin, would need."""
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
         self._displacements = {choice.origin: self.displacements(choice.origin)}
@@ -284,7 +288,7 @@ class GroupFitter:
             _core.give_back_memory()
 
     def release(self) -> None:
-        """Free results that are quickly computed again, while other groups are searched or coefficients refined."""
+        """Free results that are quick to compute again, while other groups are searched or coefficients refined."""
         _ = self.is_single
         self._projection, self._part_of = None, None
         for moved in self._displacements.values():
@@ -321,7 +325,8 @@ class GroupFitter:
             allowed = tuning.mean_error + tuning.mean_error_of_dense * math.sqrt(kept / positions)
             return math.sqrt(squares / positions) > allowed * self.unit
 
-        # A step as large as the mean error leaves a smaller error, whatever the coefficients.
+        # Try steps in rising order; a step equal to the mean error leaves a smaller error, whatever the coefficients
+        # are.
         steps = range(grid_index(tuning.mean_error * self.unit), grid_index(tuning.coarsest_step * self.unit) + 1)
         return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
 
@@ -359,7 +364,7 @@ class GroupFitter:
 
     def _first_look(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> tuple[Int64Array | None, Int64Array]:
         """Return quantised coefficients of all functions of time and the largest per channel. For a heavy
-        group, return None and the largest on a sample of the elements: channels without any there are
+        group, return None and the largest in a sample of the elements: a channel without any in the sample is
         negligible.
         """
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
@@ -371,7 +376,7 @@ class GroupFitter:
 
     @property
     def moves(self) -> bool:
-        """Return whether the group moves: whether it has a trajectory above the tail."""
+        """Return whether the group moves, that is, whether it has a trajectory that is large enough to keep."""
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
     def fit(
@@ -380,11 +385,11 @@ class GroupFitter:
         """Fit, and measure the bits if requested; the result of a trial cannot be encoded."""
         group = self.quantised(basis, choice)[0]
         if self.is_heavy:
-            self.release()  # the comparison with the source needs this memory next
+            self.release()  # The comparison with the source needs this memory next.
         return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
     def at_rest(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
-        """Fit no functions: residuals alone correct the error of the reference frame."""
+        """Fit no functions of time: residuals alone correct the error of the reference frame."""
         step, basis_of_time = grid_step(choice.step), time_basis_of(choice.time)
         entry = GroupEntry(frames=self.frames, functions=0, basis=basis_of_time, single=False, step=step)
         return self.fitted(basis, QuantisedGroup(entry, None, np.zeros((basis.functions, 0), np.int64)))
@@ -392,8 +397,8 @@ class GroupFitter:
     def quantised(
         self, basis: SpaceBasis, choice: Candidate, zone: DeadZone | None = None
     ) -> tuple[QuantisedGroup, Rows]:
-        """Return quantised functions of time and coefficients, and the coefficients of the functions of time vertex by
-        vertex before projection and quantisation, (vertices, channels) [scene units].
+        """Return quantised functions of time and coefficients, and the values of the coefficients before
+        projection and quantisation, (vertices, channels) [scene units].
         """
         zone = zone or self.tuning.dead_zones[0]
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
@@ -538,7 +543,7 @@ class GroupFitter:
             if needed.size == used.size:
                 return time_functions, quantised, values
             used = used[needed]
-            del quantised, values  # the next ones take as much memory again
+            del quantised, values  # The next ones take as much memory again.
         return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
 
 

@@ -1,8 +1,8 @@
-"""The model of a clip: which reference frame and spatial basis cost least, with the groups of the first frames.
+"""Search for the reference frame and spatial basis that cost least, together with the groups of the first frames.
 
-The reference frame's error is in every frame and turns with the parts of the mesh. Then it looks like motion that no
-function of space describes, so a finer reference frame saves many times its own bits. Where little turns, or the
-clip is short, bits are better spent on the motion.
+An error of the reference frame is in every frame and turns with the parts of the mesh. It then looks like motion
+that no function of space describes, so a finer reference frame saves many times its own bits. If little turns, or
+the clip is short, bits are better spent on the motion.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from pdecodec.system.ahead import MadeAhead
 from pdecodec.system.shares import side_by_side
 
 EFFORT_BITS = 8.0 * 16
-"""Largest number of bits that recording another effort takes in a file."""
+"""Number of bits that recording another effort in a file takes at most."""
 
 SINGLE_FRAME_STEP = 1.1
 """Step for clips of one frame [units]: the largest that keeps the bound (2 / sqrt 3 = 1.15), less a margin for
@@ -48,7 +48,7 @@ COARSEST_STEP = 2.0
 """Coarsest step that is tried [units]: a coarser one breaks the bound even when smoothed."""
 
 WELL_SMOOTHED, COARSE_GRID = 0.75, 512
-"""Smoothing pays if it leaves at most this share of a frame's mean error, on a grid of at most this many steps
+"""Smoothing pays if it reduces a frame's mean error to at most this share, on a grid of at most this many steps
 along the longest side.
 """
 
@@ -196,7 +196,7 @@ class ModelSearch:
     def run(self) -> FinishedModel:
         """Return the reference frame, spatial basis and first groups that cost least together.
 
-        More effort should not cost more bytes: what less effort finds is another candidate.
+        More effort should not cost more bytes, so the result of less effort is also a candidate.
         """
         if self.times.size == 1 and (model := self._at_rest()):
             return model
@@ -215,7 +215,7 @@ class ModelSearch:
     def _at_rest(self) -> FinishedModel | None:
         """Return the model of a single frame that is its reference frame, or None if that breaks the bound.
 
-        Every effort finds it: there are no other steps to try, and nothing that moves.
+        The result does not depend on the effort: there are no other steps to try, and nothing moves.
         """
         reference, tuning = self._usual_reference, TUNINGS["default"]
         self.references.sections.begin(reference)
@@ -228,16 +228,16 @@ class ModelSearch:
         fitter = self._fitter(reference)
         choice = replace(fitter.first_choice, time="cosines")
         fitted = fitter.at_rest(basis, choice)
-        if fitted.residuals.count and self.unit > self.bound:  # float32 is too coarse for this bound
+        if fitted.residuals.count and self.unit > self.bound:  # Float32 is too coarse for this bound.
             return None
         group, basis = FinishedGroup(fitter, choice, fitted), clear_space_basis(basis, reference.grid)
         data = self.references.sections.get(reference)
         return FinishedModel(reference, data, basis, [group], [], self.tuning.compared_effort)
 
     def first_look(self) -> float:
-        """Return the approximate bits of the first frames, encoded as most clips are."""
+        """Return the approximate bits of the first frames, encoded by rule."""
         if self._is_by_rule:
-            fitter, basis = self._fitter_by_rule, self._basis_by_rule  # kept: nothing else is tried
+            fitter, basis = self._fitter_by_rule, self._basis_by_rule  # These are kept: no others are tried.
         else:
             reference = self._usual_reference
             fitter, basis = self._fitter(reference), self._bases(reference).get(self.tuning.spatial_bases[0])
@@ -246,7 +246,7 @@ class ModelSearch:
 
     @property
     def _vertices(self) -> int:
-        """Number of vertices: tied ones count, so that no search takes longer because some are tied."""
+        """Number of vertices, including tied ones, so that tied vertices make no search slower."""
         return int(self.points.shape[1])
 
     @property
@@ -315,7 +315,9 @@ class ModelSearch:
 
     def _quantised(self, step: float) -> ReferenceFrame:
         if self.times.size == 1:
-            return quantise_reference(self.points[0], step, self.references.ties)  # within the bound without residuals
+            return quantise_reference(
+                self.points[0], step, self.references.ties
+            )  # A clip that keeps the bound without residuals.
         return self.references.frame(self.points[0], step)
 
     def _fitter(self, reference: ReferenceFrame) -> GroupFitter:
@@ -347,15 +349,16 @@ class ModelSearch:
         return MadeAhead(made, self.ahead)
 
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
-        """Return the model with the cheapest step of the reference frame, finer or else coarser, and all else
-        unchanged.
+        """Return the model with the cheapest step of the reference frame, first finer, then coarser ones; all
+        other choices stay.
         """
         if not any(group.bits for group in usual.groups):
-            # If one pose keeps the bound, do not try a coarser one that breaks it: its error would be coded as motion.
+            # If the reference frame alone keeps the bound, do not try a coarser one that breaks it: residuals of every
+            # frame would have to correct it.
             start -= sum(step > self.unit for step in steps)
             steps = [step for step in steps if step <= self.unit]
         for group in usual.groups:
-            group.fitter.prepare(group.choice)  # results for other reference frames follow from these
+            group.fitter.prepare(group.choice)  # Results for other reference frames follow from these.
         costs, best = {usual.reference.coded_step: self._cost(usual)}, usual
         for direction in (1, -1):
             for step in steps[start + 1 :] if direction > 0 else steps[:start][::-1]:
@@ -374,14 +377,14 @@ class ModelSearch:
 
     @property
     def _is_tiny(self) -> bool:
-        """Return whether the clip is so small that the step of the reference frame, which is much of it, is searched
-        at every effort.
+        """Return whether the clip is so small that the step of the reference frame is searched at every effort,
+        because the reference frame is a large share of the file.
         """
         return self.times.size * self._vertices <= self.tuning.small_clip_positions
 
     @property
     def _is_exhaustive(self) -> bool:
-        """Return whether nothing is pruned: of a tiny clip even a full search is quick."""
+        """Return whether nothing is pruned: even a full search of a tiny clip is quick."""
         return self.tuning.is_thorough and self._is_tiny
 
     @property
@@ -389,7 +392,7 @@ class ModelSearch:
         return self._vertices > self.tuning.small_mesh_vertices
 
     def _cost(self, model: _Model) -> float:
-        """Return the bits of the first frames with their share of the reference frame and the spatial basis."""
+        """Return the bits of the first frames, including their share of the reference frame and the spatial basis."""
         bits = sum(group.bits for group in model.groups)
         return self._share_of(self.references.sections.get(model.reference), model.basis.layout) + bits
 
@@ -401,11 +404,11 @@ class ModelSearch:
         return self._share_of(model.reference_data, described) + bits
 
     def _share_of(self, *once: bytes) -> float:
-        """Return the first frames' share of bits that are stored once for all frames."""
+        """Return the share of the first frames in bits that are stored once for all frames."""
         return 8.0 * len(self.points) / self.times.size * sum(map(len, once))
 
     def _with_reference(self, step: float) -> _Model:
-        """Search everything else, given a step of the reference frame."""
+        """Search everything except the step of the reference frame, which is given."""
         reference = self._quantised(step)
         fitter, bases = self._fitter(reference), self._bases(reference)
         first = self.tuning.spatial_bases[0]
@@ -466,7 +469,7 @@ class ModelSearch:
 
         def prepare(fitter: GroupFitter, choice: Candidate) -> None:
             fitter.prepare(choice)
-            searches.search(fitter, kinds[0])  # its vertices are sampled in the other bases, too
+            searches.search(fitter, kinds[0])  # Its vertices are sampled in the other bases, too.
 
         def bits(fitter: GroupFitter, choice: Candidate, space: tuple[SpaceKind, int]) -> float:
             return searches.search(fitter, space).bits(choice)

@@ -35,28 +35,28 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
 
 ALPHAS = (1.5, 2.5, 3.5, 5.0, 7.0, 10.0)
-"""Rates of Eq. 12 to choose from, over half a segment: at 3.14 sin and cos swing once over the segment."""
+"""Candidates for the rate of Eq. 12, over half a segment: at 3.14 sin and cos swing once over the segment."""
 
 RATES = (1.5, 3.0, 5.0, 8.0)
-"""Rates r of Eqs. 14 and 16 to choose from, over half a piece."""
+"""Candidates for the rate r of Eqs. 14 and 16, over half a piece."""
 
 STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
-"""Quantisation steps to choose from where there is a bound, in units."""
+"""Candidates for the quantisation step if there is a bound, in units."""
 
 SAMPLED_SEGMENTS = 3
-"""Number of segments from all over the clip by which the rate r and the steps are chosen."""
+"""Number of segments, spread over the clip, from which the rate r and the steps are chosen."""
 
 WORTHWHILE_GAIN = 1e-9
-"""Share of the energy that a larger rate must save, so that rounding does not decide."""
+"""Share of the energy that a larger rate must save, so that rounding errors do not decide."""
 
 ADDED_BY_QUANTISATION = 0.01
-"""Share of the model's own squared error that quantised coefficients may add: half a percent of the error."""
+"""Squared error that quantising coefficients may add, relative to the model's own: half a percent of the error."""
 
 ADDED_BY_REFERENCE = 0.05
-"""Largest error of the reference frame, as a share of the model's own: in squares, it adds an eighth of a percent."""
+"""Largest error of the reference frame, relative to the model's own: in squares, it adds an eighth of a percent."""
 
 STEP_RATIO = QUARTERS[1]
-"""Ratio of one quantisation step that is tried to the next."""
+"""Ratio between quantisation steps that are tried in succession."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class _Projected:
     alpha : float
     coefficients : (functions of space, 4 * 3) float64 [scene units]
     error : float [scene units^2]
-        Sum of squares that the functions leave.
+        Sum of squares of the part that the functions do not describe.
     """
 
     alpha: float
@@ -94,7 +94,7 @@ class PaperEncoder(Encoder):
         self._rate = min(errors, key=lambda rate: errors[rate] * (1.0 + WORTHWHILE_GAIN * rate))
         positions = sum(len(points) for points, _ in sampled) * sequence.vertex_count
         rms = float(np.sqrt(errors[self._rate] / positions))
-        step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # the root mean square of rounding is about half a step
+        step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # The root mean square of rounding is about half a step.
         self._set_reference(step if self._bound is None else min(step, self._bound / 2.0))
         self._basis = self._build(self._reference.grid, self._rate)
 
@@ -133,11 +133,11 @@ class PaperEncoder(Encoder):
     def _project(
         self, points: Float32Array, part: tuple[int, int], basis: SpaceBasis, reference: Float64Array
     ) -> _Projected:
-        """Solve the least squares of Eq. 25 for each alpha, for which they are linear; return the solution that
-        leaves least.
+        """Solve the least squares of Eq. 25 for each alpha, for which they are linear; return the solution of
+        smallest error.
         """
         moved = points.astype(np.float64) - reference
-        if self._bound is not None:  # as under "auto", vertices that are this far off are left to residuals
+        if self._bound is not None:  # As in profile "auto", vertices beyond this distance are left to residuals.
             moved[np.abs(moved) > FARTHEST_STEPS * self._unit] = 0.0
         energy = _core.sum_of_products(moved.ravel(), moved.ravel())
         best: _Projected | None = None
@@ -150,7 +150,7 @@ class PaperEncoder(Encoder):
             error = max(energy - _core.sum_of_products(coefficients.ravel(), coefficients.ravel()), 0.0)
             if best is None or error < best.error * (1.0 - WORTHWHILE_GAIN):
                 best = _Projected(alpha, coefficients, error)
-        assert best is not None  # there is at least one alpha
+        assert best is not None  # There is at least one alpha.
         return best
 
     def _closed_form(self, part: tuple[int, int], alpha: float) -> ClosedForm:

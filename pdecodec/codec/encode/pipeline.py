@@ -1,6 +1,6 @@
 """The encoder from top to bottom: read group after group of frames, encode each, and collect the sections of a file.
 
-:class:`Encoder` holds what all profiles share; :class:`AutoEncoder` is profile "auto", whose choices
+:class:`Encoder` is the base of all profiles; :class:`AutoEncoder` is profile "auto", whose choices
 :mod:`pdecodec.codec.encode.model` and :mod:`pdecodec.codec.encode.search` make. Profile "paper" is
 :mod:`pdecodec.codec.encode.paper`.
 """
@@ -91,7 +91,7 @@ class Encoder(ABC):
         self._entries: list[GroupEntry] = []
         self._largest_square, self._sum_of_squares = 0.0, 0.0
         self._residuals = self._coefficients = 0
-        self._is_still = True  # no frame that was read differs from the first
+        self._is_still = True  # whether all frames read so far equal the first
         self._ties: Int32Array = NO_TIES
         self._questions: list[Question] = []
         self._fields: list[FieldReport] = []
@@ -108,7 +108,9 @@ class Encoder(ABC):
 
     @contextmanager
     def encoded(self, path: Path | None) -> Iterator[list[Section]]:
-        """Encode all groups and yield the sections of a run; some are unnamed files that last as long as the block."""
+        """Encode all groups and yield the sections of a run; some of them are unnamed files that exist until
+        the block ends.
+        """
         spools = [Spool(path) for _ in (*CHUNK_SECTIONS, "FDAT")]
         keep = self._settings.order == "keep"
         ahead = thread_ahead(self._size)
@@ -124,7 +126,7 @@ class Encoder(ABC):
                         self._progress(frames, self._sequence.frame_count, "encoding")
                 sections = self._sections(spools[:-1])
                 if self._sequence.fields:
-                    # The whole file so far: fields that the motion gives are decoded from it.
+                    # The file so far, from which fields that follow from the motion are decoded.
                     whole = [*self._description(), *sections]
                     fields, self._fields = encode_fields(self._sequence, self._settings, spools[-1], whole)
                     sections += fields
@@ -157,7 +159,7 @@ class Encoder(ABC):
         """Describe the chosen model in a sentence."""
 
     def _set_reference(self, step: float) -> None:
-        """Quantise frame 0 with a step [scene units]; displacements start from what the decoder makes of it."""
+        """Quantise frame 0 with a step [scene units]; displacements are measured from the decoded frame."""
         shape = quantise_reference(self._first, step, self._ties)
         self._reference_bytes = encode_reference(shape, self._sequence.objects)
         self._reference: ReferenceFrame = decode_reference(self._reference_bytes, self._sequence.objects)
@@ -173,7 +175,9 @@ class Encoder(ABC):
         return (checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block))
 
     def _find_ties(self, points: Float32Array) -> Int32Array:
-        """Ties of the whole clip, whose first frames are given: others are read if vertices coincide in these."""
+        """Return the ties of the whole clip, given its first frames; further frames are read only if vertices
+        coincide in these.
+        """
         finder = TieFinder(points[0])
         blocks = itertools.chain([points], self._blocks(len(points), self._sequence.frame_count))
         while not finder.is_empty and (block := next(blocks, None)) is not None:
@@ -268,7 +272,7 @@ class Encoder(ABC):
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
     """Read frames; raise InputError for the first position that is not finite or beyond :data:`FARTHEST`."""
     points = sequence.read_frames(start, stop)
-    # False for NaN, too: then both minimum and maximum are NaN.
+    # This is False for NaN, too: then both minimum and maximum are NaN.
     if points.size and not -FARTHEST <= float(points.min()) <= float(points.max()) <= FARTHEST:
         frame, vertex, axis = np.argwhere(~(np.abs(points) <= FARTHEST))[0]
         name, index = owner_of(sequence, int(vertex))
@@ -320,7 +324,7 @@ class AutoEncoder(Encoder):
         self._tuning = tuning or TUNINGS[settings.effort]
         self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings)
         self._ranges: list[tuple[int, int]] = []
-        self._explained: float | None = None  # of the first group that moves
+        self._explained: float | None = None  # share of the motion explained in the first group that moves
         self._jump_finder = JumpFinder()
 
     @property
@@ -335,7 +339,7 @@ class AutoEncoder(Encoder):
 
     def _read(self, begin: int, end: int) -> Float32Array:
         points = super()._read(begin, end)
-        if begin == self._jump_finder.frames:  # only when these frames are read for the first time
+        if begin == self._jump_finder.frames:  # Only if these frames are read for the first time.
             self._jump_finder.add(points)
         return points
 
@@ -346,7 +350,7 @@ class AutoEncoder(Encoder):
     def _groups(self) -> Iterator[EncodedGroup]:
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
-        choices: list[tuple[int, Candidate]] = []  # frames and candidate of each part of the group before
+        choices: list[tuple[int, Candidate]] = []  # number of frames and candidate of each part of the previous group
         is_ruled = self._size > self._tuning.searched_positions
         usual_bits = 0.0  # bits per frame of the last group that was searched
         parts = self._first_parts(steps)
@@ -370,7 +374,7 @@ class AutoEncoder(Encoder):
             yield from (part.group for part in parts)
 
     def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
-        """Return the parts of the first group; its motion decides how long groups are."""
+        """Return the parts of the first group, whose motion also decides how long groups are."""
         self._ranges = self._group_ranges(self._plan.group_frames)
         points = self._read(*self._ranges[0])
         self._ties = self._find_ties(points)
@@ -400,7 +404,7 @@ class AutoEncoder(Encoder):
         if self._settings.why:
             self._questions = self._model.questions
         del search, points
-        # Free each fitted group once it is encoded: the next group takes as much memory again.
+        # Free each fitted group once it is encoded, because the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()
 
@@ -483,7 +487,7 @@ class AutoEncoder(Encoder):
             ending, cut = ("ies", 1) if bases == ["trajectories"] else ("s", 0)
             what = counted(most, "trajectory" if bases == ["trajectories"] else "shape", ending, cut)
             carry = "carries" if most == 1 else "carry"
-            assert self._explained is not None  # known since the first group of these bases
+            assert self._explained is not None  # It is known from the first group of these bases on.
             carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"

@@ -26,7 +26,7 @@ QUARTERS = (1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429)
 """Powers of the fourth root of two, as literals: computed ones differ in the last bit between processors."""
 
 HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.9170040432046712)
-"""Powers of two halfway between these, from a half on: exponents -7/8, -5/8, -3/8 and -1/8."""
+"""Powers of two halfway between those, starting above a half: exponents -7/8, -5/8, -3/8 and -1/8."""
 
 
 def rounding_error(rounded_up_at: float) -> float:
@@ -45,7 +45,7 @@ def grid_step(index: int) -> float:
 
 def grid_index(step: float) -> int:
     """Return the index of the step nearest to `step`."""
-    share, octave = math.frexp(step)  # from a half to one
+    share, octave = math.frexp(step)  # share is between a half and one
     return 4 * octave - 4 + bisect.bisect(HALF_WAY, share)
 
 
@@ -140,7 +140,7 @@ def _blocks(
     """
     at_once = max(1, BLOCK_BYTES // (8 * axes * basis.functions))
     for begin in range(0, count, at_once):
-        # Include the neighbouring functions, which decide whether a coefficient is alone.
+        # Include the neighbouring functions, which decide whether a coefficient is isolated.
         first, end = max(0, begin - 1), min(begin + at_once, count)
         quantised, largest = quantise_sparsely(
             basis.project(values(slice(first, min(end + 1, count)))), step, axes, zone

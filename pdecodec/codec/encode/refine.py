@@ -1,4 +1,4 @@
-"""Refinement of a fit: the error that would need residuals moves into the rounding of coefficients."""
+"""Refinement of a fit: errors that would need residuals are reduced by rounding coefficients differently."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pdecodec.codec.sections.groups import cosines
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 
 LEAST_PUSH = 2.0**-8
-"""Share of the first push below which refinement hardly changes coefficients."""
+"""Share of the first push below which refinement hardly changes coefficients any more."""
 
 
 class Refinement:
-    """Refines a fit: adds the remaining errors of vertices to the motion of the coefficients, and quantises again.
+    """Refine a fit: add the remaining errors of vertices to the values before projection, and quantise again.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Refinement:
         self.best: FittedGroup = fitter.fitted(basis, start, self._excess, is_measured=not fitter.is_heavy)
 
     def refine(self, passes: int) -> Refinement:
-        """Quantise the coefficients again, at most `passes` times as long as that pays; return self.
+        """Quantise the coefficients again, at most `passes` times, until that hardly saves any bits; return self.
 
         A pass that saves nothing halves the push before the next one.
         """
@@ -75,7 +75,7 @@ class Refinement:
         return self
 
     def _pushed(self, some: slice) -> Rows:
-        """Return the values that coefficients of some functions of time are to describe in the next pass."""
+        """Return the values, for some functions of time, whose projection is quantised in the next pass."""
         axes = self._entry.axes
         values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
@@ -94,11 +94,12 @@ class FinishedGroup:
 def finish(fitter: GroupFitter, choice: Candidate, basis: SpaceBasis) -> FinishedGroup:
     """Fit a group in full and refine its coefficients.
 
-    Steps and dead zones of the tuning are tried; after each of its numbers of passes, the better half is kept.
+    All steps and dead zones of the tuning are tried. The tuning lists numbers of passes; after each number, the
+    better half of the fits is kept.
     """
     tuning = fitter.tuning
     steps, zones = tuning.refined_steps, tuning.dead_zones
-    if len(steps) * len(zones) > 1 and not fitter.moves:  # computed while trajectories are still known
+    if len(steps) * len(zones) > 1 and not fitter.moves:  # `moves` is computed here, before trajectories are freed.
         steps, zones = (0,), zones[:1]
     fitter.settle(choice)
     if not tuning.refining_passes:

@@ -1,4 +1,4 @@
-"""The report of an encode: what was written, how exact it is, and which alternatives were compared."""
+"""The report of an encode: file, size and error, and which alternatives were compared."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from pdecodec.errors import Notice
 from pdecodec.mesh.rounding import REPORTED_ROUNDING, rounding_words
 
 COARSE_TOLERANCE = 0.1
-"""Share of the diagonal beyond which a bound is probably a mistake: 1 stands for the whole scene, not for one
-percent.
-"""
+"""Tolerance above which a bound is probably a mistake: 1 stands for the whole scene, not for one percent."""
 
 ROUGH_EDGE_SHARE = 0.5
-"""Bound over the median edge beyond which a surface looks rough."""
+"""Ratio of the bound to the median edge above which a surface looks rough."""
 
 GENERATOR = "pdecodec "
 """Text before the version in the remarks of files that this package made."""
@@ -37,7 +35,7 @@ class Alternative:
     way : str
         Name of the alternative.
     size : int [bytes]
-        Bytes of the compared frames with it.
+        Bytes of the compared frames if they are encoded with it.
     chosen : bool
     """
 
@@ -65,7 +63,7 @@ class Question:
 
 
 def ask(what: str, frames: int, bits: dict[str, float], chosen: str) -> Question | None:
-    """Return a question, given the bits of each way; None if there was only one way."""
+    """Return a question, given the bits of each alternative; None if there was only one alternative."""
     ways = tuple(Alternative(way, round(taken / 8.0), way == chosen) for way, taken in bits.items())
     return Question(what, frames, ways) if len(ways) > 1 else None
 
@@ -112,13 +110,13 @@ class FieldReport:
     name : str
     bytes : int
     values : int
-        Numbers of all frames together.
+        Number of values in all frames together.
     smallest, largest : float
         Range of the source.
     bound, max_error : float
         Largest error allowed (0: exact) and measured [units of the field].
     note : str
-        Why it is stored otherwise than asked; mostly empty.
+        Why it is not stored as requested; mostly empty.
     coding : str
         How it is stored or computed, and why.
     """
@@ -243,8 +241,8 @@ class EncodeReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what probably was not intended: no motion, a coarse bound, a size limit that a lossless file
-        does not reach, positions far from the origin.
+        """Return warnings about probable mistakes: no motion, a coarse bound, a size limit that a lossless file does
+        not reach, positions far from the origin.
 
         A warning about something that a setting changes is a :class:`pdecodec.errors.Notice`.
         """

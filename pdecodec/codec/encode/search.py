@@ -1,9 +1,9 @@
-"""The search of profile "auto": which candidate of a group costs least, in bits.
+"""The search of profile "auto": find the candidate of a group that costs least, in bits.
 
-Candidates differ in temporal basis, origin and steps. What one costs is counted or estimated by
-:mod:`pdecodec.codec.encode.cost`. One rule prunes everywhere: a candidate that costs more than
-`Tuning.early_exit_ratio` times the best one, before its steps are tuned, is dropped. The search returns the candidates
-that it compared (:class:`pdecodec.codec.encode.report.Question`); nothing is encoded again to explain a choice.
+Candidates differ in temporal basis, origin and steps; :mod:`pdecodec.codec.encode.cost` counts or estimates their
+bits. One rule prunes everywhere: a candidate that costs more than `Tuning.early_exit_ratio` times the best one,
+before its steps are tuned, is dropped. The search returns the candidates that it compared
+(:class:`pdecodec.codec.encode.report.Question`); nothing is encoded again to explain a choice.
 """
 
 from __future__ import annotations
@@ -25,22 +25,27 @@ from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.system.shares import side_by_side
 
 GROUP_BITS = 8 * 32
-"""Bits of a group besides its chunks: its entry in section GRUP."""
+"""Bits of a group in addition to its chunks: its entry in section GRUP."""
 
 TIME_STEP_BITS = 8 * 8
-"""Bits of the step of stored functions of time in section GRUP; cosines have none."""
+"""Bits of the step of stored functions of time in section GRUP; cosines do not store a step."""
 
 ESTIMATE_NOISE_BITS = 8 * 8
-"""Estimated saving below which a step is not better: where motion costs almost nothing, a sample misses residuals."""
+"""Estimated saving below which a step does not count as better. If motion costs almost nothing, a sample may
+contain none of the residuals.
+"""
 
 
 Item = TypeVar("Item")
 
 
 def keep_close(items: Iterable[Item], cost: Callable[[Item], float], ratio: float) -> list[Item]:
-    """Return the items that cost at most `ratio` times the least, by rising cost: the search's way to prune."""
+    """Return the items that cost at most `ratio` times the lowest cost, in rising order; this is how the search
+    prunes.
+    """
     ordered = sorted(items, key=cost)
-    most = ratio * cost(ordered[0]) if math.isfinite(ratio) else ratio  # that costs may be zero
+    # An infinite ratio must not be multiplied by a cost of zero.
+    most = ratio * cost(ordered[0]) if math.isfinite(ratio) else ratio
     return [item for item in ordered if cost(item) <= most]
 
 
@@ -57,7 +62,7 @@ class ChosenGroup:
         return self.search.fitter
 
     def tuned(self) -> ChosenGroup:
-        """Return the group with the cheapest steps nearby."""
+        """Return the group with the cheapest steps near its present ones."""
         return self.search.tune(self.choice) if self.fitter.moves else self
 
 
@@ -95,7 +100,7 @@ class GroupSearch:
         return GroupSearch(self.fitter.part_of_found(frames), self.basis, part_of=self)
 
     def prepare(self, choice: Candidate) -> None:
-        """Compute what all candidates of a temporal basis and origin share."""
+        """Compute the results that all candidates of a temporal basis and origin share."""
         self._counter.prepare(choice)
 
     def candidates(self, usual: Candidate, origins: Sequence[Origin] = ORIGINS) -> list[Candidate]:
@@ -116,8 +121,8 @@ class GroupSearch:
         return list(dict.fromkeys((starts[0], *close))) if self.fitter.is_large else close
 
     def choose(self, candidates: Sequence[Candidate]) -> ChosenGroup:
-        """Walk the first candidate's step downhill, then the steps of other candidates that are close at the
-        same step.
+        """Search for the cheapest step of the first candidate, then of other candidates that cost little more
+        at the same step.
         """
         stride = self._tuning.step_stride
         choice = self._walk(candidates[0], "step", stride)
@@ -130,12 +135,12 @@ class GroupSearch:
         return self.chosen(choice)
 
     def tune(self, choice: Candidate) -> ChosenGroup:
-        """Return a candidate with the cheapest steps nearby, those of the functions of time included."""
+        """Return a candidate with the cheapest steps near its own, for coefficients and for functions of time."""
         stride, near = self._tuning.step_stride, self._tuning.step_stride // 2
         costs = {way: self._found.get(replace(choice, step=choice.step + way * stride)) for way in (1, -1)}
         if None in costs.values():
             choice = self._walk(choice, "step", near)
-        else:  # both neighbours cost more: the best step lies on the side of the better one
+        else:  # Both neighbours cost more: the best step lies on the side of the cheaper one.
             way = min(costs, key=lambda way: costs[way] or 0.0)
             choice = min(choice, replace(choice, step=choice.step + way * near), key=self.bits)
         if choice.time != "cosines":
@@ -154,7 +159,7 @@ class GroupSearch:
             self._found.update(found)
 
     def _count(self, choices: Sequence[Candidate]) -> dict[Candidate, float]:
-        """Compute the costs of candidates of one origin, which share what :meth:`BitCounter.prepare` computes."""
+        """Compute the costs of candidates of one origin, which share the results of :meth:`BitCounter.prepare`."""
         for choice in choices:
             self._counter.prepare(choice)
         bits = side_by_side(*(partial(self._counter.bits, choice) for choice in choices))
@@ -185,7 +190,7 @@ class GroupSearch:
         return best
 
     def explain(self, chosen: Candidate) -> list[Question]:
-        """Return the decisions with all alternatives that were compared, each with its least cost."""
+        """Return the decisions with all alternatives that were compared, each with its lowest cost."""
 
         def question(what: str, name: Callable[[Candidate], str], found: Iterable[Candidate]) -> Question | None:
             least: dict[str, float] = {}
@@ -221,7 +226,7 @@ def divide(search: GroupSearch, choices: Sequence[Candidate]) -> Division:
     frames, vertices = fitter.frames, fitter.places
     if not tuning.is_thorough or search.bits(choices[0]) < tuning.smooth_bits * frames * vertices:
         return Division([search.choose(choices)])
-    # Poses are frames of the whole group; its parts are compared in shapes.
+    # Poses are frames of the whole group, so its parts are compared in shapes.
     kinds: list[TimeFunctions] = ["shapes" if item.time == "poses" else item.time for item in choices]
     usual = replace(fitter.first_choice, time=kinds[0], origin=choices[0].origin)
     whole = _untuned(search, usual, tuple(dict.fromkeys(kinds)))
@@ -283,7 +288,7 @@ def _untuned(search: GroupSearch, usual: Candidate, kinds: tuple[TimeFunctions, 
 
 
 def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) -> list[FinishedGroup]:
-    """Fit a group in full without a search: in trajectories, or if motion is dense, in cosines as short groups."""
+    """Fit a group in full without a search: with trajectories, or, if motion is dense, with cosines in short groups."""
     time: TimeFunctions = "cosines" if is_dense else "trajectories"
     count = -(-fitter.frames // fitter.tuning.dense_group) if is_dense else 1
     edges = [fitter.frames * k // count for k in range(count + 1)]
@@ -297,9 +302,9 @@ def encode_by_rule(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) ->
 
 
 def is_dense(fitter: GroupFitter) -> bool:
-    """Return whether frames have so little in common that a group needs almost as many trajectories as there can be."""
+    """Return whether frames have so little in common that a group needs almost as many trajectories as possible."""
     frames, vertices, tuning = fitter.frames, int(fitter.points.shape[1]), fitter.tuning
     if not tuning.dense_group < frames < vertices:
-        return False  # with few vertices, a trajectory for each says nothing about the frames
+        return False  # With few vertices, a trajectory for each vertex says nothing about the frames.
     most = min(3 * frames, vertices)
     return fitter.displacements("reference").count("trajectories") > tuning.dense_share * most

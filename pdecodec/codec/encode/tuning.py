@@ -1,8 +1,8 @@
-"""Every tuned constant of the encoder, with its unit and what it does: one frozen :class:`Tuning`, one for each effort.
+"""Every tuned constant of the encoder, with its unit and effect: one frozen :class:`Tuning` per effort.
 
 `docs/encoder.md` has the measured effect of each; ``python -m pdecodec.research.ablation FOLDER`` measures it again.
-Constants that follow from the file format, from float32 or from a definition are not tuned and stand where they are
-used; so do the tables of the paper's profile and the model of how much memory an encode takes.
+Constants that follow from the file format, from float32 or from a definition are not tuned and are defined where
+they are used, as are the tables of the paper's profile and the model of an encode's memory.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class Tuning:
     heavy_group_bytes: int = 2**25
 
     def refined_like(self, other: Tuning) -> Tuning:
-        """Return this tuning with the refinement of another one."""
+        """Return this tuning with the refinement constants of another one."""
         names = ("dead_zones", "refining_passes", "refining_gain", "refined_steps")
         changes: dict[str, Any] = {name: getattr(other, name) for name in names}
         return replace(self, **changes)

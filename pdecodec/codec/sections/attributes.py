@@ -1,8 +1,9 @@
-"""Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder already has.
+"""Section ATTR: constant data of objects, coded by means of the faces and the reference frame that a decoder already
+has.
 
-Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
-are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows numbered by first
-use cost nothing to number. The coder is native: `core/sections/attributes/`.
+Values of corners, vertices or faces are coded in two steps: first which of them are equal around each point, then
+the values. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Row numbers
+take no bytes if rows are numbered in order of first use. The coder is native: `core/sections/attributes/`.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object", "c
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 
 NORMAL_GROUP = "normal_group"
-"""Name of the attribute that says which corners of a vertex share a normal: those with equal numbers, which
-count from 0 at each vertex, in the order of its corners.
+"""Name of the attribute whose equal numbers mark corners of a vertex that share a normal. Numbers count from 0
+at each vertex, in the order of its corners.
 """
 
 
@@ -37,7 +38,7 @@ def encode_attributes(
     uv_tolerance: float | None = None,
     order: Literal["keep", "free"] = "keep",
 ) -> bytes:
-    """Return section ATTR: every attribute of every object; empty if there is none.
+    """Return section ATTR with every attribute of every object; empty if there are no attributes.
 
     Parameters
     ----------
@@ -48,8 +49,8 @@ def encode_attributes(
     uv_tolerance : float or None
         Largest error of texture coordinates on each axis; None keeps them exact.
     order : {"keep", "free"}
-        Whether rows of indexed values keep their numbers, or get those that cost nothing. Under a tolerance, rows that
-        become equal may be merged.
+        Whether rows of indexed values keep their numbers, or are numbered in order of first use, which takes no bytes.
+        With a tolerance, rows that become equal may be merged.
 
     Raises
     ------

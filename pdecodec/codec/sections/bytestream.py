@@ -10,7 +10,7 @@ LARGEST = 2**40
 """Largest magnitude of a quantised coefficient or residual."""
 
 LARGEST_STEP = 2.0**160
-"""Largest quantisation step: float32 positions end at 2^128, and products with it stay far from overflow."""
+"""Largest quantisation step. Float32 positions end at 2^128, so that products with the step stay far from overflow."""
 
 COUNT_BITS = 63
 """Number of bits of the largest count, which takes nine bytes."""
@@ -22,7 +22,7 @@ def section_fault(section: str, message: str) -> CorruptFileError:
 
 
 class FieldWriter:
-    """Collects the fields of one section."""
+    """Collect the fields of one section."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
@@ -54,7 +54,7 @@ class FieldWriter:
 
 
 class FieldReader:
-    """Reads the fields that :class:`FieldWriter` wrote; never past the end.
+    """Read the fields that :class:`FieldWriter` wrote, never past the end.
 
     Parameters
     ----------

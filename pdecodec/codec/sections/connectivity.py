@@ -19,7 +19,7 @@ from pdecodec.errors import InputError
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
 MAX_CORNERS = 2**31 - 1
-"""Largest number of face corners of an object, and of points of its lines: they are numbered by int32."""
+"""Largest number of face corners, and of line points, of an object, because they are numbered by int32."""
 
 
 CodedOrder = _core.CodedOrder
@@ -33,14 +33,14 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
     ----------
     parts : sequence of Connectivity
     keep_order : bool
-        False leaves out the order of surfaces that already stand in the order of :func:`coded_orders`.
+        If False, leave out ORDR; surfaces must then be in the order of :func:`coded_orders`.
 
     Returns
     -------
     conn : bytes
         Vertices, faces and lines; those of a surface in the coder's order.
     ordr : bytes
-        The original order of the vertices and faces of surfaces; empty if there is none to restore.
+        The original order of the vertices and faces of surfaces; empty if there is no order to restore.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
 
 
 def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
-    """Return the connectivity of objects as the core takes it; InputError if one has more corners than int32
-    can number.
+    """Return the connectivity of objects in the form that the core takes; raise InputError if an object has
+    more corners than int32 can number.
     """
     for part in parts:
         if max(part.face_indices.size, part.line_indices.size, part.cell_indices.size) > MAX_CORNERS:

@@ -1,4 +1,4 @@
-"""Coding of a clip's description: times and names of objects (SEQN, `core/sections/description/`), and remarks
+"""Code the description of a clip: times and names of objects (SEQN, `core/sections/description/`), and remarks
 (META).
 """
 
@@ -21,16 +21,17 @@ from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence
 
 TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
-"""Rules by which times are stored: ``start + i / rate``, ``(start + i) / rate``, in a list, or ``start + i (1 /
-rate)``, which rounds differently.
+"""Rules by which times are stored: ``start + i / rate``; ``(start + i) / rate``; a list; ``start + i (1 /
+rate)``, which rounds differently from the first.
 """
 
 TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
 """The rules in the order in which they are tried."""
 
 AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS = 4, 8, 16, 32
-"""Flags next to the rule: the rule's rate is the frame rate, which is then stored once; the frame rate is a
-whole number of 0 or more, stored as a count; so is the start; discontinuities follow.
+"""Flags in addition to the rule. AT_FRAME_RATE: the rule's rate is the frame rate, stored once.
+WHOLE_FRAME_RATE, WHOLE_START: the frame rate or the start is a whole number of 0 or more, stored as a count.
+HAS_JUMPS: discontinuities follow.
 """
 
 LARGEST_EXACT_INTEGER = 2**53
@@ -127,7 +128,7 @@ def _times_by_rule(kind: int, start: float, rate: float, frames: int) -> Float64
 
 
 def _find_time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
-    """Return the rule that gives `times` exactly, with its start and rate; TIMES_LISTED if there is none."""
+    """Return the rule that reproduces `times` exactly, with its start and rate; TIMES_LISTED if no rule does."""
     frames = times.size
     start = float(times[0])
     rates = [fps]
@@ -178,8 +179,8 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
 
 
 def _find_fault(remarks: Mapping[str, Any]) -> str | None:
-    """Describe the first item in a JSON object that other programs, or a terminal, cannot handle; None if there
-    is none.
+    """Describe the first item of a JSON object that other programs or a terminal cannot handle; None if all are
+    fine.
     """
     level: list[Any] = [remarks]
     for _ in range(MAX_JSON_DEPTH):
@@ -229,7 +230,7 @@ def decompress(data: bytes, most: int) -> bytes:
         size = zstandard.frame_content_size(data)
         if not 0 < size <= most:
             raise section_fault("META", f"declares {size} bytes of text where 1 to {most} can be")
-        # Unpack in one call, which refuses a frame that holds more than it declares.
+        # Unpack in one call, because it refuses a frame that holds more than it declares.
         return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise section_fault("META", f"holds a damaged text ({error}); get the file again") from error

@@ -1,4 +1,4 @@
-"""Elements of a mesh, which carry the functions of space: patches, or pieces of curves.
+"""Elements of a mesh, on which the functions of space are defined: patches, or pieces of curves.
 
 Patches result from halving the graph of a mesh again and again. Curves hold every vertex exactly once. Both follow
 from connectivity and the reference frame by integer arithmetic, the same on every machine. They are native:

@@ -1,4 +1,4 @@
-"""Sections FLDS and RFLD: headers of fields, and where their chunks are (``spec/pdeanim.md``, section 25).
+"""Sections FLDS and RFLD: headers of fields, and the positions of their chunks (``spec/pdeanim.md``, section 25).
 
 The core reads them (`core/decode/stored_fields.hpp`); this module writes them.
 """
@@ -17,8 +17,8 @@ DOMAINS: tuple[FieldDomain, ...] = get_args(FieldDomain)
 """Domains in the order of their numbers in the file."""
 
 EXACT, HALVES, QUANTISED, COPY, MAGNITUDE, VELOCITY, DISPLACEMENT = range(7)
-"""Codings of a group: whole numbers, pairs of their upper and lower 32 bits, or multiples of a unit. The others
-have no chunk: values are computed when they are decoded, from another field or from the motion.
+"""Codings of a group. The first three store whole numbers, pairs of their upper and lower 32 bits, or multiples
+of a unit. The others have no chunk: the decoder computes values from another field or from the motion.
 """
 
 FROM_FIELDS = (COPY, MAGNITUDE)
@@ -33,16 +33,16 @@ class FieldGroupEntry:
     ----------
     frames : int
     skipped, in_chunk : int
-        Frames at the beginning of the chunk that are not used, and all its frames; the last one holds for the frames
-        that the chunk lacks.
+        Number of unused frames at the start of the chunk, and number of all its frames; the last one also stands for
+        the frames that the chunk lacks.
     code : int
-        :data:`EXACT`, :data:`HALVES` or :data:`QUANTISED`.
+        One of the codings above.
     unit : float
-        Of a quantised value [units of the field].
+        Unit of quantised values [units of the field].
     size, checksum : int
-        Of the chunk.
+        Size and CRC-32 of the chunk.
     source, component : int
-        Number of the field that values are computed from, and its component that a copy begins with.
+        Number of the field that values are computed from, and the first component that is copied.
     """
 
     frames: int
@@ -71,7 +71,7 @@ class FieldEntry:
     smallest, largest : float
         Range of the source, without NaN and infinities.
     bound : float
-        Largest error of a value; 0: exact.
+        Largest error of a value; 0 means exact.
     groups : list of FieldGroupEntry
     """
 
@@ -115,14 +115,14 @@ def encode_field_headers(entries: Iterable[FieldEntry]) -> bytes:
 
 
 def field_of(stored: _core.StoredField) -> Field:
-    """Return the field that a file's header describes."""
+    """Return the field that a header in a file describes."""
     objects = tuple(stored.objects) or None
     dtype = DTYPES[stored.type]
     return Field(stored.name, DOMAINS[stored.domain], dtype, stored.components, stored.unit, objects)
 
 
 def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) -> tuple[FieldEntry, list[int]]:
-    """Return the header for some frames of a stored field, and the indices of the groups whose chunks these need."""
+    """Return the header for some frames of a stored field, and the indices of the groups whose chunks they need."""
     groups, used = [], []
     for number, group in enumerate(stored.groups):
         low = max(first - group.first, 0)
@@ -141,7 +141,7 @@ def entry_of(stored: _core.StoredField, first: int = 0, end: int | None = None) 
 
 
 def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
-    """Return the header of a field whose frames come from several files, one after the other."""
+    """Return the header of a field whose frames are joined from several files."""
     return FieldEntry(
         parts[0].field,
         min(part.smallest for part in parts),
@@ -152,7 +152,7 @@ def joined_entries(parts: Sequence[FieldEntry]) -> FieldEntry:
 
 
 def computation(code: int, source: str, component: int) -> str:
-    """Describe in words how the values of a computed coding arise."""
+    """Describe in words how a computed coding obtains its values."""
     return {
         COPY: f"copy of {source!r}, from component {component}",
         MAGNITUDE: f"magnitude of {source!r}",

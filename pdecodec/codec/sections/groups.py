@@ -43,8 +43,8 @@ FLOAT64_FLAG = 4
 
 FLOAT32_MIN_BOUND_RATIO = 2.0**-13
 """Displacements are summed in float32 if the bound is at least this fraction of the largest displacement. The
-motion of an element as a whole is always summed in float64 (core/decode/evaluate/motion.hpp). The rounding
-errors of the rest rarely exceed the margin; if they do, the encoder detects it.
+common motion of a whole element is always summed in float64 (core/decode/evaluate/motion.hpp). Rounding errors
+of the other terms rarely exceed the margin; if they do, the encoder detects it.
 """
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
@@ -65,7 +65,7 @@ class GroupEntry:
     frames, functions : int
     basis : TimeBasis
     single : bool
-        Positions are summed in float32, not in float64.
+        Whether positions are summed in float32 instead of float64.
     step : float [scene units]
         Quantisation step of the coefficients.
     time_step : float [scene units]
@@ -73,9 +73,9 @@ class GroupEntry:
     alpha : float
         Rate of Eq. 12 over half the group, for basis "closed form".
     sizes : (int, int, int)
-        Bytes in TIME, COEF and CORR.
+        Bytes of the group's chunks in TIME, COEF and CORR.
     checksum : int
-        CRC-32 of the three.
+        CRC-32 of the three chunks.
     """
 
     frames: int
@@ -169,7 +169,7 @@ def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: in
     Parameters
     ----------
     coefficients : (functions, channels) int64
-        Magnitudes 2^40 at most.
+        Magnitudes up to 2^40.
     basis : SpaceBasis
     axes : int
         1, or 3 if channels come in threes, one for each axis.
@@ -214,7 +214,7 @@ class GroupFunctions:
     time : (frames, 3 or 1, functions) float64
         Functions of time at the frames, for each axis or for all.
     motion : pdecodec._core.Motion
-        The displacements that the functions of time weigh.
+        The displacements that the functions of time multiply.
     """
 
     time: Float64Array
@@ -228,7 +228,7 @@ def group_functions(
     basis: SpaceBasis,
     subbands: Int64Array | None = None,
 ) -> GroupFunctions:
-    """Make the functions of time and the motion of a group.
+    """Return the functions of time and the motion of a group.
 
     Parameters
     ----------
@@ -266,7 +266,8 @@ def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Fl
 
 
 def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_step: float) -> Float64Array:
-    """Return how far decoders may differ in a coordinate, (frames,) float64, before residuals and rounding to float32.
+    """Return the largest difference between decoders in a coordinate, (frames,) float64, before residuals and rounding
+    to float32.
 
     Parameters
     ----------

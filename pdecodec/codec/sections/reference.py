@@ -1,9 +1,9 @@
-"""The reference frame (frame 0 on a grid) and its coding (section REST): predicted across the faces.
+"""The reference frame (frame 0 on a grid) and its coding (section REST): prediction across the faces.
 
-Vertices that lie on the same point may be welded for this purpose: seams and soups of polygons then have a surface
-to predict across. Residuals may be matched with earlier ones, since regular shapes repeat themselves. The encoder
-takes the combination with the fewest bytes. A frame may be smoothed after it is decoded: each vertex moves within
-its quantisation cell, by weights that the encoder fits. The coder is native: `core/sections/reference/`.
+Coincident vertices may be welded for prediction: seams and polygon soups then have a surface to predict across.
+Residuals may be matched with earlier ones, since regular shapes repeat themselves. The encoder takes the combination
+with the fewest bytes. A frame may be smoothed after it is decoded: each vertex moves within its quantisation cell,
+by weights that the encoder fits. The coder is native: `core/sections/reference/`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.ties import NO_TIES
 
 WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
-"""Flags of a predictor: vertices that lie on the same point are welded, residuals are matched with earlier
-ones, the decoded frame is smoothed, vertices on one point may be tied.
+"""Flags of a predictor: coincident vertices are welded, residuals are matched with earlier ones, the decoded
+frame is smoothed, coincident vertices may be tied.
 """
 
 PREDICTORS = 16
 """Number of combinations of these flags."""
 
 SMOOTH_DIVISIONS = 64
-"""Grid coordinates of a smoothed frame are in steps divided by this."""
+"""Number of steps in which a smoothed frame divides a quantisation step."""
 
 LARGEST_BITS = 40
-"""Largest number of bits of a coordinate in quantisation steps. Products of three coordinates are still exact
-enough in float64, and any float32 shape keeps all of its 24 bits.
+"""Largest number of bits of a coordinate in quantisation steps. It keeps products of three coordinates exact
+enough in float64, and all 24 bits of any float32 shape.
 """
 
 HEADER_BYTES = 33
@@ -49,11 +49,11 @@ class CodedGrid(NamedTuple):
     ----------
     grid : (vertices, 3) int64
     weights : (classes, 2) int32
-        Of a vertex's Laplacian and of the Laplacian's Laplacian, by the vertex's class [1/16].
+        Weights of a vertex's Laplacian and of the Laplacian's Laplacian, by the vertex's class [1/16].
     points : (vertices,) int32
-        Point that each vertex lies on; empty if no vertices are welded.
+        Number of each vertex's point, the same for coincident vertices; empty if no vertices are welded.
     error_ratio : float
-        rms error of the smoothed frame divided by that of the frame.
+        Rms error of the smoothed frame divided by that of the frame before smoothing.
     """
 
     grid: Int64Array
@@ -74,9 +74,9 @@ class ReferenceFrame:
     step : float [scene units]
     is_smoothed : bool
     coded : CodedGrid, optional
-        The coded grid from which smoothing makes `grid`, if it is known.
+        The grid from which smoothing makes `grid`, if it is known.
     ties : (vertices,) int32
-        The first of the vertices that have the position of each in every frame; empty if no vertices are tied.
+        For each vertex, the first vertex that coincides with it in every frame; empty if no vertices are tied.
     """
 
     grid: Int64Array
@@ -98,7 +98,7 @@ class ReferenceFrame:
 
     @property
     def farthest(self) -> float:
-        """Largest difference of a coordinate from that of the source [scene units]."""
+        """Largest difference between a coordinate and that of the source [scene units]."""
         return self.coded_step if self.is_smoothed else self.step / 2.0
 
     @property
@@ -108,7 +108,7 @@ class ReferenceFrame:
 
 
 def quantise_reference(points: Float32Array, step: float, ties: Int32Array = NO_TIES) -> ReferenceFrame:
-    """Round a frame to a grid of `step`, or a coarser one if coordinates would exceed :data:`LARGEST_BITS`.
+    """Round a frame to a grid of `step`, or of a coarser step if coordinates would exceed :data:`LARGEST_BITS`.
 
     Parameters
     ----------
@@ -195,8 +195,8 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
 
 
 class Polygons(NamedTuple):
-    """Faces of all objects, then lines cut into pieces of two corners. The vertices of all objects are numbered in one
-    row.
+    """Faces of all objects, then lines cut into pieces of two corners. The vertices of all objects are numbered
+    consecutively.
 
     Attributes
     ----------

@@ -1,12 +1,12 @@
-"""Residuals: corrections of single vertices at single frames, so that the bound holds (section CORR).
+"""Residuals: corrections of single vertices at single frames, which keep the bound (section CORR).
 
 A vertex beyond the bound gets a residual in steps so small that rounding alone stays within the bound. If even that
 misses (coordinates whose float32 spacing is wider than the bound, values far larger than the rest of the clip), the
-vertex is kept raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards the
-frames before and after it fades linearly to nothing (a hat function).
+vertex is stored raw, as the three float32 numbers of the input. At its frame a residual counts in full; towards the
+frames before and after, it fades linearly to zero (a hat function).
 
-Vertices are identified by their *position* in the order of the patches: misses cluster in space as well as in time,
-and the coder exploits both. The coder is native: `core/sections/residuals/`.
+Vertices are identified by their *position* in the order of the patches: vertices beyond the bound cluster in space
+as well as in time, and the coder exploits both. The coder is native: `core/sections/residuals/`.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Residuals = _core.Residuals
 """Residuals and raw vertices of a group of frames."""
 
 SAFETY = 0.98
-"""Fraction of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
+"""Fraction of the bound that the rounding of a residual may use; the rest is for the last digits of float32."""
 
 MIN_PREDICTED_FRACTION = 0.3
-"""Smallest fraction of vertices with a residual at which residuals are predicted: with fewer, the previous one
-is too far away.
+"""Smallest fraction of vertices with a residual at which residuals are predicted; if there are fewer, the
+previous residual is too far away.
 """
 
 LAST_BINADE = 2.0**127
-"""From here on all float32 numbers have the same spacing, and the number after the largest is infinite."""
+"""Above this, all float32 numbers have the same spacing, and the number after the largest is infinite."""
 
 
 def residual_step(bound: float, largest: float) -> float:
@@ -50,12 +50,13 @@ def residual_step(bound: float, largest: float) -> float:
     """
     spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
     step = SAFETY * (2.0 * bound / math.sqrt(3.0) - spacing)
-    return step if step > spacing / 4.0 else spacing / 4.0  # with a quarter, the sum rounds to the input
+    # With a quarter of the spacing, the sum rounds to the input.
+    return step if step > spacing / 4.0 else spacing / 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualPlan:
-    """How the residuals of a group are coded.
+    """Choices by which the residuals of a group are coded.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""Section SCEN: the file that the motion came from, in its own format, without what other sections hold.
+"""Section SCEN: the file that the motion came from, in its own format, without the data that other sections hold.
 
-It is a set of named streams. What they mean is a matter of the format's family; :mod:`pdecodec.formats.base.carrying`
+It is a set of named streams, whose meaning depends on the format's family; :mod:`pdecodec.formats.base.carrying`
 writes the motion back onto them.
 """
 
@@ -28,19 +28,19 @@ MAX_CUTS = 2**28
 """Largest size of that stream when it is only passed on [bytes]."""
 
 MAX_STREAMS = 2**16
-"""Most streams, kinds of contents and outside paths."""
+"""Largest number of streams, of kinds of contents, and of outside paths."""
 
 MAX_NAME_BYTES = 255
-"""Longest name of a stream; as in most file systems."""
+"""Largest length of a stream's name [bytes], as in most file systems."""
 
 MAX_TEXT_BYTES = 2**12
-"""Longest other text."""
+"""Largest length of any other text [bytes]."""
 
 MAX_SCENE_BYTES = 2**40
-"""Largest size of all streams together."""
+"""Largest size of all streams together [bytes]."""
 
 LONG_DISTANCE_BYTES = 2**20
-"""Size from which a stream is searched for matches at any distance: textures and layers repeat far apart."""
+"""Size from which matches in a stream are searched at any distance [bytes]: textures and layers repeat far apart."""
 
 LEVEL, LONGEST_WINDOW = 12, 27
 """zstandard level (19 saves 1 % of the carriers of the shared scenes), and the window's largest logarithm: 128 MiB,
@@ -73,13 +73,13 @@ class SceneStream:
         return cls(name, len(content), zlib.crc32(content), packed)
 
     def content(self) -> bytes:
-        """Return the content; CorruptFileError if it is not as described."""
+        """Return the content; raise CorruptFileError if size or checksum do not match."""
         fault = section_fault("SCEN", f"holds a damaged stream, {self.name}; get the file again")
         try:
             declared = zstandard.frame_content_size(self.packed) if self.packed else 0
             if declared != self.size:
                 raise fault
-            # One call, which stops a frame that holds more than it declares.
+            # Unpack in one call, because it stops at a frame that holds more than it declares.
             found = zstandard.ZstdDecompressor().decompress(self.packed, allow_extra_data=False) if self.size else b""
         except zstandard.ZstdError as error:
             raise fault from error
@@ -90,16 +90,16 @@ class SceneStream:
 
 @dataclass(frozen=True)
 class Carrier:
-    """A scene as a file holds it.
+    """A scene that a file carries.
 
     Attributes
     ----------
     family : str
-        Name of the format whose files these are.
+        Name of the format of the scene's files.
     contents : tuple of (str, int)
         Kinds of things that other sections do not hold, and how many there are of each.
     outside : tuple of str
-        Files that the scene names, and that are not in it.
+        Files that the scene refers to, but that are not in it.
     streams : tuple of SceneStream
     """
 
@@ -112,7 +112,7 @@ class Carrier:
     def of(
         cls, family: str, contents: Iterable[tuple[str, int]], outside: Sequence[str], files: Mapping[str, bytes]
     ) -> Carrier:
-        """Compress files into a carrier; InputError if a file has a name that carriers do not have."""
+        """Compress files into a carrier; raise InputError if a carrier cannot hold a file's name."""
         for name in files:
             if fault := name_fault(name):
                 raise InputError(f"the scene holds a file {name!r}, whose name {fault}", code="unsupported-feature")
@@ -121,7 +121,9 @@ class Carrier:
         return cls(family, texts[:MAX_STREAMS], tuple(map(_shown, outside))[:MAX_STREAMS], streams)
 
     def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Carrier:
-        """Return itself: it is passed on as it is; InputError if it needs what is coded otherwise."""
+        """Return itself, because the scene is passed on unchanged; raise InputError if it needs data that are
+        coded otherwise.
+        """
         if not exact_uvs:
             raise InputError("it needs the texture coordinates to the last bit", code="unsupported-feature")
         if absent := self._fields() - set(fields):
@@ -129,7 +131,7 @@ class Carrier:
         return self
 
     def of_some_objects(self) -> None:
-        """Return None: the shapes of all other objects would be missing."""
+        """Return None: a scene without the shapes of all other objects would be incomplete."""
 
     def _fields(self) -> set[str]:
         """Return the names of the fields that were cut out of the files, which are written anew."""
@@ -206,7 +208,7 @@ def decode_scene(data: bytes) -> Carrier:
 
 
 def scene_facts(carrier: Carrier, stored: int) -> dict[str, Any]:
-    """Return what a scene holds as a JSON object; `stored` are the bytes of its section."""
+    """Return the contents of a scene as a JSON object; `stored` is the size of its section in bytes."""
     return {
         "format": carrier.family,
         "bytes": stored,
@@ -238,12 +240,14 @@ def _text(reader: FieldReader) -> str:
 
 
 def _shown(text: str) -> str:
-    """Return a text that a carrier can hold."""
+    """Return a text as a carrier can hold it: without control characters, and not too long."""
     return _CONTROL.sub("?", text).encode(errors="replace")[:MAX_TEXT_BYTES].decode(errors="ignore")
 
 
 def name_fault(name: str) -> str | None:
-    """Return what is wrong with the name of a stream: it must be the path of a file below any folder."""
+    """Return what is wrong with the name of a stream, which must be the relative path of a file; None if it is
+    valid.
+    """
     try:
         size = len(name.encode())
     except UnicodeEncodeError:

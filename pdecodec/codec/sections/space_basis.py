@@ -1,17 +1,18 @@
 """Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 
 A mesh is divided into elements: patches, by halving its graph again and again (space basis "patch"), or pieces of
-its curves ("curve"). Each element has orthonormal functions: the four affine ones ``1, x, y, z`` first (which the
-literal Eq. 23 amounts to once its matrices are data), then polynomials of local coordinates by total degree, or the
-eight functions of Eqs. 14 and 16 along a piece, then unit vectors until the space of the element is complete or the
-largest number of functions is reached.
+its curves ("curve"). Each element has orthonormal functions. The four affine ones ``1, x, y, z`` come first (the
+literal Eq. 23 has the same effect if its matrices are stored). Next come polynomials of local coordinates by total
+degree, or the eight functions of Eqs. 14 and 16 along a piece. Unit vectors follow until the functions span the
+whole element or the largest number of functions is reached.
 
 The affine functions that two neighbouring elements have in common are stored once: those of a node of the partition
-tree are an orthogonal combination of those of its halves, and only the node's wavelets (the remaining combinations)
-stay with it. A limb that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of
-bases in L2 for the sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+tree are an orthogonal combination of those of its halves, and only the remaining combinations (the node's wavelets)
+are stored with the node. A limb that moves rigidly needs four numbers, however many patches it has. (Alpert 1993, "A
+class of bases in L2 for the sparse representation of integral operators": multiwavelets, here on the vertices of a
+mesh.)
 
-The number and kind of functions follows from integers and from the file. The values of the functions are
+The number and kind of functions follow from integers and from the file. The values of the functions are
 floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`. All of this is native:
 `core/sections/spatial/`.
 """
@@ -46,7 +47,7 @@ MAX_POINTS = {"patch": 256, "curve": 65535}
 """Largest number of vertices of a patch, and largest approximate number of vertices of a piece of a curve."""
 
 MAX_FUNCTIONS = 128
-"""Largest number of functions of an element, limited because building them takes time that grows with the square."""
+"""Largest number of functions of an element; building them takes time that grows with the square of their number."""
 
 THRESHOLDS = 8
 """Number of thresholds that an encoder can choose from: threshold k is lower than the usual one by k sixteenths
@@ -54,8 +55,8 @@ of it.
 """
 
 MIN_THRESHOLD_DISTANCE = 2.0**-18
-"""Smallest relative distance of a column's new fraction from the threshold at which every decoder surely drops
-the same columns.
+"""Smallest relative distance between a column's new fraction and the threshold at which all decoders drop the
+same columns.
 """
 
 
@@ -71,8 +72,8 @@ class SpaceForm:
     functions : int
         Largest number of functions of an element.
     threshold : int
-        Which of THRESHOLDS: one that no column of the file comes near, so that all decoders drop the same columns
-        however they round.
+        Index of the threshold among THRESHOLDS, chosen so that no column of the file is near it: all decoders then drop
+        the same columns, however they round.
     rate : float
         r of Eqs. 14 and 16 over half a piece.
     affine : bool
@@ -111,7 +112,7 @@ class SpaceBasis:
     form : SpaceForm
     patches : Patches
     order : (points,) int32
-        Vertices of the mesh, element after element, but for those that are tied to others.
+        Vertices of the mesh, element after element, without vertices that are tied to others.
     vertices : int
         Number of vertices, tied ones included.
     starts : (elements + 1,) int64
@@ -139,9 +140,9 @@ class SpaceBasis:
     def subbands(self) -> _core.Subbands:
         """Functions that are coded together.
 
-        Subband 0 has the affine functions of the whole mesh; then come the wavelets of each node, then each
-        element's other functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element;
-        ``parents`` the subband of the parent node.
+        Subband 0 has the affine functions of the whole mesh. The wavelets of each node follow, then the other
+        functions of each element. ``kinds`` is the depth of a node (0 for subband 0), or -1 - affine for an element;
+        ``parents`` is the subband of the parent node.
         """
         return self.core.subbands()
 
@@ -152,7 +153,7 @@ class SpaceBasis:
 
     @property
     def nearest(self) -> float:
-        """Smallest distance of a column's new fraction from its threshold, relative to the threshold."""
+        """Smallest distance between a column's new fraction and its threshold, relative to the threshold."""
         self.core.make_functions(thread_count())
         return self.core.nearest
 
@@ -263,7 +264,7 @@ def trial_space_basis(
     ties: Int32Array = NO_TIES,
 ) -> SpaceBasis:
     """Build a space basis for estimates only. If it is chosen, :func:`clear_space_basis` must check it, which
-    takes most of the work because it makes the functions.
+    computes the functions and is most of the work.
     """
     form = SpaceForm(kind, points, functions)
     patches = early.of(points) if early and kind == "patch" else None

@@ -1,11 +1,11 @@
-"""Coding of stored functions of time (section TIME), trajectories and shapes: one value per frame and axis.
+"""Code the stored functions of time (section TIME), trajectories and shapes: one value per frame and axis.
 
-There are three methods; the encoder takes the cheapest. Motion without a rhythm, including discontinuities and
-starts, is predicted in time: each number from the four frames before it, by weights that encoder and decoder learn
-alike. Motion that swings or repeats itself is transformed by cosines. Motion between keyframes is a sequence of
-straight lines, coded as changes of speed, nearly all of them zero. Each method leaves mostly small integers, which
-are coded with the sizes of their neighbours as context: in time (or frequency), among axes, among functions. All but
-the choice is native: `core/sections/temporal/`.
+There are three methods; the encoder takes the cheapest. Irregular motion, including discontinuities and starts, is
+predicted in time: each number from the four frames before it, by weights that encoder and decoder learn alike.
+Motion that swings or repeats itself is transformed by cosines. Motion between keyframes is a sequence of straight
+lines, coded as changes of speed, nearly all of them zero. Each method yields mostly small integers, which are coded
+with the sizes of their neighbours as context: in time (or frequency), among axes, among functions. Everything except
+the choice of method is native: `core/sections/temporal/`.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ PREDICTED, TRANSFORMED, STRAIGHT = 0, 1, 2
 """The methods, by their number in a stream's first byte."""
 
 LONGEST_TRANSFORM = 1024
-"""Largest number of frames that are transformed: the work of a decoder grows with the square."""
+"""Largest number of frames that are transformed; the work of a decoder grows with the square of this number."""
 
 MAX_STEPS = 2.0**30
 """Largest magnitude of a number [steps]; the spacing of float32 is coarser than a step there."""
 
 ROUNDING = 0.4
-"""Added to a magnitude in steps before its fraction is dropped. Compared at equal error: 0.5 takes 3 % more
-bytes at one bit per number or more, and about as many at four bits; 0.33 takes 2 % more at any rate.
+"""Added to a magnitude in steps before its fraction is dropped. At equal error, 0.5 takes 3 % more bytes at one
+bit per number or more, and about as many at four bits; 0.33 takes 2 % more at any rate.
 """
 
 MAX_TURN_FRACTION = 1.0 / 3.0
-"""Largest fraction of the numbers at which the speed may change; with more changes, straight lines are no candidate."""
+"""Largest fraction of the numbers at which the speed may change; beyond it, straight lines are no candidate."""
 
 SAMPLING_STRIDE, MIN_SAMPLED_FUNCTIONS = 3, 8
-"""One function in SAMPLING_STRIDE is coded by every method, to choose one method for all functions; only if at
-least MIN_SAMPLED_FUNCTIONS are sampled.
+"""To choose one method for all functions, one function in SAMPLING_STRIDE is coded by every method, if at least
+MIN_SAMPLED_FUNCTIONS are sampled.
 """
 
 BITS_PER_SQUARED_ERROR = 6.0 / math.log(2.0)
@@ -145,7 +145,7 @@ class TimeFunctionCost:
 def quantise_by_each_method(scaled: Float64Array, step: float, only: int | None = None) -> list[QuantisedTimeFunctions]:
     """Quantise functions of time by every possible method, or only by one; see :func:`quantise_time_functions`.
 
-    If the one method is not possible, prediction is used.
+    If the requested method is not possible, prediction is used.
     """
     step, frames = _representable_step(step, scaled), scaled.shape[0]
     wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
@@ -168,7 +168,7 @@ def quantise_by_each_method(scaled: Float64Array, step: float, only: int | None 
     def measured(way: Callable[[], QuantisedTimeFunctions]) -> QuantisedTimeFunctions:
         found = way()
         if only is None:
-            _ = found.bits  # measures in this thread, in parallel; the property caches it
+            _ = found.bits  # Measure the bits in this thread, in parallel; the property caches them.
         return found
 
     return side_by_side(*(partial(measured, way) for way in ways))

@@ -1,7 +1,7 @@
-"""Fields: values that change in time, as whole numbers, and the way in which their chunks are coded (section FDAT).
+"""Quantise fields to whole numbers, and choose the coding of their chunks (section FDAT).
 
-A measured field is stored in steps of twice its bound, or in fractions of a step where its predictions are finer; an
-exact field (integers, booleans, floats whose bits must come back) as the numbers themselves. Coder:
+A measured field is stored in steps of twice its bound, or in fractions of a step where its predictions are finer. An
+exact field (integers, booleans, floats whose bits must be restored) is stored unquantised. Coder:
 `core/sections/fields/`.
 """
 
@@ -25,16 +25,16 @@ LARGEST_VALUE = 2**36
 
 
 class FieldCoding(NamedTuple):
-    """A way to code the chunks of a field.
+    """One way to code the chunks of a field.
 
     Attributes
     ----------
     levels : int
-        Frames of which every 2^levels-th is coded first.
+        Every 2^levels-th frame is coded first.
     fractions : int
-        Units in a step; odd.
+        Number of units per step; odd.
     left_over : float
-        Root mean square that functions of time leave [bounds]; 0 without functions of time.
+        Root mean square of the remainder that functions of time leave [bounds]; 0 without functions of time.
     """
 
     levels: int
@@ -43,7 +43,7 @@ class FieldCoding(NamedTuple):
 
 
 PREDICTIONS = (FieldCoding(0, 1), FieldCoding(1, 1), FieldCoding(6, 15))
-"""Predictions that an encoder tries. Without the third, smooth fields cost up to three times as much."""
+"""Predictions that an encoder tries. Without the third one, smooth fields cost up to three times as much."""
 
 TRANSFORMS = (FieldCoding(6, 15, 1.0), FieldCoding(6, 15, 0.5), FieldCoding(6, 15, 0.25))
 """Transforms that an encoder tries for fields of few functions of time."""
@@ -54,7 +54,7 @@ MAX_FUNCTION_SHARE = 1 / 6
 """Largest number of functions of time that is tried, as a share of the frames or of the values of a frame."""
 
 GROUP_VALUES = 1 << 20
-"""Approximate number of values in a group of frames: as many as decode in a tenth of a second."""
+"""Approximate number of values in a group of frames: as many as are decoded in a tenth of a second."""
 
 MAX_GROUP_FRAMES = 512
 TRIAL_VALUES = 1 << 13
@@ -70,15 +70,15 @@ TRANSFORM_TRIAL_VALUES = 1 << 15
 
 @dataclass(frozen=True)
 class FieldQuantiser:
-    """How values of a field become whole numbers.
+    """Quantiser that turns values of a field into whole numbers.
 
     Attributes
     ----------
     dtype : numpy.dtype
-        Of the values.
+        Type of the values.
     step : float or None
-        Twice the largest error of a value, less what rounding to `dtype` adds [units of the field]; None if values
-        are exact.
+        Twice the largest error of a value, less the rounding error of `dtype` [units of the field]; None if values are
+        exact.
     """
 
     dtype: np.dtype[Any]
@@ -86,7 +86,7 @@ class FieldQuantiser:
 
     @property
     def planes(self) -> int:
-        """Whole numbers for each component: exact values of 64 bits have two, the upper and the lower 32 bits."""
+        """Number of whole numbers per component: exact values of 64 bits have two, the upper and the lower 32 bits."""
         return 2 if self.step is None and self.dtype.itemsize == 8 else 1
 
     def quantise(self, values: NDArray[Any], fractions: int = 1) -> tuple[Int64Array, Kinds | None]:
@@ -118,9 +118,10 @@ class FieldQuantiser:
 
 
 def field_quantiser(dtype: np.dtype[Any], least: float, most: float, bound: float | None) -> FieldQuantiser:
-    """Return how to quantise a field whose finite values lie between `least` and `most`.
+    """Return the quantiser of a field whose finite values lie between `least` and `most`.
 
-    Values are exact if they are no floats, if `bound` is None or 0, or if rounding to `dtype` alone exceeds the bound.
+    Values are exact if they are not floats, if `bound` is None or 0, or if rounding to `dtype` alone exceeds the
+    bound.
 
     Parameters
     ----------
@@ -145,8 +146,8 @@ def kinds_of(values: NDArray[Any]) -> Kinds | None:
 
 
 def exact_numbers(values: NDArray[Any]) -> Int64Array:
-    """Return whole numbers from which `exact_values` restores the same bits: integers as they are, floats as integers
-    in the same order; upper and lower 32 bits of 64 as two components.
+    """Return whole numbers from which `exact_values` restores the same bits: integers unchanged, floats as
+    integers in the same order; numbers of 64 bits as two components, upper and lower 32 bits.
     """
     if values.dtype == np.bool_:
         return values.astype(np.int64)
@@ -179,7 +180,7 @@ def group_frames(frames: int, width: int) -> int:
 def choose_coding(
     rows: _core.FieldRows, quantiser: FieldQuantiser, values: NDArray[Any]
 ) -> tuple[FieldCoding, Spectrum | None]:
-    """Return the coding that makes a sample of a field smallest, and functions of time of `values` if it needs them.
+    """Return the coding that makes a sample of a field smallest; if it uses functions of time, also those of `values`.
 
     Parameters
     ----------
@@ -206,7 +207,9 @@ def choose_coding(
         if count is None:
             break
         data = encode_transformed(some, numbers[:, chosen], motion, count, coding)
-        of_time = int.from_bytes(data[2 + count : 6 + count], "little")  # the same for all rows
+        of_time = int.from_bytes(
+            data[2 + count : 6 + count], "little"
+        )  # Bytes of the functions of time, which do not depend on the number of rows.
         size = len(data) - of_time * (1.0 - some.count / rows.count)
         if size < least:
             best, least = coding, size
@@ -239,8 +242,8 @@ def spectrum(numbers: Int64Array) -> Spectrum:
 
 
 def function_count(motion: Spectrum, coding: FieldCoding) -> int | None:
-    """Return how many functions of time leave what `coding` allows; None if too many, or if one exceeds the format's
-    largest number.
+    """Return the number of functions of time after which the remainder is within the limit of `coding`; None if
+    there are too many, or a function exceeds the format's largest number.
     """
     size = motion.rows.size
     allowed = size * (coding.left_over * coding.fractions / 2.0) ** 2
@@ -270,7 +273,7 @@ def encode_chunk(
     quantiser : FieldQuantiser
     values : array, (frames, rows, components)
     coding : FieldCoding
-        As `choose_coding` finds; a group for which it has no functions of time is predicted.
+        As `choose_coding` returns it; if its functions of time do not suit this group, the group is predicted instead.
     motion : Spectrum, optional
         Functions of time of `values`, from `choose_coding`.
     """
@@ -284,8 +287,8 @@ def encode_chunk(
 
 
 def _scaled_functions(motion: Spectrum, count: int) -> tuple[Int64Array, NDArray[np.float64]]:
-    """Return the first functions of time (functions, frames), scaled so that the largest coefficient of each is 1 or
-    -1, and these coefficients (values of a frame, functions).
+    """Return the first functions of time (functions, frames), scaled so that the largest coefficient of each is
+    1 or -1, and the coefficients (values of a frame, functions).
     """
     directions = np.ascontiguousarray(motion.functions.vectors[:count])
     projected = _core.multiply_rows(motion.rows, np.ascontiguousarray(directions.T), 1, thread_count())
@@ -313,7 +316,7 @@ def encode_transformed(
 
 
 def float_error(values: NDArray[Any], decoded: NDArray[Any]) -> float:
-    """Return the largest error of decoded floats; infinity where one is not finite and the other is not the same."""
+    """Return the largest error of decoded floats; infinity if one value is not finite and its counterpart differs."""
     if values.size == 0:
         return 0.0
     finite = np.isfinite(values)

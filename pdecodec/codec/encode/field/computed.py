@@ -1,8 +1,8 @@
-"""Recognise fields that a decoder can compute: from another field, or from the motion.
+"""Recognise fields that a decoder can compute, from another field or from the motion.
 
 A few frames of the source suggest candidates. A candidate is kept if the values that a decoder computes from a trial
 file are within the bound at every frame. For candidates computed from the motion, the trial file has no stored
-fields; for others, it has the field that they are computed from.
+fields; for other candidates, it has the field that they are computed from.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ MARGIN_SHARE = 0.01
 """Share of a bound reserved for rounding differences between decoders."""
 
 LIKELY_SHARE = 0.3
-"""Root mean square difference, as a share of the values, up to which values look like differences of positions."""
+"""Root mean square difference, relative to the values, up to which values may be differences of positions."""
 
 
 TRIAL_CACHE_BYTES = 2**26
-"""Decoded groups of frames that a trial file keeps: it is read from beginning to end."""
+"""Bytes of decoded groups that a trial file keeps; few suffice, because it is read from beginning to end."""
 
 SOURCE_NAME, MAGNITUDE_NAME = "source", "magnitude"
-"""Fields of a file that candidates are compared with."""
+"""Names of the fields of a trial file that candidates are compared with."""
 
 
 class Recipe(NamedTuple):
-    """How to compute a field: the coding, and the number and first component of the field that it is computed from."""
+    """How to compute a field: the coding, and the number and first component of the source field."""
 
     code: int
     source: int = 0
@@ -61,13 +61,13 @@ class Recipe(NamedTuple):
 
 
 class FieldComputer:
-    """Finds recipes for the fields of a sequence.
+    """Find recipes for the fields of a sequence.
 
     Parameters
     ----------
     sequence : MeshSequence
     sections : sequence of Section
-        Of the file, without fields.
+        Sections of the file, without fields.
     spool : Spool
         Section FDAT as far as it is written.
 
@@ -91,7 +91,7 @@ class FieldComputer:
                 file.close()
 
     def candidates(self, field: Field, entries: Sequence[FieldEntry], bound: float) -> Iterator[Recipe]:
-        """Yield recipes that sampled frames of the source agree with; `entries` are the fields before this one."""
+        """Yield recipes that match sampled frames of the source; `entries` are the fields before this one."""
         own = self._sampled(field)
         for number, entry in enumerate(entries):
             other = entry.field
@@ -154,7 +154,7 @@ class FieldComputer:
 
     @cached_property
     def _moved(self) -> NDArray[Any]:
-        """Displacement of the middle frame from the first."""
+        """Displacement from the first to the middle frame."""
         middle = (self._sequence.frame_count - 1) // 2
         first, later = (self._sequence.read_frames(at, at + 1)[0].astype(np.float64) for at in (0, middle))
         return np.asarray(later - first)
@@ -168,7 +168,7 @@ class FieldComputer:
         return np.asarray((after - before) / (self._sequence.times[high] - self._sequence.times[low]))
 
     def _decoded_motion(self) -> MeshSequence:
-        """Return the decoded run with all fields that the motion gives."""
+        """Return the decoded run with all fields that can be computed from the motion."""
         if self._motion is None:
             frames = self._sequence.frame_count
             entries = [
@@ -200,7 +200,7 @@ class FieldComputer:
 
 
 class _TrialFile:
-    """A run with some fields, as a decoder opens it; ``animation`` reads it until `close`."""
+    """A run with some fields, opened as a decoder opens it; ``animation`` reads it until `close`."""
 
     def __init__(self, sections: Sequence[Section], entries: Sequence[FieldEntry], chunks: Iterable[bytes]) -> None:
         self._spools = Spool(None), Spool(None)
@@ -235,8 +235,8 @@ def _is_likely(own: NDArray[Any], differences: NDArray[Any]) -> bool:
 
 
 def _largest_difference(values: NDArray[Any], decoded: NDArray[Any]) -> float:
-    """Return the largest difference of two arrays of one shape; infinity where only one is not finite, and between
-    whole numbers that differ.
+    """Return the largest difference between two arrays of one shape; infinity if only one of two values is
+    finite, or whole numbers differ.
     """
     if values.dtype.kind != "f":
         return 0.0 if np.array_equal(values, decoded) else np.inf

@@ -1,8 +1,8 @@
 """Encode the fields of a sequence: sections FLDS and FDAT.
 
-Each field is read twice: for its range and the frames at which it changes, then group by group. Every chunk is decoded
-again, so that the error that the report gives is measured; a group that missed its bound is stored exactly. Fields that
-can be computed have no chunks.
+Each field is read twice: first for its range and the frames at which it changes, then group by group. Every chunk is
+decoded again to measure the error for the report; a group that misses its bound is stored exactly. Fields that can
+be computed have no chunks.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def encode_field(
     computer: FieldComputer | None = None,
     before: Sequence[FieldEntry] = (),
 ) -> tuple[FieldEntry, FieldReport]:
-    """Encode one field as asked (:attr:`EncodeSettings.fields`); its chunks go to `spool`.
+    """Encode one field as :attr:`EncodeSettings.fields` requests; its chunks go to `spool`.
 
     If a `computer` and the fields `before` this one are given, a field that can be computed has no chunks.
     """
@@ -169,7 +169,9 @@ def encode_field(
 def _computed(
     computer: FieldComputer, field: Field, before: Sequence[FieldEntry], limit: float
 ) -> tuple[tuple[Recipe, float] | None, str]:
-    """Return how a field can be computed within the bound, and its largest error; and which recipes miss the bound."""
+    """Return how a field can be computed within the bound, with its largest error; and the recipes that miss
+    the bound.
+    """
     missed = ""
     for recipe in computer.candidates(field, before, limit):
         error = computer.error_of(field, recipe, before, limit)
@@ -180,7 +182,7 @@ def _computed(
 
 
 def _shape(quantiser: FieldQuantiser, values: NDArray[Any]) -> tuple[int, int]:
-    """Return frames and whole numbers of a row of a chunk."""
+    """Return the number of frames, and of whole numbers per row, of a chunk."""
     return values.shape[0], values.shape[2] * quantiser.planes
 
 
@@ -203,8 +205,8 @@ def _survey(sequence: MeshSequence, field: Field) -> _Survey:
 
 
 def _divide(changes: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int, int]]:
-    """Yield, for each group, its first frame, the number of frames in its chunk, and the number of all its
-    frames. The frames after those of the chunk equal the last one of the chunk.
+    """Yield, for each group, its first frame, the number of frames in its chunk, and its total number of
+    frames. Frames beyond the chunk equal the chunk's last frame.
     """
     first, count = 0, len(changes)
     while first < count:
